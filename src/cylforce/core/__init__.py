@@ -1,0 +1,1 @@
+"""Floor 4: the service as a pure function of events, the simulator, identification."""

@@ -1,0 +1,67 @@
+"""How the machine moves: everything that columns and torques are computed from, at one instant or along a recording."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cylforce.machine.machine import Machine
+from cylforce.words.estimate import Array
+from cylforce.words.units import STANDARD_GRAVITY
+
+
+class Motion(NamedTuple):
+    """N links, C cylinders; leading axes are samples.
+
+    `a` (..., N): link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal; `qd` (..., N)
+    [rad/s]; `g` (...,): in-plane gravity g cos(roll) [m/s^2]; `slew` (...,): house rate [rad/s]; `length` (..., C) [m],
+    `lever` (..., C, N) [m/rad], `transmission` (..., C); `speed` (..., C): d(length)/dt [m/s]; `force` (..., C): measured
+    cylinder forces [N], NaN where not measured.
+    """
+
+    a: Array
+    q: Array
+    qd: Array
+    g: Array
+    slew: Array
+    length: Array
+    lever: Array
+    transmission: Array
+    speed: Array
+    force: Array
+
+
+class Attitude(NamedTuple):
+    """The chassis: `pitch`, `roll` [rad], `pitch_rate` (a gyro's; never the derivative of the tilt) and `slew` [rad/s]."""
+
+    pitch: ArrayLike = 0.0
+    roll: ArrayLike = 0.0
+    pitch_rate: ArrayLike = 0.0
+    slew: ArrayLike = 0.0
+
+
+def motion(
+    machine: Machine, theta: ArrayLike, thetad: ArrayLike, force: ArrayLike, attitude: Attitude = Attitude()
+) -> Motion:
+    """Motion from joint angles and rates (..., N) and cylinder forces (..., C)."""
+    angles, rates = np.asarray(theta, dtype=np.float64), np.asarray(thetad, dtype=np.float64)
+    geometry = machine.geometry(angles)
+    a = np.cumsum(angles, axis=-1)
+    shape = a.shape[:-1]
+    return Motion(
+        a=a,
+        q=a + np.asarray(attitude.pitch)[..., None],
+        qd=np.cumsum(rates, axis=-1) + np.asarray(attitude.pitch_rate)[..., None],
+        g=np.broadcast_to(STANDARD_GRAVITY * np.cos(attitude.roll), shape),
+        slew=np.broadcast_to(np.asarray(attitude.slew, dtype=np.float64), shape),
+        length=geometry.length,
+        lever=geometry.lever,
+        transmission=geometry.transmission,
+        speed=(geometry.lever @ rates[..., None])[..., 0],
+        force=np.asarray(force, dtype=np.float64),
+    )
+
+
+def joint_torque(moving: Motion) -> Array:
+    """tau_j = sum_c F_c d(ell_c)/d(theta_j) (..., N) [N m], by virtual work, for any linkage."""
+    return np.asarray((moving.force[..., None, :] @ moving.lever)[..., 0, :])

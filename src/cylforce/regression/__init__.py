@@ -1,0 +1,1 @@
+"""Floor 3: filters, filtered regressor, batch and recursive least squares."""

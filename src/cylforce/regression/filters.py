@@ -1,0 +1,55 @@
+"""Discrete low-pass filters: one step for a live sample, one run for a recording; both give the same to rounding."""
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from scipy import signal
+
+from cylforce.words.estimate import Array
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A linear filter b(z)/a(z) in transposed direct form II; a state has shape (order, *shape of a sample)."""
+
+    b: tuple[float, ...]
+    a: tuple[float, ...]
+
+    def zero(self, shape: tuple[int, ...]) -> Array:
+        """The state of a filter that has seen nothing but zeros."""
+        return np.zeros((len(self.a) - 1, *shape))
+
+    def steady(self, x: Array) -> Array:
+        """The state in which the constant input x has settled: the output then is x from the first sample."""
+        zi = signal.lfilter_zi(self.b, self.a)
+        return np.asarray(zi.reshape(-1, *([1] * np.ndim(x))) * x)
+
+    def start(self, x: Array, y: Array) -> Array:
+        """The state of a first-order filter whose answer to the first sample x is y."""
+        return np.asarray(y - self.b[0] * x)[None]
+
+    def step(self, state: Array, x: Array) -> tuple[Array, Array]:
+        """One sample: (new state, output)."""
+        y = self.b[0] * x + state[0]
+        rows = [b * x - a * y for b, a in zip(self.b[1:], self.a[1:], strict=True)]
+        for k in range(len(rows) - 1):
+            rows[k] = rows[k] + state[k + 1]
+        return np.array(rows), y
+
+    def run(self, state: Array, x: Array) -> tuple[Array, Array]:
+        """A recording x (T, *shape): (state after it, output (T, *shape))."""
+        y, end = signal.lfilter(self.b, self.a, x, axis=0, zi=state)
+        return end, y
+
+
+def first_order(cutoff_hz: float, dt: float) -> Filter:
+    """L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2 (PHYSICS 5)."""
+    a = pi * cutoff_hz * dt
+    return Filter((a / (1 + a), a / (1 + a)), (1.0, -(1 - a) / (1 + a)))
+
+
+def second_order(cutoff_hz: float, dt: float) -> Filter:
+    """Butterworth low-pass of second order; the cut-off must lie below half the sampling rate."""
+    b, a = signal.butter(2, cutoff_hz, fs=1.0 / dt)
+    return Filter(tuple(float(v) for v in b), tuple(float(v) for v in a))

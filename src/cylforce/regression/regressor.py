@@ -1,0 +1,119 @@
+"""The regressor: a Machine and an ordered tuple of effects, their columns side by side, filtered so that no acceleration
+is needed (PHYSICS section 5)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.machine.effect import Effect, Halves, Parameter
+from cylforce.machine.machine import Machine
+from cylforce.machine.motion import Motion, joint_torque
+from cylforce.regression.filters import Filter, first_order, second_order
+from cylforce.words.estimate import Array
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """Columns of several effects for the R measured torques of a machine; columns of one name are added."""
+
+    machine: Machine
+    effects: tuple[Effect, ...]
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The P parameters, each once, in the order of first appearance."""
+        return tuple(dict.fromkeys(p for e in self.effects for p in e.parameters(self.machine)))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return tuple(p.name for p in self.parameters)
+
+    @cached_property
+    def _places(self) -> tuple[Array, ...]:
+        places = {p: k for k, p in enumerate(self.parameters)}
+        return tuple(np.array([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
+
+    @cached_property
+    def _rows(self) -> tuple[int, ...] | slice:
+        rows = self.machine.rows
+        return slice(None) if rows == tuple(range(self.machine.size)) else rows
+
+    def halves(self, moving: Motion) -> Halves:
+        """Momentum and static columns (..., R, P)."""
+        shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
+        momentum, static = np.zeros(shape), np.zeros(shape)
+        for effect, places in zip(self.effects, self._places, strict=True):
+            part = effect.halves(self.machine, moving)
+            static[..., places] += part.static
+            if part.momentum is not None:
+                momentum[..., places] += part.momentum
+        return Halves(momentum[..., self._rows, :], static[..., self._rows, :])
+
+    def torque(self, moving: Motion) -> Array:
+        """Measured torque (..., R) [N m]."""
+        return joint_torque(moving)[..., self._rows]
+
+
+class Rows(NamedTuple):
+    """Filtered columns (..., R, P) and filtered torque (..., R): torque = columns @ parameters."""
+
+    columns: Array
+    torque: Array
+
+
+class FilterState(NamedTuple):
+    """States of the first-order and of the smoothing filter, for (R, P+1) columns, torque last."""
+
+    first: Array
+    smooth: Array
+
+
+@dataclass(frozen=True)
+class FilteredRegressor:
+    """w (momentum - L momentum) + L static = L torque, both sides smoothed by the same second-order low-pass.
+
+    L starts at the first momentum, so that the identity holds from the first sample; all other states start at zero."""
+
+    regressor: Regressor
+    dt: float
+    regressor_hz: float
+    smoothing_hz: float
+
+    @cached_property
+    def _first(self) -> Filter:
+        return first_order(self.regressor_hz, self.dt)
+
+    @cached_property
+    def _smooth(self) -> Filter:
+        return second_order(self.smoothing_hz, self.dt)
+
+    def _inputs(self, moving: Motion) -> tuple[Array, Array]:
+        """w * momentum and static - w * momentum (..., R, P+1), the torque as the last static column."""
+        halves, torque = self.regressor.halves(moving), self.regressor.torque(moving)
+        assert halves.momentum is not None
+        momentum = np.concatenate([halves.momentum, np.zeros((*torque.shape, 1))], axis=-1)
+        momentum *= 2 * pi * self.regressor_hz
+        return momentum, np.concatenate([halves.static, torque[..., None]], axis=-1) - momentum
+
+    def begin(self, moving: Motion) -> FilterState:
+        """State before the first sample."""
+        momentum, rest = self._inputs(moving)
+        return FilterState(self._first.start(rest, -momentum), self._smooth.zero(momentum.shape))
+
+    def step(self, state: FilterState, moving: Motion) -> tuple[FilterState, Rows]:
+        """One sample."""
+        momentum, rest = self._inputs(moving)
+        first, low = self._first.step(state.first, rest)
+        smooth, rows = self._smooth.step(state.smooth, momentum + low)
+        return FilterState(first, smooth), Rows(rows[..., :-1], rows[..., -1])
+
+    def run(self, moving: Motion) -> Rows:
+        """A recording: leading axis is time."""
+        momentum, rest = self._inputs(moving)
+        _, low = self._first.run(self._first.start(rest[0], -momentum[0]), rest)
+        _, rows = self._smooth.run(self._smooth.zero(momentum.shape[1:]), momentum + low)
+        return Rows(rows[..., :-1], rows[..., -1])

@@ -1,0 +1,96 @@
+"""Samples and estimates: what was measured at a tick, what is concluded from it, and why not when it is not."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Status(IntEnum):
+    """How far a published value can be trusted."""
+
+    OK = 0
+    DEGRADED = 1
+    HOLD = 2
+    INVALID = 3
+
+
+class Reason(IntEnum):
+    """Why a value is not (fully) trustworthy; published as one byte."""
+
+    NONE = 0
+    STARTING = 1
+    SIGNAL_MISSING = 2
+    SIGNAL_STALE = 3
+    OUT_OF_RANGE = 4
+    NOT_A_NUMBER = 5
+    FROZEN = 6
+    IMPLAUSIBLE_JUMP = 7
+    SHORT_FRAME = 8
+    LONG_FRAME = 9
+    TIME_JUMP = 10
+    OVERRUN = 11
+    DEAD_POINT = 12
+    END_STOP = 13
+    SINGULAR = 14
+    AT_REST = 15
+    IN_CONTACT = 16
+    NOT_A_LOAD = 17
+    UNCERTAIN = 18
+    OUT_OF_DECLARED_RANGE = 19
+    TILT = 20
+    SLEWING = 21
+    NOT_OPERATIONAL = 22
+    NOT_IDENTIFIED = 23
+
+
+class Sample(NamedTuple):
+    """What is known at a tick: SI values `(S,)` in the order of the machine's signals and each signal's health."""
+
+    t_us: int
+    values: Array
+    reasons: tuple[Reason, ...]
+    late: bool
+
+
+class Quantity(NamedTuple):
+    """A value in SI units with its standard error; both NaN when `status` is INVALID."""
+
+    value: float
+    standard_error: float
+    status: Status
+    reason: Reason
+
+
+INVALID_STARTING = Quantity(float("nan"), float("nan"), Status.INVALID, Reason.STARTING)
+
+
+class Force(NamedTuple):
+    """Force of the outside world on the tool, in the vertical plane of the arm (x forward, z up), with covariance."""
+
+    x: Quantity
+    z: Quantity
+    magnitude: Quantity
+    direction: Quantity
+
+
+class Booking(NamedTuple):
+    """A weight that was good enough to be booked: number of the lift, time, kg, its standard error."""
+
+    count: int
+    t_us: int
+    mass: float
+    standard_error: float
+
+
+class Estimate(NamedTuple):
+    """What is concluded at a tick; published as it is."""
+
+    t_us: int
+    gross: Quantity
+    net: Quantity
+    force: Force
+    booking: Booking | None

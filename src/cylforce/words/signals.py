@@ -1,0 +1,57 @@
+"""Signals: what is measured, where on the machine, and when it can be believed."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Kind(StrEnum):
+    """What a sensor measures; the SI unit of each is in `UNIT`."""
+
+    HEAD_PRESSURE = "head_pressure"
+    ROD_PRESSURE = "rod_pressure"
+    FORCE_PIN = "force_pin"
+    JOINT_ANGLE = "joint_angle"
+    LINK_INCLINATION = "link_inclination"
+    CYLINDER_LENGTH = "cylinder_length"
+    PITCH = "pitch"
+    ROLL = "roll"
+    SLEW_RATE = "slew_rate"
+    SLEW_ANGLE = "slew_angle"
+    OIL_TEMPERATURE = "oil_temperature"
+
+
+UNIT: dict[Kind, str] = {
+    Kind.HEAD_PRESSURE: "Pa",
+    Kind.ROD_PRESSURE: "Pa",
+    Kind.FORCE_PIN: "N",
+    Kind.JOINT_ANGLE: "rad",
+    Kind.LINK_INCLINATION: "rad",
+    Kind.CYLINDER_LENGTH: "m",
+    Kind.PITCH: "rad",
+    Kind.ROLL: "rad",
+    Kind.SLEW_RATE: "rad/s",
+    Kind.SLEW_ANGLE: "rad",
+    Kind.OIL_TEMPERATURE: "K",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One measured quantity, in SI units.
+
+    `index` is the number of the cylinder (pressures, force pin, cylinder length) or of the link (joint angle,
+    inclination) that it belongs to, from 0 at the house outwards; 0 for what belongs to the chassis.
+    """
+
+    name: str
+    kind: Kind
+    index: int
+    low: float
+    high: float
+    period_s: float
+    standard_error: float
+
+    @property
+    def unit(self) -> str:
+        """The SI unit of the values."""
+        return UNIT[self.kind]
