@@ -1,5 +1,6 @@
 """The table of PDO layouts: which bytes carry which value. Sensors, our own publication, EDS, DBC all come from it."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 CODES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4}  # struct codes of the object types we carry: bytes
@@ -7,7 +8,8 @@ TYPE_NAMES = {"b": "INTEGER8", "B": "UNSIGNED8", "h": "INTEGER16", "H": "UNSIGNE
 TYPE_NAMES |= {"I": "UNSIGNED32", "f": "REAL32"}
 
 
-class Field(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Field:
     """One mapped object: SI value = raw * scale + offset. `signal` is the signal's (or published value's) name, None
     for a gap. `index`, `sub` address the object; `low`, `high` [SI] bound what is believed or published."""
 

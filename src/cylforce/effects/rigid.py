@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cylforce.machine.chain import Complex
 from cylforce.machine.effect import Halves, Parameter
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion
@@ -39,7 +40,7 @@ class Rigid:
         return Halves(_torque_form(inertia, momentum), _torque_form(np.zeros_like(inertia), kinetic))
 
 
-def _torque_form(real: Array, pair: np.ndarray) -> Array:  # type: ignore[type-arg]
+def _torque_form(real: Array, pair: Complex) -> Array:
     """Interleave (J, X, Z) columns and sum rows outwards: tau_j = sum_{k>=j} Q_k."""
     columns = np.stack([real, pair.real, -pair.imag], axis=-1)
     rows = columns.reshape(*columns.shape[:-2], 3 * columns.shape[-2])

@@ -1,0 +1,149 @@
+"""Frames to samples: the last value of every signal, its age, and the reason when it cannot be believed."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.codec import Decoder, Slot, decoders
+from cylforce.core.service import Service
+from cylforce.words.estimate import Array, Reason, Sample
+from cylforce.words.events import Frame
+from cylforce.words.signals import Kind
+
+NEVER = -1
+# No joint of such a machine turns, and no cylinder runs, faster than this: a larger step is the sensor's fault.
+FASTEST = {
+    Kind.JOINT_ANGLE: 3.0,
+    Kind.LINK_INCLINATION: 3.0,
+    Kind.CYLINDER_LENGTH: 1.5,
+    Kind.PITCH: 3.0,
+    Kind.ROLL: 3.0,
+}
+
+
+class Channel(NamedTuple):
+    """One signal's last believed value, when it came, what was wrong last, good values since, equal values in motion."""
+
+    value: float
+    t_us: int
+    reason: Reason
+    good: int
+    equal: int
+    jumps: int
+
+
+class Counters(NamedTuple):
+    """What the bus did wrong so far."""
+
+    unknown: int = 0
+    short: int = 0
+    long: int = 0
+    rejected: int = 0
+
+
+class Inputs(NamedTuple):
+    """All channels and counters."""
+
+    channels: tuple[Channel, ...]
+    counters: Counters
+    long_t_us: int
+
+
+@dataclass(frozen=True)
+class Assembler:
+    """Receives frames, gives samples; pure: every method returns the new inputs."""
+
+    service: Service
+
+    @cached_property
+    def decoders(self) -> dict[int, Decoder]:
+        """By CAN identifier."""
+        names = {s.name: k for k, s in enumerate(self.service.machine.signals)}
+        return decoders(tuple(p for n in self.service.nodes for p in n.pdos), names)
+
+    @cached_property
+    def _quantum(self) -> tuple[float, ...]:
+        size = {f.signal: f.scale for n in self.service.nodes for p in n.pdos for f in p.fields if f.code != "f"}
+        return tuple(size.get(s.name, 0.0) for s in self.service.machine.signals)
+
+    def begin(self) -> Inputs:
+        """Nothing received yet."""
+        empty = Channel(float("nan"), NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
+        return Inputs((empty,) * len(self.service.machine.signals), Counters(), NEVER)
+
+    def receive(self, inputs: Inputs, frame: Frame, moving: tuple[bool, ...]) -> Inputs:
+        """Take a frame in: length and range are checked, unknown identifiers counted; `moving` tells, per signal,
+        whether the machine moves so that a sensor which repeats itself must be frozen."""
+        found = self.decoders.get(frame.can_id)
+        if found is None:
+            return inputs._replace(counters=inputs.counters._replace(unknown=inputs.counters.unknown + 1))
+        if len(frame.data) < found.struct.size:
+            return self._short(inputs, found)
+        channels = list(inputs.channels)
+        raw = found.struct.unpack_from(frame.data)
+        for slot in found.slots:
+            value = raw[slot.item] * slot.scale + slot.offset
+            usable = raw[slot.item] != found.missing[slot.item]
+            channels[slot.signal] = self._judge(
+                channels[slot.signal], slot, value if usable else float("nan"), frame.t_us, moving[slot.signal]
+            )
+        if len(frame.data) == found.struct.size:
+            return inputs._replace(channels=tuple(channels))
+        counters = inputs.counters._replace(long=inputs.counters.long + 1)
+        return Inputs(tuple(channels), counters, frame.t_us)
+
+    def _short(self, inputs: Inputs, found: Decoder) -> Inputs:
+        channels = list(inputs.channels)
+        for slot in found.slots:
+            channels[slot.signal] = channels[slot.signal]._replace(reason=Reason.SHORT_FRAME, good=0)
+        return inputs._replace(
+            channels=tuple(channels), counters=inputs.counters._replace(short=inputs.counters.short + 1)
+        )
+
+    def _judge(self, old: Channel, slot: Slot, value: float, t_us: int, moving: bool) -> Channel:
+        if not isfinite(value):
+            return old._replace(reason=Reason.NOT_A_NUMBER, good=0)
+        if not slot.low <= value <= slot.high:
+            return old._replace(reason=Reason.OUT_OF_RANGE, good=0)
+        signal = self.service.machine.signals[slot.signal]
+        limit = FASTEST.get(signal.kind)
+        if limit is not None and old.t_us != NEVER and old.jumps < JUMPS_BELIEVED:
+            room = limit * max((t_us - old.t_us) * 1e-6, signal.period_s) + 6.0 * signal.standard_error
+            if abs(value - old.value) > room + 2.0 * slot.scale:
+                return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, good=0, jumps=old.jumps + 1)
+        equal = 0 if value != old.value else old.equal + moving
+        if equal >= self.service.health.frozen_samples and self._noisy(slot.signal):
+            return Channel(value, t_us, Reason.FROZEN, 0, equal, 0)
+        good = old.good + 1
+        healed = old.reason is Reason.NONE or old.reason is Reason.SIGNAL_MISSING
+        trusted = healed or good >= self.service.health.good_frames
+        return Channel(value, t_us, Reason.NONE if trusted else old.reason, good, equal, 0)
+
+    def _noisy(self, k: int) -> bool:
+        """Whether a working sensor's own noise keeps its last digit moving."""
+        return self.service.machine.signals[k].standard_error >= 0.5 * self._quantum[k] > 0.0
+
+    def sample(self, inputs: Inputs, t_us: int) -> Sample:
+        """What is known at a tick."""
+        reasons = tuple(
+            c.reason if c.reason is not Reason.NONE else self._age_reason(c, t_us) for c in inputs.channels
+        )
+        late = any(
+            t_us - c.t_us > 1.5e6 * s.period_s
+            for c, s in zip(inputs.channels, self.service.machine.signals, strict=True)
+        )
+        return Sample(t_us, np.array([c.value for c in inputs.channels]), reasons, late)
+
+    def _age_reason(self, channel: Channel, t_us: int) -> Reason:
+        return Reason.SIGNAL_STALE if t_us - channel.t_us > 1e6 * self.service.health.hold_s else Reason.NONE
+
+
+JUMPS_BELIEVED = 100  # a step that lasts is no outlier: the value is then taken, and must prove itself
+
+
+def usable(values: Array) -> Array:
+    """Rows (..., S) of which every value is finite: (...,) bool."""
+    return np.asarray(np.all(np.isfinite(values), axis=-1))

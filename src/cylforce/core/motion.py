@@ -1,0 +1,119 @@
+"""Samples to motion: the few channels that matter, smoothed, differenced between two samples, turned into levers."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.service import Filters
+from cylforce.machine.machine import Machine
+from cylforce.machine.motion import Attitude, Motion, motion
+from cylforce.regression.filters import Filter, second_order
+from cylforce.words.estimate import Array
+from cylforce.words.signals import Kind
+
+MIN_TRANSMISSION = 0.15  # sine of the angle between rocker and link below which a force says nothing
+MIN_LEVER = 0.02  # m
+
+
+class Moved(NamedTuple):
+    """A motion, and per cylinder (..., C) whether its force can be believed: no dead point, no end stop."""
+
+    motion: Motion
+    usable: Array
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Signals (..., S) to channels (..., D): joint angles (N), cylinder forces (C), pitch, roll, slew (rate or angle)."""
+
+    machine: Machine
+    filters: Filters
+
+    @cached_property
+    def smooth(self) -> Filter:
+        """The low-pass that every channel passes before anything non-linear is computed from it."""
+        return second_order(self.filters.channel_hz, self.dt)
+
+    @property
+    def dt(self) -> float:
+        """The fixed step [s]."""
+        return 1.0 / self.filters.rate_hz
+
+    @cached_property
+    def _where(self) -> dict[tuple[Kind, int], int]:
+        return {(s.kind, s.index): k for k, s in enumerate(self.machine.signals)}
+
+    @cached_property
+    def _by_length(self) -> dict[int, int]:
+        """Joint -> cylinder whose length gives its angle."""
+        seen = [c for c in range(len(self.machine.cylinders)) if (Kind.CYLINDER_LENGTH, c) in self._where]
+        return {self.machine.spans[c][0]: c for c in seen}
+
+    def read(self, values: Array) -> Array:
+        """Channels from SI values of all signals."""
+        zero = np.zeros(values.shape[:-1])
+        pitch = self._value(values, Kind.PITCH, 0, zero)
+        theta = self._angles(values, pitch)
+        force = [self._force(values, c, zero) for c in range(len(self.machine.cylinders))]
+        roll = self._value(values, Kind.ROLL, 0, zero)
+        slew = self._value(values, Kind.SLEW_RATE, 0, self._value(values, Kind.SLEW_ANGLE, 0, zero))
+        return np.stack([*theta, *force, pitch, roll, slew], axis=-1)
+
+    def _value(self, values: Array, kind: Kind, index: int, default: Array) -> Array:
+        k = self._where.get((kind, index))
+        return default if k is None else values[..., k]
+
+    def _angles(self, values: Array, pitch: Array) -> list[Array]:
+        """Joint angles from encoders, inclinometers on the links, or cylinder lengths."""
+        theta: list[Array] = []
+        inner = pitch  # the true inclination of the link before
+        for j in range(self.machine.size):
+            if (Kind.JOINT_ANGLE, j) in self._where:
+                angle = values[..., self._where[Kind.JOINT_ANGLE, j]]
+            elif (Kind.LINK_INCLINATION, j) in self._where:
+                angle = values[..., self._where[Kind.LINK_INCLINATION, j]] - inner
+            else:
+                c = self._by_length[j]
+                angle = self.machine.joint_angle(c, values[..., self._where[Kind.CYLINDER_LENGTH, c]])
+            theta.append(angle)
+            inner = inner + angle
+        return theta
+
+    def _force(self, values: Array, c: int, zero: Array) -> Array:
+        if (Kind.FORCE_PIN, c) in self._where:
+            return values[..., self._where[Kind.FORCE_PIN, c]]
+        if (Kind.HEAD_PRESSURE, c) not in self._where:
+            return zero
+        head = values[..., self._where[Kind.HEAD_PRESSURE, c]]
+        rod = self._value(values, Kind.ROD_PRESSURE, c, zero + self.machine.cylinders[c].rod_pressure)
+        return self.machine.cylinder_force(c, head, rod)
+
+    def between(self, before: Array, after: Array) -> Moved:
+        """Motion half-way between two samples of smoothed channels (..., D): means for places, differences for rates."""
+        n, c = self.machine.size, len(self.machine.cylinders)
+        middle, rate = (before + after) / 2.0, (after - before) / self.dt
+        slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]
+        attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
+        found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., n : n + c], attitude)
+        good = self._usable(found)
+        return Moved(found._replace(lever=np.where(good[..., None], found.lever, 0.0)), good)
+
+    @cached_property
+    def _stops(self) -> tuple[Array, Array]:
+        margin = 0.005  # m before an end stop, which carries force that pressure does not show
+        low = np.array([c.length_low + margin for c in self.machine.cylinders])
+        return low, np.array([c.length_high - margin for c in self.machine.cylinders])
+
+    def _usable(self, moving: Motion) -> Array:
+        low, high = self._stops
+        lever = np.max(np.abs(moving.lever), axis=-1)
+        clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)
+        return np.asarray(clear & (moving.length > low) & (moving.length < high))
+
+    def run(self, values: Array) -> Moved:
+        """A gapless recording (T, S): motion of its T-1 intervals."""
+        channels = self.read(values)
+        _, smooth = self.smooth.run(self.smooth.steady(channels[0]), channels)
+        return self.between(smooth[:-1], smooth[1:])

@@ -1,0 +1,77 @@
+"""regressor @ parameters equals the inverse dynamics of an independent rigid-body library (pinocchio) at random states."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from cylforce.effects.rigid import Rigid
+from cylforce.machine.machine import Link, Machine, base_parameters
+from cylforce.machine.motion import Attitude, motion
+from cylforce.regression.regressor import Regressor
+
+
+def chain(rng: np.random.Generator, n: int) -> tuple[Link, ...]:
+    """Random links."""
+    return tuple(
+        Link(f"link{j}", *rng.uniform((1, 100, 0.2, -0.5, 10), (6, 2000, 3, 0.5, 3000)), -3, 3, 0.1, 0.1, 0.1)
+        for j in range(n)
+    )
+
+
+def machine(links: tuple[Link, ...]) -> Machine:
+    """A chain without cylinders: only its rigid columns are asked for."""
+    return Machine("chain", links, (), (), 1 + 0j, 1000.0, 1.0, 0.0)
+
+
+def oracle(links: tuple[Link, ...], g: float) -> tuple[pin.Model, pin.Data]:
+    """The same chain for pinocchio: rotation from x towards z is about -y."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0, 0, -g])
+    parent, offset = 0, 0.0
+    for k in links:
+        place = pin.SE3(np.eye(3), np.array([offset, 0, 0]))
+        parent = model.addJoint(parent, pin.JointModelRevoluteUnaligned(np.array([0.0, -1.0, 0.0])), place, k.name)
+        inertia = pin.Inertia(k.mass, np.array([k.cx, 0, k.cz]), np.diag([1.0, k.inertia, 1.0]))
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+        offset = k.length
+    return model, model.createData()
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_regressor_times_parameters_is_inverse_dynamics(n: int) -> None:
+    """d/dt(momentum) @ Phi + static @ Phi == RNEA(q, v, a), pitch and roll included, at 1000 random states."""
+    rng = np.random.default_rng(n)
+    worst = 0.0
+    for _ in range(1000):
+        links = chain(rng, n)
+        theta, thetad, thetadd = rng.uniform(-2, 2, (3, n))
+        pitch, roll = rng.uniform(-0.3, 0.3, 2)
+        h = 1e-3
+        model, data = oracle(links, 9.80665 * np.cos(roll))
+        along = theta.copy()
+        along[0] += pitch
+        expected = pin.rnea(model, data, along, thetad, thetadd)
+        # central differences of fourth order: momentum at t +- h, t +- 2h on the parabola of the motion
+        regressor = Regressor(machine(links), (Rigid(),))
+
+        def halves(t: float) -> tuple[np.ndarray, np.ndarray]:
+            moving = motion_at(regressor.machine, theta + thetad * t + thetadd * t**2 / 2, thetad + thetadd * t, pitch, roll)
+            found = Rigid().halves(regressor.machine, moving)
+            return found.momentum, found.static
+
+        rate = (8 * (halves(h)[0] - halves(-h)[0]) - (halves(2 * h)[0] - halves(-2 * h)[0])) / (12 * h)
+        tau = (rate + halves(0.0)[1]) @ base_parameters(links)
+        worst = max(worst, np.max(np.abs(tau - expected)) / np.max(np.abs(expected)))
+    assert worst < 1e-9
+
+
+def motion_at(m: Machine, theta, thetad, pitch, roll):
+    """Motion of a chain without cylinders."""
+    from cylforce.machine import motion as module
+
+    empty = np.zeros((0,))
+    geometry = module.Motion(
+        a=np.cumsum(theta), q=np.cumsum(theta) + pitch, qd=np.cumsum(thetad), g=np.asarray(9.80665 * np.cos(roll)),
+        slew=np.asarray(0.0), length=empty, lever=np.zeros((0, m.size)), transmission=empty, speed=empty, force=empty,
+    )
+    return geometry
