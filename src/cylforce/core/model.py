@@ -1,0 +1,138 @@
+"""The model of the empty machine: which effects stand side by side, and what the data sheet says of their parameters."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.motion import Channels
+from cylforce.core.service import Filters
+from cylforce.effects.friction import AtRest, Coulomb, LoadDependent, Viscous
+from cylforce.effects.rigid import Rigid
+from cylforce.effects.slew import Slew, slew_parameters
+from cylforce.effects.tip_force import TipForce
+from cylforce.machine.effect import Effect, Parameter
+from cylforce.machine.machine import Machine, base_parameter_covariance, base_parameters
+from cylforce.regression.batch import Prior
+from cylforce.regression.regressor import FilteredRegressor, Regressor
+from cylforce.words.estimate import Array
+from cylforce.words.signals import Kind
+
+FRICTION = ("coulomb", "viscous", "load_dependent")
+
+
+class Tares(NamedTuple):
+    """The dynamic tares: `values` (P,) of the model's parameters, `covariance` (P, P), `row_error` (R,) [N m] of what the
+    model leaves unexplained on the empty machine, `identified`: from a recording, else from the data sheet."""
+
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    row_error: Array
+    identified: bool
+
+
+@dataclass(frozen=True)
+class Model:
+    """Columns of the empty machine (P), then the tool's force and moment (3), then the unknown friction at rest (C)."""
+
+    machine: Machine
+    filters: Filters
+    friction: tuple[str, ...]
+
+    @cached_property
+    def empty(self) -> Regressor:
+        """Gravity, inertia, centrifugal terms of the slew where it is measured, friction."""
+        laws: dict[str, Effect] = {
+            "coulomb": Coulomb(self.filters.direction_speed),
+            "viscous": Viscous(),
+            "load_dependent": LoadDependent(self.filters.direction_speed),
+        }
+        turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
+        return Regressor(self.machine, (Rigid(), *turning, *(laws[name] for name in self.friction)))
+
+    @cached_property
+    def _slews(self) -> bool:
+        return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
+
+    @cached_property
+    def filtered(self) -> FilteredRegressor:
+        """All columns, filtered."""
+        effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed))
+        f = self.filters
+        return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+
+    @cached_property
+    def channels(self) -> Channels:
+        """From signals to motion."""
+        return Channels(self.machine, self.filters)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The P parameters of the empty machine."""
+        return self.empty.parameters
+
+    @property
+    def tool(self) -> slice:
+        """The columns of the tool's force and moment."""
+        return slice(len(self.parameters), len(self.parameters) + 3)
+
+    @property
+    def at_rest(self) -> slice:
+        """The columns of the unknown friction."""
+        return slice(len(self.parameters) + 3, None)
+
+    @cached_property
+    def load(self) -> Array:
+        """(P, 4): what a load's (m, m x, m z, J about the last pin) adds to the parameters (PHYSICS section 9)."""
+        place = {p.name: k for k, p in enumerate(self.parameters)}
+        table = np.zeros((len(place), 4))
+        for link in self.machine.links[:-1]:
+            table[place[f"{link.name}.J"], 0] = link.length**2
+            table[place[f"{link.name}.X"], 0] = link.length
+        last = self.machine.links[-1].name
+        for column, symbol in enumerate(("X", "Z", "J"), 1):
+            table[place[f"{last}.{symbol}"], column] = 1.0
+        return table
+
+    @cached_property
+    def settle_steps(self) -> int:
+        """Steps until a filter has forgotten its start: 5/w of the slowest, the smoothing filter's two poles included."""
+        slowest = min(self.filters.regressor_hz, self.filters.smoothing_hz, self.filters.channel_hz)
+        return int(np.ceil(7.0 / (2 * np.pi * slowest) * self.filters.rate_hz))
+
+    @cached_property
+    def prior(self) -> Prior:
+        """The data sheet with its tolerances; of friction only its order of magnitude."""
+        n = 3 * self.machine.size
+        size = len(self.parameters)
+        mean, covariance = np.zeros(size), np.zeros((size, size))
+        for k, (name, value, spread) in enumerate(self._guesses()):
+            mean[n + k], covariance[n + k, n + k] = value, spread**2
+            assert self.parameters[n + k].name == name
+        mean[:n] = base_parameters(self.machine.links)
+        covariance[:n, :n] = base_parameter_covariance(self.machine.links) + np.diag(1e-6 * mean[:n] ** 2 + 1e-2)
+        return Prior(mean, covariance)
+
+    def _guesses(self) -> list[tuple[str, float, float]]:
+        """(name, mean, standard error) of every parameter that is not a base parameter."""
+        guesses = []
+        if self._slews:
+            for link, (excess, product) in zip(self.machine.links, slew_parameters(self.machine.links), strict=True):
+                guesses.append((f"{link.name}.D_excess", excess, 0.2 * abs(excess) + 1.0))
+                guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
+        for law in self.friction:
+            for c in self.machine.cylinders:
+                largest = 300e5 * c.area_head  # the force at a usual relief pressure
+                spread = {"coulomb": 0.05 * largest, "viscous": 0.2 * largest, "load_dependent": 0.1}[law]
+                guesses.append((f"{c.name}.{law}", 0.0, spread))
+        return guesses
+
+    @cached_property
+    def data_sheet(self) -> Tares:
+        """Tares of a machine that nobody identified: what the data sheet says, with a modest idea of the friction."""
+        scale = np.array([0.02 * 9.8 * abs(np.sum(np.abs(self.prior.mean[1 :: 3][: self.machine.size])))])
+        rows = np.broadcast_to(scale, (len(self.machine.rows),))
+        names = tuple(p.name for p in self.parameters)
+        return Tares(names, self.prior.mean, self.prior.covariance, rows, False)
