@@ -20,8 +20,9 @@ need_debian() {
     return 1
   fi
   say "installing Debian packages: ${missing[*]}"
-  { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"; } \
-    >/dev/null || { say "apt-get could not install ${missing[*]}"; return 1; }
+  local log
+  log=$(apt-get update 2>&1 && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}" 2>&1) ||
+    { printf '%s\n' "$log" >&2; say "apt-get could not install ${missing[*]}"; return 1; }
 }
 
 find_python() {
