@@ -1,0 +1,69 @@
+"""The shared material beside the repository, and the rule that nothing else may be a reason to skip."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+ABSENT = "no shared data: "
+
+
+def pytest_addoption(parser):
+    default = os.environ.get("CYLFORCE_SHARED", str(ROOT.parent / "shared"))
+    parser.addoption("--shared", default=default, metavar="PATH", help=f"folder with data/ (now {default})")
+
+
+def shared_folder(config):
+    """The shared folder as given; whether it is there is for the caller to ask."""
+    return Path(config.getoption("--shared")).resolve()
+
+
+@pytest.fixture(scope="session")
+def shared(request):
+    """The shared folder, with data/ in it."""
+    folder = shared_folder(request.config)
+    if not (folder / "data").is_dir():
+        pytest.skip(f"{ABSENT}{folder / 'data'} is absent (--shared PATH says where it is)")
+    return folder
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(Skips(config), "cylforce-skips")
+
+
+class Skips:
+    """Counts what was skipped; a skip for any reason but absent shared data makes the run fail."""
+
+    def __init__(self, config):
+        self.folder = shared_folder(config)
+        self.absent = 0
+        self.forbidden = []
+
+    def count(self, report):
+        if not report.skipped or hasattr(report, "wasxfail"):
+            return
+        reason = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+        if ABSENT in reason:
+            self.absent += 1
+        else:
+            self.forbidden.append(f"{report.nodeid}: {reason}")
+
+    pytest_runtest_logreport = count
+    pytest_collectreport = count
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self, session):
+        if self.forbidden and session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter):
+        if self.absent:
+            terminalreporter.section("SHARED DATA ABSENT", red=True)
+            plural = "" if self.absent == 1 else "s"
+            line = f"{self.absent} test{plural} skipped: no ../shared/data ({self.folder / 'data'} is absent)"
+            terminalreporter.write_line(line, red=True, bold=True)
+        if self.forbidden:
+            terminalreporter.section("FORBIDDEN SKIPS: the run has failed", red=True)
+            for line in self.forbidden:
+                terminalreporter.write_line(line)
