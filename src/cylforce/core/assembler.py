@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.core.codec import Decoder, Slot, decoders
 from cylforce.core.service import Service
-from cylforce.words.estimate import Array, Reason, Sample
+from cylforce.words.estimate import Reason, Sample
 from cylforce.words.events import Frame
 from cylforce.words.signals import Kind
 
@@ -116,34 +116,36 @@ class Assembler:
                 return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, good=0, jumps=old.jumps + 1)
         equal = 0 if value != old.value else old.equal + moving
         if equal >= self.service.health.frozen_samples and self._noisy(slot.signal):
-            return Channel(value, t_us, Reason.FROZEN, 0, equal, 0)
+            return old._replace(reason=Reason.FROZEN, good=0, equal=equal)
         good = old.good + 1
-        healed = old.reason is Reason.NONE or old.reason is Reason.SIGNAL_MISSING
-        trusted = healed or good >= self.service.health.good_frames
-        return Channel(value, t_us, Reason.NONE if trusted else old.reason, good, equal, 0)
+        glitch = old.t_us != NEVER and t_us - old.t_us <= 1e6 * self.service.health.hold_s
+        if glitch or good >= self.service.health.good_frames:
+            return Channel(value, t_us, Reason.NONE, good, equal, 0)
+        return old._replace(value=value, good=good, equal=equal, jumps=0)
 
     def _noisy(self, k: int) -> bool:
         """Whether a working sensor's own noise keeps its last digit moving."""
         return self.service.machine.signals[k].standard_error >= 0.5 * self._quantum[k] > 0.0
 
-    def sample(self, inputs: Inputs, t_us: int) -> Sample:
-        """What is known at a tick."""
-        reasons = tuple(
-            c.reason if c.reason is not Reason.NONE else self._age_reason(c, t_us) for c in inputs.channels
-        )
-        late = any(
-            t_us - c.t_us > 1.5e6 * s.period_s
-            for c, s in zip(inputs.channels, self.service.machine.signals, strict=True)
-        )
-        return Sample(t_us, np.array([c.value for c in inputs.channels]), reasons, late)
+    def restart(self, inputs: Inputs, node_id: int) -> Inputs:
+        """A sensor node booted: nothing that it said before counts, and it must prove itself anew."""
+        mine = {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}
+        lost = Channel(float("nan"), NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
+        return inputs._replace(channels=tuple(lost if k in mine else c for k, c in enumerate(inputs.channels)))
 
-    def _age_reason(self, channel: Channel, t_us: int) -> Reason:
-        return Reason.SIGNAL_STALE if t_us - channel.t_us > 1e6 * self.service.health.hold_s else Reason.NONE
+    def sample(self, inputs: Inputs, t_us: int) -> Sample:
+        """What is known at a tick. A signal that is late, or was refused, is held for a short time, then invalid."""
+        hold_us = 1e6 * self.service.health.hold_s
+        reasons, late = [], Reason.NONE
+        for channel, signal in zip(inputs.channels, self.service.machine.signals, strict=True):
+            age = t_us - channel.t_us
+            if channel.t_us == NEVER or age > hold_us:
+                reasons.append(Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason)
+                continue
+            reasons.append(Reason.NONE)
+            if channel.reason is not Reason.NONE or age > 1.5e6 * signal.period_s:
+                late = Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason
+        return Sample(t_us, np.array([c.value for c in inputs.channels]), tuple(reasons), late)
 
 
 JUMPS_BELIEVED = 100  # a step that lasts is no outlier: the value is then taken, and must prove itself
-
-
-def usable(values: Array) -> Array:
-    """Rows (..., S) of which every value is finite: (...,) bool."""
-    return np.asarray(np.all(np.isfinite(values), axis=-1))

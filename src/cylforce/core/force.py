@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.core.model import Model, Tares
 from cylforce.core.weighing import Residual
 from cylforce.regression.regressor import Rows
-from cylforce.words.estimate import Array, Force, Quantity, Reason, Status
+from cylforce.words.estimate import Array, Force, Quantity, Reason, Status, invalid, invalid_force
 
 SINGULAR = 1e-3  # ratio of singular values of the scaled tool columns below which a direction cannot be sensed
 
@@ -27,10 +27,10 @@ class ForceSensor:
         tool = rows.columns[..., self.model.tool]
         tool = tool if len(left.torque) > 2 else tool[:, :2]
         if not np.all(usable):
-            return invalid(Reason.DEAD_POINT)
+            return invalid_force(Reason.DEAD_POINT)
         scale = np.abs(tool).max(axis=0) + 1e-9
         if np.linalg.svd(tool / scale, compute_uv=False)[-1] < SINGULAR or tool.shape[0] < tool.shape[1]:
-            return invalid(Reason.SINGULAR)
+            return invalid_force(Reason.SINGULAR)
         noise = np.diag(left.variance + left.rest) + left.columns @ self.tares.covariance @ left.columns.T
         gain = np.linalg.pinv(tool)
         spread = gain @ noise @ gain.T
@@ -44,7 +44,7 @@ class ForceSensor:
         along_error, across_error = sqrt(unit @ spread @ unit), sqrt(across @ spread @ across)
         certain = size > 3.0 * across_error
         turn = across_error / size if certain else float("nan")
-        direction = self._quantity(atan2(z, x), turn) if certain else _invalid(Reason.UNCERTAIN)
+        direction = self._quantity(atan2(z, x), turn) if certain else invalid(Reason.UNCERTAIN)
         return Force(
             self._bounded(x, sqrt(spread[0, 0])),
             self._bounded(z, sqrt(spread[1, 1])),
@@ -54,19 +54,10 @@ class ForceSensor:
 
     def _bounded(self, value: float, error: float) -> Quantity:
         if abs(value) > self.rated_force:
-            return _invalid(Reason.OUT_OF_DECLARED_RANGE)
-        return self._quantity(value, error) if error < self.rated_force else _invalid(Reason.SINGULAR)
+            return invalid(Reason.OUT_OF_DECLARED_RANGE)
+        return self._quantity(value, error) if error < self.rated_force else invalid(Reason.SINGULAR)
 
     def _quantity(self, value: float, error: float) -> Quantity:
         if not self.tares.identified:
             return Quantity(value, error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
         return Quantity(value, error, Status.OK, Reason.NONE)
-
-
-def invalid(reason: Reason) -> Force:
-    """No force, for one reason."""
-    return Force(*(_invalid(reason) for _ in range(4)))
-
-
-def _invalid(reason: Reason) -> Quantity:
-    return Quantity(float("nan"), float("nan"), Status.INVALID, reason)

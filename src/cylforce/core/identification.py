@@ -54,8 +54,7 @@ def _segment(model: Model, values: Array) -> Rows:
     rows = model.filtered.run(moved.motion)
     torque = rows.torque.copy()
     torque[: model.settle_steps] = np.nan
-    for k, j in enumerate(model.machine.rows):
-        acting = [c for c, span in enumerate(model.machine.spans) if j in span]
+    for k, acting in enumerate(model.acting):
         torque[_stays(~np.all(moved.usable[:, acting], axis=1), model.settle_steps), k] = np.nan
     return Rows(rows.columns, torque)
 

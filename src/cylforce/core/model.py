@@ -97,6 +97,12 @@ class Model:
         return table
 
     @cached_property
+    def acting(self) -> tuple[tuple[int, ...], ...]:
+        """For each measured row the cylinders that act on its joint."""
+        spans = self.machine.spans
+        return tuple(tuple(c for c, span in enumerate(spans) if j in span) for j in self.machine.rows)
+
+    @cached_property
     def settle_steps(self) -> int:
         """Steps until a filter has forgotten its start: 5/w of the slowest, the smoothing filter's two poles included."""
         slowest = min(self.filters.regressor_hz, self.filters.smoothing_hz, self.filters.channel_hz)

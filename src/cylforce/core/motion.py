@@ -98,7 +98,8 @@ class Channels:
         attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
         found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., n : n + c], attitude)
         good = self._usable(found)
-        return Moved(found._replace(lever=np.where(good[..., None], found.lever, 0.0)), good)
+        lever, speed = np.where(good[..., None], found.lever, 0.0), np.where(good, found.speed, 0.0)
+        return Moved(found._replace(lever=lever, speed=speed), good)
 
     @cached_property
     def _stops(self) -> tuple[Array, Array]:

@@ -2,7 +2,9 @@
 
 from math import pi
 
+from cylforce.core.codec import encode
 from cylforce.core.layout import Field, Pdo
+from cylforce.words.estimate import Estimate, Quantity
 from cylforce.words.units import DEGREE
 
 GROSS, NET = "payload_gross", "payload_net"
@@ -46,3 +48,35 @@ def publication(node_id: int, period_s: float, rated_payload: float, rated_force
     return tuple(
         Pdo(0x100 * k + 0x80 + node_id, node_id, k, False, 0, period_s, fields) for k, fields in enumerate(table, 1)
     )
+
+
+def published(estimate: Estimate) -> dict[str, float]:
+    """Named SI values of an estimate, NaN where there is none; a standard error is never rounded down to nothing."""
+    force, booking = estimate.force, estimate.booking
+    return {
+        GROSS: estimate.gross.value,
+        NET: estimate.net.value,
+        FORCE_X: force.x.value,
+        FORCE_Z: force.z.value,
+        MAGNITUDE: force.magnitude.value,
+        DIRECTION: force.direction.value,
+        GROSS_ERROR: max(estimate.gross.standard_error, _KG),
+        X_ERROR: max(force.x.standard_error, _N),
+        Z_ERROR: max(force.z.standard_error, _N),
+        DIRECTION_ERROR: max(force.direction.standard_error, _DEG),
+        PAYLOAD_QUALITY: float(quality(estimate.gross)),
+        FORCE_QUALITY: float(max((quality(q) for q in force), key=lambda byte: byte & 3)),
+        BOOKED_COUNT: float(booking.count % 65535) if booking else 0.0,
+        BOOKED: booking.mass if booking else float("nan"),
+    }
+
+
+def quality(q: Quantity) -> int:
+    """One byte: status in bits 0-1, reason in bits 2-7."""
+    return int(q.status) | int(q.reason) << 2
+
+
+def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
+    """(TPDO number, data) of everything that we publish."""
+    values = published(estimate)
+    return tuple((pdo.number, encode(pdo, values)) for pdo in table)

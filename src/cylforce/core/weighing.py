@@ -10,7 +10,7 @@ import numpy as np
 from cylforce.core.model import Model, Tares
 from cylforce.regression.recursive import Root, covariance, known, update, values
 from cylforce.regression.regressor import Rows
-from cylforce.words.estimate import Array, Booking, Quantity, Reason, Status
+from cylforce.words.estimate import Array, Booking, Quantity, Reason, Status, invalid
 
 GATE = 9.0  # mean squared normalised innovation per row above which a sample does not belong to the load
 PATIENCE_S = 0.3  # a lift ends when samples have not belonged to it for so long
@@ -143,13 +143,13 @@ class Weigher:
     def _judge(self, lift: Lift, mass: float, spread: float, centre: complex) -> Quantity:
         rated = self.model.machine.rated_payload
         if lift.refused:
-            return _invalid(Reason.IN_CONTACT)
+            return invalid(Reason.IN_CONTACT)
         if lift.taken < MIN_SECONDS * self.model.filters.rate_hz:
-            return _invalid(Reason.STARTING)
+            return invalid(Reason.STARTING)
         if not self._plausible(mass, spread, centre):
-            return _invalid(Reason.NOT_A_LOAD)
+            return invalid(Reason.NOT_A_LOAD)
         if spread >= rated:
-            return _invalid(Reason.UNCERTAIN)
+            return invalid(Reason.UNCERTAIN)
         if spread > GOOD_ENOUGH * rated:
             return Quantity(mass, spread, Status.DEGRADED, Reason.AT_REST if not lift.moving else Reason.UNCERTAIN)
         if not self.tares.identified:
@@ -179,7 +179,3 @@ class Weigher:
         count = 1 if state.booking is None else state.booking.count + 1
         best = state.candidate
         return Weighing(state.lift, None, Booking(count, t_us, best.mass, best.standard_error))
-
-
-def _invalid(reason: Reason) -> Quantity:
-    return Quantity(float("nan"), float("nan"), Status.INVALID, reason)

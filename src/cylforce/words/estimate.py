@@ -48,12 +48,13 @@ class Reason(IntEnum):
 
 
 class Sample(NamedTuple):
-    """What is known at a tick: SI values `(S,)` in the order of the machine's signals and each signal's health."""
+    """What is known at a tick: SI values `(S,)` in the order of the machine's signals, the reason for which each cannot be
+    believed, and the reason for which the last values are held (NONE: all are fresh)."""
 
     t_us: int
     values: Array
     reasons: tuple[Reason, ...]
-    late: bool
+    held: Reason
 
 
 class Quantity(NamedTuple):
@@ -65,7 +66,9 @@ class Quantity(NamedTuple):
     reason: Reason
 
 
-INVALID_STARTING = Quantity(float("nan"), float("nan"), Status.INVALID, Reason.STARTING)
+def invalid(reason: Reason) -> Quantity:
+    """No value, and why."""
+    return Quantity(float("nan"), float("nan"), Status.INVALID, reason)
 
 
 class Force(NamedTuple):
@@ -75,6 +78,11 @@ class Force(NamedTuple):
     z: Quantity
     magnitude: Quantity
     direction: Quantity
+
+
+def invalid_force(reason: Reason) -> Force:
+    """No force, and why."""
+    return Force(invalid(reason), invalid(reason), invalid(reason), invalid(reason))
 
 
 class Booking(NamedTuple):

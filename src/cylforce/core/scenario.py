@@ -1,0 +1,160 @@
+"""What the simulated machine does: empty commissioning moves, digging cycles. Drawn from a generator that is handed in."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.soil import draw_dig
+from cylforce.core.trajectory import Course, Phase, Scene, Step, driven, stroke_time, working_range
+from cylforce.machine.machine import Machine
+from cylforce.words.estimate import Array
+
+FASTEST = 0.30  # m/s, of any cylinder
+CLEAR = 0.3  # of their range: lifting joints stay above it in empty moves, so that the tool stays off the ground
+SHAKE = 0.02  # how far a via point of one cycle lies from another's, in ranges
+HEADWAY = 2.4  # s of empty motion before the first cycle
+
+
+class Stroke(NamedTuple):
+    """A stroke of the nominal cycle: from `start` to `stop` [s] to `target`, a fraction of the joint's working range."""
+
+    start: float
+    stop: float
+    target: float
+
+
+# The nominal cycle of 14.6 s. Strokes overlap, so that while the load hangs free something always moves.
+LIFT = (Stroke(0.0, 2.4, 0.20), Stroke(2.8, 6.8, 0.32), Stroke(6.6, 10.6, 0.72), Stroke(12.2, 14.5, 0.42))
+STICK = (Stroke(0.2, 2.4, 0.80), Stroke(2.5, 6.8, 0.32), Stroke(7.0, 10.7, 0.50), Stroke(11.0, 14.2, 0.66))
+TOOL = (
+    Stroke(0.2, 2.4, 0.66),
+    Stroke(3.0, 6.9, 0.14),
+    Stroke(7.2, 10.4, 0.06),
+    Stroke(10.7, 12.6, 0.80),
+    Stroke(12.8, 14.5, 0.66),
+)
+HOME = (0.42, 0.66, 0.66)
+SWING = (Stroke(6.9, 10.7, 1.0), Stroke(12.0, 14.5, 0.0))
+DIGGING = (2.6, 6.5, 11.0, 12.5)  # s: teeth in the soil from, to; material falls from, to
+PHASES = ((0.0, Phase.REACH), (2.6, Phase.DIG), (6.5, Phase.LIFT), (10.8, Phase.DUMP), (12.5, Phase.RETURN))
+NOMINAL = 14.6
+
+
+def _role(machine: Machine, j: int) -> int:
+    """0: a lifting joint, 1: the stick, 2: the tool."""
+    return max(0, 2 - (machine.size - 1 - j))
+
+
+def _begin(machine: Machine, fractions: tuple[float, float, float]) -> Array:
+    """A pose (N,) [rad] at fractions of the working ranges; locked joints midway."""
+    low, high = working_range(machine).T
+    share = np.array([fractions[_role(machine, j)] for j in range(machine.size)])
+    return np.asarray(low + share * (high - low))
+
+
+def cycles(machine: Machine, rng: np.random.Generator, count: int, swing: bool) -> Iterator[Scene]:
+    """Empty air motion of 2.4 s, then `count` digging cycles of at most 15 s, each beginning where the last ended.
+
+    `swing`: the house turns while the load is lifted, and back."""
+    ranges = working_range(machine)
+    scene = _headway(machine, ranges)
+    yield scene
+    for _ in range(count):
+        scene = _cycle(machine, ranges, rng, np.array([course.end for course in scene.joints]), swing)
+        yield scene
+
+
+def _headway(machine: Machine, ranges: Array) -> Scene:
+    begin, courses = _begin(machine, (0.55, 0.5, 0.5)), []
+    for j in range(machine.size):
+        strokes = (Stroke(0.1, HEADWAY - 0.2, HOME[_role(machine, j)]),)
+        courses.append(_course(machine, ranges, begin, j, strokes if j in driven(machine) else ()))
+    return Scene(HEADWAY, tuple(courses), Course(0.0), ((0.0, Phase.AIR),))
+
+
+def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, swing: bool) -> Scene:
+    stretch = float(rng.uniform(0.96, 15.0 / NOMINAL))
+    courses = []
+    for j in range(machine.size):
+        nominal = (LIFT, STICK, TOOL)[_role(machine, j)] if j in driven(machine) else ()
+        shaken = tuple(
+            Stroke(s.start * stretch, s.stop * stretch, s.target + float(rng.uniform(-SHAKE, SHAKE))) for s in nominal
+        )
+        courses.append(_course(machine, ranges, begin, j, shaken))
+    angle = float(rng.uniform(1.0, 1.5)) * (1 if rng.uniform() < 0.5 else -1) if swing else 0.0
+    turns = (
+        Step(SWING[0].start * stretch, SWING[0].stop * stretch, angle),
+        Step(SWING[1].start * stretch, SWING[1].stop * stretch, -angle),
+    )
+    start, stop, dump_start, dump_stop = (stretch * t for t in DIGGING)
+    dig = draw_dig(rng, (start, stop, dump_start, dump_stop), machine.rated_payload, machine.payload_reach)
+    phases = tuple((stretch * t, phase) for t, phase in PHASES)
+    return Scene(NOMINAL * stretch, tuple(courses), Course(0.0, turns if swing else ()), phases, dig)
+
+
+def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tuple[Stroke, ...]) -> Course:
+    """Strokes to fractions of the range; one that its cylinder cannot make in time is cut short."""
+    low, high = ranges[j]
+    now, steps = begin.copy(), []
+    for stroke in strokes:
+        target = float(low + np.clip(stroke.target, 0.0, 1.0) * (high - low))
+        needed = stroke_time(machine, now, j, target, FASTEST)
+        rise = (target - float(now[j])) * min(1.0, (stroke.stop - stroke.start) / max(needed, 1e-9))
+        steps.append(Step(stroke.start, stroke.stop, rise))
+        now[j] += rise
+    return Course(float(begin[j]), tuple(steps))
+
+
+def moves(machine: Machine, rng: np.random.Generator, duration: float) -> Scene:
+    """Empty commissioning moves of `duration` [s]: first one joint after the other, slow and fast, both ways (the
+    paper's procedure), from 40 % of the time on all at once at drawn speeds between drawn postures."""
+    ranges = working_range(machine)
+    begin = _begin(machine, (0.6, 0.5, 0.5))
+    for j in range(machine.size):
+        if _role(machine, j) == 0:
+            ranges[j, 0] += CLEAR * (ranges[j, 1] - ranges[j, 0])
+    steps = _one_by_one(machine, ranges, rng, begin, 0.4 * duration)
+    pose = begin + np.array([sum(step.rise for step in strokes) for strokes in steps])
+    for j in driven(machine):
+        steps[j] += _wander(machine, ranges, rng, pose, j, 0.4 * duration, duration - 0.5)
+    courses = tuple(Course(float(begin[j]), tuple(steps[j])) for j in range(machine.size))
+    return Scene(duration, courses, Course(0.0), ((0.0, Phase.AIR),))
+
+
+def _one_by_one(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float) -> list[list[Step]]:
+    """Strokes of one joint after the other until `stop` [s], by turns fast and slow."""
+    steps: list[list[Step]] = [[] for _ in machine.links]
+    clock, speed = 0.5, FASTEST
+    while clock < stop:
+        for j in driven(machine):
+            now = begin.copy()
+            low, high = ranges[j]
+            ends = low + (high - low) * rng.uniform((0.05, 0.7), (0.3, 0.95))
+            for target in (*ends, float(begin[j])):
+                time = stroke_time(machine, now, j, float(target), speed * float(rng.uniform(0.85, 1.0)))
+                if clock + time < stop:
+                    steps[j].append(Step(clock, clock + time, float(target - now[j])))
+                    now[j] = target
+                    clock += time + 0.2
+        speed = 0.4 * FASTEST if speed == FASTEST else FASTEST
+        clock += 0.5
+    return steps
+
+
+def _wander(
+    machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, j: int, start: float, stop: float
+) -> list[Step]:
+    """Strokes of joint j between drawn postures at drawn speeds, with short rests."""
+    low, high = ranges[j]
+    now, clock, steps = begin.copy(), start + float(rng.uniform(0.2, 1.0)), []
+    while True:
+        share = (now[j] - low) / (high - low)
+        far = float(rng.uniform(0.5, 1.0)) if share < 0.5 else float(rng.uniform(0.0, 0.5))
+        target = float(low + far * (high - low))
+        time = max(1.0, stroke_time(machine, now, j, target, float(rng.uniform(0.25, 1.0)) * FASTEST))
+        if clock + time > stop:
+            return steps
+        steps.append(Step(clock, clock + time, target - float(now[j])))
+        now[j] = target
+        clock += time + float(rng.uniform(0.0, 0.5))

@@ -1,0 +1,228 @@
+"""The simulated machine: driven by its motion, it tells which cylinder forces and pressures that motion needs.
+
+It uses the product's own effects: figures reached on it show that the programs work, not that the method is right.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.soil import Load, load, resistance, soil_force
+from cylforce.core.trajectory import Kinematics, Scene, follow
+from cylforce.effects.friction import Coulomb, LoadDependent, Stribeck, Viscous
+from cylforce.effects.rigid import Rigid
+from cylforce.effects.slew import Slew, slew_parameters
+from cylforce.effects.tip_force import TipForce
+from cylforce.machine.effect import Effect
+from cylforce.machine.machine import Link, Machine, base_parameters
+from cylforce.machine.motion import Attitude, Motion, motion
+from cylforce.words.estimate import Array
+from cylforce.words.units import STANDARD_GRAVITY
+
+H = 1e-3  # s, step of the fourth-order difference that turns momentum into force: relative error about 1e-11
+ROUNDING = 1e-3  # m/s: below this the simulated friction leaves its full value
+STRIBECK_SPEED = 0.015  # m/s
+SUPPLY = 4e5  # Pa: no chamber falls below this
+
+
+class Cause(NamedTuple):
+    """An effect of the simulated machine and the values (P,) of its parameters."""
+
+    effect: Effect
+    value: Array
+
+
+class Truth(NamedTuple):
+    """The machine as it really is: its links, its friction, `back` (C,) [Pa/(m/s)^2] of the return side, the ground's
+    pitch and roll [rad] below a house that looks along its tracks."""
+
+    links: tuple[Link, ...]
+    friction: tuple[Cause, ...]
+    back: Array
+    pitch: float
+    roll: float
+
+
+class Physics(NamedTuple):
+    """A scene at T instants `t` (T,) [s] from its start: the motion, `moving` with the true cylinder forces, `attitude`,
+    `friction` (T, C) [N] within those forces, chamber pressures `head`, `rod` (T, C) [Pa], the soil's force `soil`
+    (T, 2) [N] at the teeth (x forward, z up, true), tip velocity (T, 2) [m/s], tip place (T, 2) [m] seen from the first
+    pin, the load."""
+
+    t: Array
+    course: Kinematics
+    moving: Motion
+    attitude: Attitude
+    friction: Array
+    head: Array
+    rod: Array
+    soil: Array
+    tip_velocity: Array
+    tip: Array
+    load: Load
+
+
+def draw_truth(machine: Machine, rng: np.random.Generator, mass_error: float, extra: tuple[Cause, ...] = ()) -> Truth:
+    """A machine whose masses differ from the machine file's by the fraction `mass_error` either way, centres and
+    inertias by up to half of it besides; friction and return-side pressure as usual for the cylinders' sizes."""
+    signs = rng.choice((-1.0, 1.0), machine.size)
+    rest = rng.uniform(-0.5, 0.5, (machine.size, 3)) * mass_error
+    links = tuple(_off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True))
+    area = np.array([c.area_head for c in machine.cylinders])
+    coulomb, viscous = area * rng.uniform((1.0e5, 2e5), (1.6e5, 5e5), (area.size, 2)).T
+    friction = (
+        Cause(Coulomb(ROUNDING), coulomb),
+        Cause(Viscous(), viscous),
+        Cause(Stribeck(ROUNDING, STRIBECK_SPEED), coulomb * rng.uniform(0.3, 0.6, area.size)),
+    )
+    pitch, roll = rng.uniform(-0.03, 0.03, 2)
+    return Truth(links, friction + extra, rng.uniform(2e7, 4e7, area.size), float(pitch), float(roll))
+
+
+def _off(link: Link, factor: float, rest: Array) -> Link:
+    """A link whose mass is `factor` times as large, centre and inertia besides by the fractions `rest` (3,)."""
+    return Link(
+        link.name,
+        link.length,
+        link.mass * factor,
+        link.cx * (1 + float(rest[0])),
+        link.cz * (1 + float(rest[1])),
+        link.inertia * factor * (1 + float(rest[2])),
+        *(link.angle_low, link.angle_high),
+        *(link.mass_error, link.centre_error, link.inertia_error, link.length_error),
+    )
+
+
+FRICTION_LAWS = ("coulomb", "viscous", "load_dependent", "stribeck")
+
+
+def cause(machine: Machine, name: str, at: str, value: float, width: float = STRIBECK_SPEED) -> Cause:
+    """An extra friction law by its name, with `value` at the cylinder `at` and nothing at the others."""
+    laws: Mapping[str, Effect] = {
+        "coulomb": Coulomb(ROUNDING),
+        "viscous": Viscous(),
+        "load_dependent": LoadDependent(ROUNDING),
+        "stribeck": Stribeck(ROUNDING, width),
+    }
+    names = [c.name for c in machine.cylinders]
+    if name not in laws:
+        raise ValueError(f"effect {name!r} is not known: choose one of {', '.join(FRICTION_LAWS)}")
+    if at not in names:
+        raise ValueError(f"effect {name!r} sits at {at!r}, which is no cylinder: choose one of {', '.join(names)}")
+    return Cause(laws[name], np.array([value if n == at else 0.0 for n in names]))
+
+
+def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array) -> Physics:
+    """What the machine needs to follow `scene` at times `t` (T,) [s]."""
+    course, carried = follow(scene, t), load(scene.dig, t)
+    attitude = standing(truth.pitch, truth.roll, course.turn)._replace(slew=course.slew)
+    unknown = np.zeros((*t.shape, len(machine.cylinders)))
+    moving = motion(machine, course.theta, course.thetad, unknown, attitude)
+    tip = machine.tool_point(course.theta)
+    turn = np.exp(1j * np.asarray(attitude.pitch))
+    velocity = _plane(turn * np.sum(tip.gradient * course.thetad, axis=-1))
+    soil = soil_force(resistance(scene.dig, t), velocity)
+    tau = rigid_torque(machine, truth.links, course, attitude, carried) + tip_torque(machine, moving, soil)
+    moving, friction = balance(machine, truth, moving, tau)
+    head, rod = pressures(machine, truth.back, moving.force, moving.speed)
+    return Physics(
+        t, course, moving, attitude, friction, head, rod, soil, velocity, _plane(turn * tip.place), carried
+    )
+
+
+def _plane(z: np.ndarray) -> Array:  # type: ignore[type-arg]
+    return np.stack([z.real, z.imag], axis=-1)
+
+
+def standing(pitch: float, roll: float, turn: Array) -> Attitude:
+    """Pitch and roll (T,) of a house turned by `turn` (T,) [rad] on a slope, from gravity seen in the house's axes:
+    sin(roll) = a_y/g, pitch = atan2(a_x, a_z)."""
+    x, y, z = np.cos(roll) * np.sin(pitch), np.sin(roll), np.cos(roll) * np.cos(pitch)
+    ahead = x * np.cos(turn) + y * np.sin(turn)
+    aside = y * np.cos(turn) - x * np.sin(turn)
+    return Attitude(np.arctan2(ahead, z), np.arcsin(aside))
+
+
+def base_values(links: tuple[Link, ...], carried: Load) -> Array:
+    """(J, X, Z, D_excess, E) of every link (T, N, 5) with the load: it adds m l^2 to J and m l to X of all but the
+    last link, its own moments to the last one's."""
+    n, mass, (x, z) = len(links), carried.mass, carried.centre.T
+    lengths = np.array([link.length for link in links])[:-1]
+    values = np.zeros((*mass.shape, n, 5))
+    values[..., :3] = base_parameters(links).reshape(n, 3)
+    values[..., 3:] = slew_parameters(links)
+    values[..., :-1, 0] += mass[:, None] * lengths**2
+    values[..., :-1, 1] += mass[:, None] * lengths
+    # the heap's spread is shared evenly by both axes: int z^2 dm = m z^2 + (J - m |c|^2)/2
+    spread = carried.inertia - mass * (x**2 + z**2)
+    own = (carried.inertia, mass * x, mass * z, -2 * mass * z**2 - spread, mass * x * z)
+    values[..., -1, :] += np.stack(own, axis=-1)
+    return values
+
+
+def rigid_torque(
+    machine: Machine, links: tuple[Link, ...], course: Kinematics, attitude: Attitude, carried: Load
+) -> Array:
+    """tau = d/dt(momentum) @ value + static @ value (T, N) [N m], value: the links and the load.
+
+    Momentum depends on place and speed only, so along the parabola of each instant its difference gives d/dt. Material
+    joins and leaves at the bucket's own velocity: value itself is not differentiated."""
+    value = base_values(links, carried)
+    rigid, momentum = Rigid(), 0.0
+    columns = value[..., :3].reshape(*carried.mass.shape, -1)
+    for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
+        halves = rigid.halves(machine, _later(machine, course, attitude, s))
+        assert halves.momentum is not None
+        momentum = momentum + weight * halves.momentum
+    now = _later(machine, course, attitude, 0.0)
+    rate = momentum / (12.0 * H) + rigid.halves(machine, now).static
+    turning = Slew().halves(machine, now).static
+    return np.asarray((rate @ columns[..., None])[..., 0] + (turning @ value.reshape(*columns.shape[:-1], -1, 1))[..., 0])
+
+
+def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -> Motion:
+    """The motion `s` seconds along the parabola of each instant; rigid columns ask for no cylinder."""
+    theta = course.theta + course.thetad * s + course.thetadd * (s * s / 2)
+    none = np.zeros((*theta.shape[:-1], 0))
+    a = np.cumsum(theta, axis=-1)
+    qd = np.cumsum(course.thetad + course.thetadd * s, axis=-1)
+    g = STANDARD_GRAVITY * np.cos(attitude.roll)
+    q = a + np.asarray(attitude.pitch)[..., None]
+    return Motion(a, q, qd, np.asarray(g), np.asarray(attitude.slew), none, none, none, none, none)
+
+
+def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:
+    """What the joints must supply (T, N) [N m] against a force (T, 2) [N] on the teeth."""
+    return np.asarray((TipForce().halves(machine, moving).static[..., :2] @ force[..., None])[..., 0])
+
+
+def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array) -> tuple[Motion, Array]:
+    """Cylinder forces, friction included (in the motion returned), and that friction (T, C) [N]: lever^T F = tau +
+    friction's torque. Friction may depend on the force itself, so the two are found by turns."""
+    inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
+    bare = (inverse @ tau[..., None])[..., 0]
+    friction = np.zeros_like(bare)
+    for _ in range(TURNS):
+        loaded = moving._replace(force=bare + friction)
+        torque = sum((c.effect.halves(machine, loaded).static @ c.value for c in truth.friction), np.zeros_like(tau))
+        found = (inverse @ torque[..., None])[..., 0]
+        change, friction = np.max(np.abs(found - friction), initial=0.0), found
+        if change < 1e-9:
+            break
+    return moving._replace(force=bare + friction), friction
+
+
+TURNS = 30
+
+
+def pressures(machine: Machine, back: Array, force: Array, speed: Array) -> tuple[Array, Array]:
+    """Head and rod pressure (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly: the return chamber (rod side when
+    extending) holds at least SUPPLY + back v^2, no chamber less than SUPPLY; no more than that asks for."""
+    head_area = np.array([c.area_head for c in machine.cylinders])
+    rod_area = np.array([c.area_rod for c in machine.cylinders])
+    returning = SUPPLY + back * speed**2
+    extends = speed > 0
+    least_head, least_rod = np.where(extends, SUPPLY, returning), np.where(extends, returning, SUPPLY)
+    head = np.maximum(least_head, (force + least_rod * rod_area) / head_area)
+    return head, (head * head_area - force) / rod_area

@@ -1,0 +1,239 @@
+"""The whole service as one pure function of events: step(state, event) -> (state, output)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core import commands
+from cylforce.core.assembler import Assembler, Inputs
+from cylforce.core.force import ForceSensor
+from cylforce.core.model import Model, Tares
+from cylforce.core.pipeline import Pipe, Pipeline
+from cylforce.core.publication import GROSS, MAGNITUDE, frames
+from cylforce.core.service import Service
+from cylforce.core.weighing import Weigher, Weighing, residual
+from cylforce.regression.regressor import Rows
+from cylforce.words.estimate import (
+    Array,
+    Booking,
+    Estimate,
+    Force,
+    Quantity,
+    Reason,
+    Sample,
+    Status,
+    invalid,
+    invalid_force,
+)
+from cylforce.words.events import Event, Frame, Tick
+from cylforce.words.signals import Kind
+
+MOVING = 0.005  # m/s of any cylinder: the machine moves
+LONG_FRAME_US = 1_000_000  # a frame longer than its mapping degrades what is said for so long
+TICK_SLACK = 0.5  # periods by which a tick may be off its place
+
+
+class Scale(NamedTuple):
+    """The operator's zero and tare [kg]."""
+
+    zero: float = 0.0
+    tare: float = 0.0
+
+
+class State(NamedTuple):
+    """All that the service remembers."""
+
+    inputs: Inputs
+    pipe: Pipe | None
+    weighing: Weighing
+    scale: Scale
+    sampled_us: int
+    mass: Quantity
+    estimate: Estimate
+    moving: tuple[bool, ...]
+
+
+class Output(NamedTuple):
+    """What an event brought: `verdict` on a zero or tare command (None: no command; 0: done; else an SDO abort code);
+    `estimate` and its PDOs `frames` (number, data), sent as they are."""
+
+    verdict: int | None = None
+    estimate: Estimate | None = None
+    frames: tuple[tuple[int, bytes], ...] = ()
+
+
+@dataclass(frozen=True)
+class Core:
+    """A service, its tares, and what follows from them."""
+
+    service: Service
+    tares: Tares
+
+    @cached_property
+    def model(self) -> Model:
+        """The model whose parameters the tares are."""
+        return Model(self.service.machine, self.service.filters, self.service.effects)
+
+    @cached_property
+    def assembler(self) -> Assembler:
+        """Frames to samples."""
+        return Assembler(self.service)
+
+    @cached_property
+    def pipeline(self) -> Pipeline:
+        """Samples to rows."""
+        return Pipeline(self.model)
+
+    @cached_property
+    def weigher(self) -> Weigher:
+        """Rows to weight."""
+        return Weigher(self.model, self.tares)
+
+    @cached_property
+    def force_sensor(self) -> ForceSensor:
+        """Rows to force."""
+        return ForceSensor(self.model, self.tares, self.limits[MAGNITUDE][1])
+
+    @cached_property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """The declared range of every published value."""
+        return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
+
+    @property
+    def period_us(self) -> int:
+        """The fixed step."""
+        return round(1e6 / self.service.filters.rate_hz)
+
+    def begin(self, scale: Scale = Scale()) -> State:
+        """The state of a service that has seen nothing."""
+        nothing = _nothing(0, Reason.STARTING, None)
+        still = (False,) * len(self.service.machine.signals)
+        return State(
+            self.assembler.begin(), None, self.weigher.begin(), scale, 0, invalid(Reason.STARTING), nothing, still
+        )
+
+
+def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
+    """The service: one event in, the new state and what to send out. Never raises for any frame."""
+    if isinstance(event, Tick):
+        state = _tick(core, state, event.t_us)
+        return state, Output(None, state.estimate, frames(core.service.publication, state.estimate))
+    return _receive(core, state, event)
+
+
+def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
+    command = commands.read(frame, core.service.node_id)
+    if command is not None:
+        scale, verdict = commands.obey(command, state.scale, state.mass, core.service.machine.rated_payload)
+        return state._replace(scale=Scale(*scale)), Output(verdict)
+    booted = commands.booted(frame)
+    if booted is not None:
+        return state._replace(inputs=core.assembler.restart(state.inputs, booted)), Output()
+    return state._replace(inputs=core.assembler.receive(state.inputs, frame, state.moving)), Output()
+
+
+def _tick(core: Core, state: State, t_us: int) -> State:
+    sample = core.assembler.sample(state.inputs, t_us)
+    worst = max(sample.reasons, default=Reason.NONE)
+    if worst is not Reason.NONE:
+        return _lose(core, state, t_us, worst)
+    if sample.held is not Reason.NONE and state.pipe is not None:
+        return state._replace(estimate=_hold(state.estimate, t_us, sample.held))
+    return _measure(core, state, sample)
+
+
+def _measure(core: Core, state: State, sample: Sample) -> State:
+    if _tilted(core, sample):
+        return _lose(core, state, sample.t_us, Reason.TILT)
+    channels = core.model.channels.read(sample.values)
+    if not np.all(np.isfinite(channels)):
+        return _lose(core, state, sample.t_us, Reason.END_STOP)
+    periods = (sample.t_us - state.sampled_us) / core.period_us
+    if state.pipe is None:
+        return _restart(core, state, sample, channels, Reason.STARTING)
+    if not TICK_SLACK < periods < core.service.health.max_step_s * core.service.filters.rate_hz + TICK_SLACK:
+        return _restart(core, state, sample, channels, Reason.TIME_JUMP)
+    pipe, rows = core.pipeline.advance(state.pipe, channels, round(periods))
+    state = state._replace(pipe=pipe, sampled_us=sample.t_us, moving=_moving(core, pipe))
+    if pipe.steps <= core.model.settle_steps:
+        return state._replace(estimate=_nothing(sample.t_us, Reason.STARTING, state.estimate.booking))
+    return _conclude(core, state, pipe, rows, sample.t_us)
+
+
+def _restart(core: Core, state: State, sample: Sample, channels: Array, reason: Reason) -> State:
+    lost = _lose(core, state, sample.t_us, reason)
+    return lost._replace(pipe=core.pipeline.begin(channels), sampled_us=sample.t_us)
+
+
+def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
+    """The measurement is interrupted: filters and lift start anew, nothing is shown."""
+    return state._replace(
+        pipe=None,
+        weighing=core.weigher.interrupt(state.weighing),
+        mass=invalid(reason),
+        estimate=_nothing(t_us, reason, state.estimate.booking),
+    )
+
+
+def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> State:
+    left = residual(core.model, core.tares, rows)
+    usable = pipe.waiting == 0
+    weighing, mass = core.weigher.step(state.weighing, left, usable, t_us)
+    force = core.force_sensor.estimate(rows, left, usable)
+    gross = _checked(_shift(mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
+    net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], core.service.machine.rated_payload)
+    if 0 <= t_us - state.inputs.long_t_us < LONG_FRAME_US:
+        gross, net, force = _degrade(gross), _degrade(net), Force(*(_degrade(q) for q in force))
+    estimate = Estimate(t_us, gross, net, force, weighing.booking)
+    return state._replace(weighing=weighing, mass=mass, estimate=estimate)
+
+
+def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
+    """Per signal whether something else than the signal's own cylinder moves: a still joint may repeat its angle."""
+    moves = np.abs(pipe.speed) > MOVING
+    signals = core.service.machine.signals
+    return tuple(bool(moves[s.index]) if s.kind in PRESSURES else False for s in signals)
+
+
+PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+
+
+def _tilted(core: Core, sample: Sample) -> bool:
+    limit = core.service.health.max_tilt
+    return any(
+        abs(sample.values[k]) > limit
+        for k, s in enumerate(core.service.machine.signals)
+        if s.kind in (Kind.PITCH, Kind.ROLL)
+    )
+
+
+def _shift(q: Quantity, by: float) -> Quantity:
+    return q._replace(value=q.value + by)
+
+
+def _degrade(q: Quantity) -> Quantity:
+    return q._replace(status=Status.DEGRADED, reason=Reason.LONG_FRAME) if q.status is Status.OK else q
+
+
+def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
+    """OK means finite, inside the declared range, with 0 < standard error < the largest sensible one."""
+    if q.status is Status.INVALID:
+        return q
+    fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
+    return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
+
+
+def _hold(last: Estimate, t_us: int, reason: Reason) -> Estimate:
+    """The last values for a short while, marked as held."""
+
+    def held(q: Quantity) -> Quantity:
+        return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
+
+    return Estimate(t_us, held(last.gross), held(last.net), Force(*(held(q) for q in last.force)), last.booking)
+
+
+def _nothing(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:
+    return Estimate(t_us, invalid(reason), invalid(reason), invalid_force(reason), booking)

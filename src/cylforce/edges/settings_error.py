@@ -1,0 +1,83 @@
+"""What is wrong with a machine file, said in one sentence: file, line, key, cure."""
+
+import re
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import ErrorDetails
+
+Key = tuple[str | int, ...]
+TAGS = ("triangle", "four_bar", "dogbone")  # pydantic puts the kind of a linkage into the key; the file has none there
+
+
+class SettingsError(ValueError):
+    """A machine file that cannot be used; its text is one sentence that names file, line, key and cure."""
+
+
+class Fault(ValueError):
+    """A fault at a key; `load` adds the file and the line."""
+
+    def __init__(self, key: Sequence[str | int], problem: str) -> None:
+        super().__init__(problem)
+        self.key = tuple(key)
+
+
+def sentence(path: Path, text: str, raw: Any, key: Key, problem: str) -> str:
+    """The whole message."""
+    found = tuple(part for part in key if part not in TAGS)
+    return f"{path}:{line_of(text, found)}: {dotted(raw, found)} {problem}"
+
+
+def line_of(text: str, key: Key) -> int:
+    """Line (from 1) of a key, or of the nearest table around it that can be found without parsing."""
+    lines, at = text.splitlines(), 0
+    for k, part in enumerate(key):
+        if isinstance(part, int):
+            continue
+        count = key[k + 1] + 1 if k + 1 < len(key) and isinstance(key[k + 1], int) else 1
+        pattern = re.compile(rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]|(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
+        hits = [n for n in range(at, len(lines)) if pattern.match(lines[n].split("#")[0])]
+        if len(hits) < count:
+            break
+        at = hits[int(count) - 1]
+    return at + 1
+
+
+def dotted(raw: Any, key: Key) -> str:
+    """The key as a dotted path, with the names of table entries in place of their numbers."""
+    parts: list[str] = []
+    for part in key:
+        entry = _entry(raw, part)
+        name = entry.get("name") if isinstance(part, int) and isinstance(entry, dict) else None
+        parts.append(str(name) if name else f"#{part + 1}" if isinstance(part, int) else part)
+        raw = entry
+    return ".".join(parts) or "the file"
+
+
+def _entry(raw: Any, part: str | int) -> Any:
+    if isinstance(raw, dict):
+        return raw.get(part)
+    if isinstance(raw, list) and isinstance(part, int) and part < len(raw):
+        return raw[part]
+    return None
+
+
+def fault(error: ErrorDetails, known: Sequence[str]) -> Fault:
+    """A finding of pydantic as a fault with its cure."""
+    key, kind = error["loc"], error["type"]
+    if kind == "missing":
+        return Fault(key[:-1], f"lacks the key {key[-1]}: add it")
+    if kind == "extra_forbidden":
+        close = get_close_matches(str(key[-1]), known, 1)
+        return Fault(key, f"is not a key of this table: {f'did you mean {close[0]}' if close else 'remove it'}")
+    if kind == "value_error":
+        return Fault(key, str(error["msg"]).removeprefix("Value error, "))
+    problem = str(error["msg"]).replace("Input should be", "must be").replace("Input should have", "must have")
+    return Fault(key, f"{problem[:1].lower()}{problem[1:]}, not {_shown(error['input'])}: correct the value")
+
+
+def _shown(value: object) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= 40 else shown[:37] + "..."
