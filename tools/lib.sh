@@ -48,6 +48,9 @@ make_venv() {
   "$python" -m venv --clear "$venv"
 }
 
+# A virtual environment cannot be moved, nor outlive its interpreter.
+venv_is_usable() { [ -x "$venv/bin/python" ] && [ -x "$venv/bin/pip" ] && [ "$(cat "$venv/made-for" 2>/dev/null)" = "$root" ]; }
+
 # use_venv [EXTRA] - makes or reuses .venv with the locked dependencies of that extra. The stamp names all that the
 # installation depends on, so a second call costs milliseconds; the extra "test" holds all others.
 use_venv() {
@@ -62,7 +65,7 @@ use_venv() {
     done
   fi
   say "installing cylforce${extra:+[$extra]} into .venv"
-  grep -qxF "$stamp" "$venv"/installed-* 2>/dev/null || make_venv
+  venv_is_usable || { make_venv; echo "$root" >"$venv/made-for"; }
   local pip=("$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check -c "$root/requirements.lock")
   "${pip[@]}" setuptools
   "${pip[@]}" --no-build-isolation -e "$root${extra:+[$extra]}"
