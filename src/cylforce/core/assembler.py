@@ -136,7 +136,8 @@ class Assembler:
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """What is known at a tick. A signal that is late, or was refused, is held for a short time, then invalid."""
         hold_us = 1e6 * self.service.health.hold_s
-        reasons, late = [], Reason.NONE
+        reasons: list[Reason] = []
+        late = Reason.NONE
         for channel, signal in zip(inputs.channels, self.service.machine.signals, strict=True):
             age = t_us - channel.t_us
             if channel.t_us == NEVER or age > hold_us:

@@ -39,9 +39,9 @@ class Pipeline:
     def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows]:
         """To the channels `periods` steps later; missing steps are filled along a straight line."""
         first = pipe.raw
-        for k in range(1, periods + 1):
-            pipe, rows = self._step(pipe, channels if k == periods else first + (channels - first) * (k / periods))
-        return pipe, rows
+        for k in range(1, periods):
+            pipe, _ = self._step(pipe, first + (channels - first) * (k / periods))
+        return self._step(pipe, channels)
 
     def _step(self, pipe: Pipe, channels: Array) -> tuple[Pipe, Rows]:
         smooth_state, smooth = self.model.channels.smooth.step(pipe.smooth_state, channels)

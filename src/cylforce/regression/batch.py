@@ -40,7 +40,7 @@ def least_squares(columns: Array, torque: Array, row_error: Array, prior: Prior 
     of_row = np.broadcast_to(blocks[:, None], torque.shape)[good]
     root, rhs = _prior_rows(prior, a.shape[1])
     scale = _scale(a, prior)
-    memory = _memory(b - a @ linalg.lstsq(a / scale, b)[0] / scale, of_row)
+    memory = _memory(b - a @ (linalg.lstsq(a / scale, b)[0] / scale), of_row)
     stacked = np.concatenate([a / np.sqrt(memory), root])
     values = linalg.lstsq(stacked / scale, np.concatenate([b / np.sqrt(memory), rhs]))[0] / scale
     residual = b - a @ values

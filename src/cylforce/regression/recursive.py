@@ -33,7 +33,7 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
     weight = 1.0 / np.sqrt(variance)
     rows = np.concatenate([columns * weight[:, None], (observed * weight)[:, None]], axis=1)
     stacked = np.concatenate([np.concatenate([root.factor, root.right[:, None]], axis=1), rows])
-    triangle: Array = np.linalg.qr(stacked, mode="r")
+    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     size = root.right.size
     return Root(triangle[:size, :size], triangle[:size, size])
 
