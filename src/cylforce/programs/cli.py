@@ -10,6 +10,7 @@ app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
 
 def print_version(wanted: bool) -> None:
+    """The version on standard output, then the end."""
     if wanted:
         print(f"cylforce {cylforce.__version__}")
         raise typer.Exit
