@@ -1,7 +1,7 @@
 """The only clock: microseconds that never jump, and ticks at absolute deadlines.
 
-`asyncio.sleep` wakes up 0.6 to 2 ms late and drifts; a timerfd on CLOCK_MONOTONIC is 0.1 ms late and does not. Python has
-`os.timerfd_create` only since 3.13, so it is called through ctypes.
+`asyncio.sleep` wakes up 0.6 to 2 ms late and drifts; a timerfd on CLOCK_MONOTONIC is 0.1 ms late and does
+not. Python has `os.timerfd_create` only since 3.13, so it is called through ctypes.
 """
 
 import ctypes
@@ -16,20 +16,21 @@ _ABSOLUTE = 1  # TFD_TIMER_ABSTIME
 class _Interval(ctypes.Structure):
     """struct itimerspec: period and first expiry, each in seconds and nanoseconds."""
 
-    _fields_ = [(name, ctypes.c_long) for name in ("period_s", "period_ns", "first_s", "first_ns")]  # noqa: RUF012
+    _fields_ = [(name, ctypes.c_long) for name in ("period_s", "period_ns", "first_s", "first_ns")]
 
 
 def now_us() -> int:
-    """Integer microseconds since the epoch: wall clock at start + monotonic time elapsed since, so that setting the wall
-    clock changes nothing."""
+    """Integer microseconds since the epoch: wall clock at start + monotonic time elapsed since, so that
+    setting the wall clock changes nothing."""
     return (_START_NS + time.monotonic_ns()) // 1000
 
 
 class Timer:
-    """Expires at `first + k * period_s`, whatever its reader does; `fileno()` becomes readable then (`loop.add_reader`).
+    """Expires at `first + k * period_s`, whatever its reader does; `fileno()` becomes readable then
+    (`loop.add_reader`).
 
-    The first expiry is one period after construction. Raises ValueError if the period is not positive, OSError if the
-    kernel has no timer to give."""
+    The first expiry is one period after construction. Raises ValueError if the period is not positive,
+    OSError if the kernel has no timer to give."""
 
     def __init__(self, period_s: float) -> None:
         if not 0.0 < period_s < float("inf"):
@@ -46,7 +47,8 @@ class Timer:
         return self._fd
 
     def read(self) -> int:
-        """Number of expirations since the last call; more than 1: the reader was late and has missed the others."""
+        """Number of expirations since the last call; more than 1: the reader was late and has missed the
+        others."""
         try:
             expirations = int.from_bytes(os.read(self._fd, 8), "little")
         except BlockingIOError:
