@@ -17,6 +17,7 @@ PATIENCE_S = 0.3  # a lift ends when samples have not belonged to it for so long
 MIN_SECONDS = 1.0  # of consistent samples before a weight is shown
 GOOD_ENOUGH = 0.01  # standard error, as a share of rated payload, to be shown as OK and to be booked
 SMALLEST = 0.05  # share of rated payload below which the bucket counts as empty
+FARTHEST = 1.5  # times the declared reach of the load's centre: farther out no material can lie
 RELATIVE = 0.01  # what the model leaves unexplained grows with the load: friction, elasticity
 REST_SECONDS = 10.0  # friction at rest does not average out: it counts as if it lasted so long
 
@@ -138,7 +139,7 @@ class Weigher:
         rated, reach = self.model.machine.rated_payload, self.model.machine.payload_reach
         if abs(mass) < max(SMALLEST * rated, 3.0 * spread):
             return abs(centre * mass) < SMALLEST * rated * reach + 3.0 * spread * reach
-        return mass > 0.0 and abs(centre) < reach
+        return mass > 0.0 and abs(centre) < FARTHEST * reach
 
     def _judge(self, lift: Lift, mass: float, spread: float, centre: complex) -> Quantity:
         rated = self.model.machine.rated_payload
