@@ -1,4 +1,5 @@
-"""What the simulated machine does: empty commissioning moves, digging cycles. Drawn from a generator that is handed in."""
+"""What the simulated machine does: empty commissioning moves, digging cycles. Drawn from a generator that is
+handed in."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -11,13 +12,17 @@ from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
 FASTEST = 0.30  # m/s, of any cylinder
-CLEAR = 0.3  # of their range: lifting joints stay above it in empty moves, so that the tool stays off the ground
+CLEAR = (
+    0.3  # of their range: lifting joints stay above it in empty moves, which keeps the tool off the ground
+)
+ALONE = 0.45  # of the time, joints move one by one
 SHAKE = 0.02  # how far a via point of one cycle lies from another's, in ranges
 HEADWAY = 2.4  # s of empty motion before the first cycle
 
 
 class Stroke(NamedTuple):
-    """A stroke of the nominal cycle: from `start` to `stop` [s] to `target`, a fraction of the joint's working range."""
+    """A stroke of the nominal cycle: from `start` to `stop` [s] to `target`, a fraction of the joint's
+    working range."""
 
     start: float
     stop: float
@@ -25,16 +30,16 @@ class Stroke(NamedTuple):
 
 
 # The nominal cycle of 14.6 s. Strokes overlap, so that while the load hangs free something always moves.
-LIFT = (Stroke(0.0, 2.4, 0.20), Stroke(2.8, 6.8, 0.32), Stroke(6.6, 10.6, 0.72), Stroke(12.2, 14.5, 0.42))
-STICK = (Stroke(0.2, 2.4, 0.80), Stroke(2.5, 6.8, 0.32), Stroke(7.0, 10.7, 0.50), Stroke(11.0, 14.2, 0.66))
+LIFT = (Stroke(0.0, 2.4, 0.40), Stroke(2.7, 6.2, 0.46), Stroke(6.2, 11.0, 0.80), Stroke(12.2, 14.5, 0.50))
+STICK = (Stroke(0.2, 2.4, 0.90), Stroke(2.5, 6.8, 0.36), Stroke(7.0, 10.9, 0.50), Stroke(11.0, 14.2, 0.66))
 TOOL = (
     Stroke(0.2, 2.4, 0.66),
     Stroke(3.0, 6.9, 0.14),
-    Stroke(7.2, 10.4, 0.06),
-    Stroke(10.7, 12.6, 0.80),
+    Stroke(7.0, 10.3, 0.06),
+    Stroke(10.4, 12.6, 0.80),
     Stroke(12.8, 14.5, 0.66),
 )
-HOME = (0.42, 0.66, 0.66)
+HOME = (0.50, 0.66, 0.66)
 SWING = (Stroke(6.9, 10.7, 1.0), Stroke(12.0, 14.5, 0.0))
 DIGGING = (2.6, 6.5, 11.0, 12.5)  # s: teeth in the soil from, to; material falls from, to
 PHASES = ((0.0, Phase.REACH), (2.6, Phase.DIG), (6.5, Phase.LIFT), (10.8, Phase.DUMP), (12.5, Phase.RETURN))
@@ -54,7 +59,8 @@ def _begin(machine: Machine, fractions: tuple[float, float, float]) -> Array:
 
 
 def cycles(machine: Machine, rng: np.random.Generator, count: int, swing: bool) -> Iterator[Scene]:
-    """Empty air motion of 2.4 s, then `count` digging cycles of at most 15 s, each beginning where the last ended.
+    """Empty air motion of 2.4 s, then `count` digging cycles of at most 15 s, each beginning where the last
+    ended.
 
     `swing`: the house turns while the load is lifted, and back."""
     ranges = working_range(machine)
@@ -79,7 +85,8 @@ def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Arr
     for j in range(machine.size):
         nominal = (LIFT, STICK, TOOL)[_role(machine, j)] if j in driven(machine) else ()
         shaken = tuple(
-            Stroke(s.start * stretch, s.stop * stretch, s.target + float(rng.uniform(-SHAKE, SHAKE))) for s in nominal
+            Stroke(s.start * stretch, s.stop * stretch, s.target + float(rng.uniform(-SHAKE, SHAKE)))
+            for s in nominal
         )
         courses.append(_course(machine, ranges, begin, j, shaken))
     angle = float(rng.uniform(1.0, 1.5)) * (1 if rng.uniform() < 0.5 else -1) if swing else 0.0
@@ -107,52 +114,61 @@ def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tupl
 
 
 def moves(machine: Machine, rng: np.random.Generator, duration: float) -> Scene:
-    """Empty commissioning moves of `duration` [s]: first one joint after the other, slow and fast, both ways (the
-    paper's procedure), from 40 % of the time on all at once at drawn speeds between drawn postures."""
+    """Empty commissioning moves of `duration` [s]: first one joint after the other, slow and fast, both ways
+    (the paper's procedure), then, from the share ALONE of the time on, all at once at drawn speeds between
+    drawn postures."""
     ranges = working_range(machine)
     begin = _begin(machine, (0.6, 0.5, 0.5))
     for j in range(machine.size):
         if _role(machine, j) == 0:
             ranges[j, 0] += CLEAR * (ranges[j, 1] - ranges[j, 0])
-    steps = _one_by_one(machine, ranges, rng, begin, 0.4 * duration)
+    steps = _one_by_one(machine, ranges, rng, begin, ALONE * duration)
     pose = begin + np.array([sum(step.rise for step in strokes) for strokes in steps])
     for j in driven(machine):
-        steps[j] += _wander(machine, ranges, rng, pose, j, 0.4 * duration, duration - 0.5)
+        steps[j] += _wander(machine, ranges, rng, pose, j=j, window=(ALONE * duration, duration - 0.5))
     courses = tuple(Course(float(begin[j]), tuple(steps[j])) for j in range(machine.size))
     return Scene(duration, courses, Course(0.0), ((0.0, Phase.AIR),))
 
 
-def _one_by_one(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float) -> list[list[Step]]:
-    """Strokes of one joint after the other until `stop` [s], by turns fast and slow."""
+def _one_by_one(
+    machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float
+) -> list[list[Step]]:
+    """Strokes of one joint after the other until `stop` [s]: one fast, one slow, one back between the two."""
     steps: list[list[Step]] = [[] for _ in machine.links]
-    clock, speed = 0.5, FASTEST
+    pose, clock = begin.copy(), 0.5
     while clock < stop:
         for j in driven(machine):
-            now = begin.copy()
             low, high = ranges[j]
-            ends = low + (high - low) * rng.uniform((0.05, 0.7), (0.3, 0.95))
-            for target in (*ends, float(begin[j])):
-                time = stroke_time(machine, now, j, float(target), speed * float(rng.uniform(0.85, 1.0)))
-                if clock + time < stop:
-                    steps[j].append(Step(clock, clock + time, float(target - now[j])))
-                    now[j] = target
+            ends = low + (high - low) * rng.uniform((0.1, 0.6), (0.4, 0.9))
+            for target, speed in zip((*ends, begin[j]), (1.0, 0.35, 0.7), strict=True):
+                time = stroke_time(machine, pose, j, float(target), speed * FASTEST)
+                if 0.0 < time < stop - clock:
+                    steps[j].append(Step(clock, clock + time, float(target - pose[j])))
+                    pose[j] = target
                     clock += time + 0.2
-        speed = 0.4 * FASTEST if speed == FASTEST else FASTEST
         clock += 0.5
     return steps
 
 
 def _wander(
-    machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, j: int, start: float, stop: float
+    machine: Machine,
+    ranges: Array,
+    rng: np.random.Generator,
+    begin: Array,
+    *,
+    j: int,
+    window: tuple[float, float],
 ) -> list[Step]:
     """Strokes of joint j between drawn postures at drawn speeds, with short rests."""
     low, high = ranges[j]
-    now, clock, steps = begin.copy(), start + float(rng.uniform(0.2, 1.0)), []
+    now, (clock, stop) = begin.copy(), window
+    clock += float(rng.uniform(0.2, 1.0))
+    steps: list[Step] = []
     while True:
         share = (now[j] - low) / (high - low)
         far = float(rng.uniform(0.5, 1.0)) if share < 0.5 else float(rng.uniform(0.0, 0.5))
         target = float(low + far * (high - low))
-        time = max(1.0, stroke_time(machine, now, j, target, float(rng.uniform(0.25, 1.0)) * FASTEST))
+        time = stroke_time(machine, now, j, target, float(rng.uniform(0.25, 1.0)) * FASTEST)
         if clock + time > stop:
             return steps
         steps.append(Step(clock, clock + time, target - float(now[j])))

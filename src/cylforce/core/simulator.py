@@ -1,6 +1,8 @@
-"""The simulated machine: driven by its motion, it tells which cylinder forces and pressures that motion needs.
+"""The simulated machine: driven by its motion, it tells which cylinder forces and pressures that motion
+needs.
 
-It uses the product's own effects: figures reached on it show that the programs work, not that the method is right.
+It uses the product's own effects: figures reached on it show that the programs work, not that the method is
+right.
 """
 
 from collections.abc import Mapping
@@ -14,10 +16,12 @@ from cylforce.effects.friction import Coulomb, LoadDependent, Stribeck, Viscous
 from cylforce.effects.rigid import Rigid
 from cylforce.effects.slew import Slew, slew_parameters
 from cylforce.effects.tip_force import TipForce
+from cylforce.machine.chain import Complex
 from cylforce.machine.effect import Effect
 from cylforce.machine.machine import Link, Machine, base_parameters
 from cylforce.machine.motion import Attitude, Motion, motion
 from cylforce.words.estimate import Array
+from cylforce.words.signals import Kind
 from cylforce.words.units import STANDARD_GRAVITY
 
 H = 1e-3  # s, step of the fourth-order difference that turns momentum into force: relative error about 1e-11
@@ -34,8 +38,8 @@ class Cause(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """The machine as it really is: its links, its friction, `back` (C,) [Pa/(m/s)^2] of the return side, the ground's
-    pitch and roll [rad] below a house that looks along its tracks."""
+    """The machine as it really is: its links, its friction, `back` (C,) [Pa/(m/s)^2] of the return side, the
+    ground's pitch and roll [rad] below a house that looks along its tracks."""
 
     links: tuple[Link, ...]
     friction: tuple[Cause, ...]
@@ -45,10 +49,10 @@ class Truth(NamedTuple):
 
 
 class Physics(NamedTuple):
-    """A scene at T instants `t` (T,) [s] from its start: the motion, `moving` with the true cylinder forces, `attitude`,
-    `friction` (T, C) [N] within those forces, chamber pressures `head`, `rod` (T, C) [Pa], the soil's force `soil`
-    (T, 2) [N] at the teeth (x forward, z up, true), tip velocity (T, 2) [m/s], tip place (T, 2) [m] seen from the first
-    pin, the load."""
+    """A scene at T instants `t` (T,) [s] from its start: the motion, `moving` with the true cylinder forces,
+    `attitude`, `friction` (T, C) [N] within those forces, chamber pressures `head`, `rod` (T, C) [Pa], the
+    soil's force `soil` (T, 2) [N] at the teeth (x forward, z up, true), tip velocity (T, 2) [m/s], tip place
+    (T, 2) [m] seen from the first pin, the load."""
 
     t: Array
     course: Kinematics
@@ -63,12 +67,17 @@ class Physics(NamedTuple):
     load: Load
 
 
-def draw_truth(machine: Machine, rng: np.random.Generator, mass_error: float, extra: tuple[Cause, ...] = ()) -> Truth:
-    """A machine whose masses differ from the machine file's by the fraction `mass_error` either way, centres and
-    inertias by up to half of it besides; friction and return-side pressure as usual for the cylinders' sizes."""
+def draw_truth(
+    machine: Machine, rng: np.random.Generator, mass_error: float, extra: tuple[Cause, ...] = ()
+) -> Truth:
+    """A machine whose masses differ from the machine file's by the fraction `mass_error` either way, centres
+    and inertias by up to half of it besides; friction and return-side pressure as usual for the cylinders'
+    sizes. A machine whose tilt nobody measures stands level."""
     signs = rng.choice((-1.0, 1.0), machine.size)
     rest = rng.uniform(-0.5, 0.5, (machine.size, 3)) * mass_error
-    links = tuple(_off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True))
+    links = tuple(
+        _off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True)
+    )
     area = np.array([c.area_head for c in machine.cylinders])
     coulomb, viscous = area * rng.uniform((1.0e5, 2e5), (1.6e5, 5e5), (area.size, 2)).T
     friction = (
@@ -76,12 +85,14 @@ def draw_truth(machine: Machine, rng: np.random.Generator, mass_error: float, ex
         Cause(Viscous(), viscous),
         Cause(Stribeck(ROUNDING, STRIBECK_SPEED), coulomb * rng.uniform(0.3, 0.6, area.size)),
     )
-    pitch, roll = rng.uniform(-0.03, 0.03, 2)
+    seen = {signal.kind for signal in machine.signals}
+    pitch, roll = rng.uniform(-0.03, 0.03, 2) * (Kind.PITCH in seen, Kind.ROLL in seen)
     return Truth(links, friction + extra, rng.uniform(2e7, 4e7, area.size), float(pitch), float(roll))
 
 
 def _off(link: Link, factor: float, rest: Array) -> Link:
-    """A link whose mass is `factor` times as large, centre and inertia besides by the fractions `rest` (3,)."""
+    """A link whose mass is `factor` times as large, centre and inertia besides by the fractions `rest`
+    (3,)."""
     return Link(
         link.name,
         link.length,
@@ -109,7 +120,9 @@ def cause(machine: Machine, name: str, at: str, value: float, width: float = STR
     if name not in laws:
         raise ValueError(f"effect {name!r} is not known: choose one of {', '.join(FRICTION_LAWS)}")
     if at not in names:
-        raise ValueError(f"effect {name!r} sits at {at!r}, which is no cylinder: choose one of {', '.join(names)}")
+        raise ValueError(
+            f"effect {name!r} sits at {at!r}, which is no cylinder: choose one of {', '.join(names)}"
+        )
     return Cause(laws[name], np.array([value if n == at else 0.0 for n in names]))
 
 
@@ -131,13 +144,13 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array) -> Physics:
     )
 
 
-def _plane(z: np.ndarray) -> Array:  # type: ignore[type-arg]
+def _plane(z: Complex) -> Array:
     return np.stack([z.real, z.imag], axis=-1)
 
 
 def standing(pitch: float, roll: float, turn: Array) -> Attitude:
-    """Pitch and roll (T,) of a house turned by `turn` (T,) [rad] on a slope, from gravity seen in the house's axes:
-    sin(roll) = a_y/g, pitch = atan2(a_x, a_z)."""
+    """Pitch and roll (T,) of a house turned by `turn` (T,) [rad] on a slope, from gravity seen in the house's
+    axes: sin(roll) = a_y/g, pitch = atan2(a_x, a_z)."""
     x, y, z = np.cos(roll) * np.sin(pitch), np.sin(roll), np.cos(roll) * np.cos(pitch)
     ahead = x * np.cos(turn) + y * np.sin(turn)
     aside = y * np.cos(turn) - x * np.sin(turn)
@@ -145,8 +158,8 @@ def standing(pitch: float, roll: float, turn: Array) -> Attitude:
 
 
 def base_values(links: tuple[Link, ...], carried: Load) -> Array:
-    """(J, X, Z, D_excess, E) of every link (T, N, 5) with the load: it adds m l^2 to J and m l to X of all but the
-    last link, its own moments to the last one's."""
+    """(J, X, Z, D_excess, E) of every link (T, N, 5) with the load: it adds m l^2 to J and m l to X of all
+    but the last link, its own moments to the last one's."""
     n, mass, (x, z) = len(links), carried.mass, carried.centre.T
     lengths = np.array([link.length for link in links])[:-1]
     values = np.zeros((*mass.shape, n, 5))
@@ -166,22 +179,22 @@ def rigid_torque(
 ) -> Array:
     """tau = d/dt(momentum) @ value + static @ value (T, N) [N m], value: the links and the load.
 
-    Momentum depends on place and speed only, so along the parabola of each instant its difference gives d/dt. Material
-    joins and leaves at the bucket's own velocity: value itself is not differentiated."""
+    Momentum depends on place and speed only, so along the parabola of each instant its difference gives d/dt.
+    Material joins and leaves at the bucket's own velocity: value itself is not differentiated."""
     value = base_values(links, carried)
-    rigid, momentum = Rigid(), 0.0
-    columns = value[..., :3].reshape(*carried.mass.shape, -1)
+    now = _later(course, attitude, 0.0)
+    columns = Rigid().halves(machine, now).static
     for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
-        halves = rigid.halves(machine, _later(machine, course, attitude, s))
-        assert halves.momentum is not None
-        momentum = momentum + weight * halves.momentum
-    now = _later(machine, course, attitude, 0.0)
-    rate = momentum / (12.0 * H) + rigid.halves(machine, now).static
-    turning = Slew().halves(machine, now).static
-    return np.asarray((rate @ columns[..., None])[..., 0] + (turning @ value.reshape(*columns.shape[:-1], -1, 1))[..., 0])
+        momentum = Rigid().halves(machine, _later(course, attitude, s)).momentum
+        if momentum is not None:
+            columns = columns + weight / (12.0 * H) * momentum
+    flat = value.shape[:-2]
+    torque = columns @ value[..., :3].reshape(*flat, -1, 1)
+    centrifugal = Slew().halves(machine, now).static @ value.reshape(*flat, -1, 1)
+    return np.asarray((torque + centrifugal)[..., 0])
 
 
-def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -> Motion:
+def _later(course: Kinematics, attitude: Attitude, s: float) -> Motion:
     """The motion `s` seconds along the parabola of each instant; rigid columns ask for no cylinder."""
     theta = course.theta + course.thetad * s + course.thetadd * (s * s / 2)
     none = np.zeros((*theta.shape[:-1], 0))
@@ -198,14 +211,16 @@ def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:
 
 
 def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array) -> tuple[Motion, Array]:
-    """Cylinder forces, friction included (in the motion returned), and that friction (T, C) [N]: lever^T F = tau +
-    friction's torque. Friction may depend on the force itself, so the two are found by turns."""
+    """Cylinder forces, friction included (in the motion returned), and that friction (T, C) [N]: lever^T F =
+    tau + friction's torque. Friction may depend on the force itself, so the two are found by turns."""
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     bare = (inverse @ tau[..., None])[..., 0]
     friction = np.zeros_like(bare)
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
-        torque = sum((c.effect.halves(machine, loaded).static @ c.value for c in truth.friction), np.zeros_like(tau))
+        torque = sum(
+            (c.effect.halves(machine, loaded).static @ c.value for c in truth.friction), np.zeros_like(tau)
+        )
         found = (inverse @ torque[..., None])[..., 0]
         change, friction = np.max(np.abs(found - friction), initial=0.0), found
         if change < 1e-9:
@@ -217,8 +232,9 @@ TURNS = 30
 
 
 def pressures(machine: Machine, back: Array, force: Array, speed: Array) -> tuple[Array, Array]:
-    """Head and rod pressure (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly: the return chamber (rod side when
-    extending) holds at least SUPPLY + back v^2, no chamber less than SUPPLY; no more than that asks for."""
+    """Head and rod pressure (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly: the return chamber (rod
+    side when extending) holds at least SUPPLY + back v^2, no chamber less than SUPPLY; no more than that asks
+    for."""
     head_area = np.array([c.area_head for c in machine.cylinders])
     rod_area = np.array([c.area_rod for c in machine.cylinders])
     returning = SUPPLY + back * speed**2

@@ -1,4 +1,5 @@
-"""What the tool meets: soil that resists the teeth while digging, material that fills the bucket and leaves it again."""
+"""What the tool meets: soil that resists the teeth while digging, material that fills the bucket and leaves
+it again."""
 
 from typing import NamedTuple
 
@@ -12,9 +13,10 @@ RAMP = 0.35  # s in which the teeth enter and leave the soil
 
 
 class Dig(NamedTuple):
-    """One digging: the teeth are in the soil from `start` to `stop` [s]; `mass` [kg] gathers meanwhile around `centre`
-    (x, z) [m] of the last link's frame and leaves from `dump_start` to `dump_stop`. The soil resists with `force` =
-    (at the start, when full) [N], times 1 + the `waves` (K, 3): amplitude, angular frequency [rad/s], phase."""
+    """One digging: the teeth are in the soil from `start` to `stop` [s]; `mass` [kg] gathers meanwhile around
+    `centre` (x, z) [m] of the last link's frame and leaves from `dump_start` to `dump_stop`. The soil resists
+    with `force` = (at first, at most) [N], times 1 + the `waves` (K, 3): amplitude, angular frequency
+    [rad/s], phase."""
 
     start: float
     stop: float
@@ -27,7 +29,8 @@ class Dig(NamedTuple):
 
 
 class Load(NamedTuple):
-    """A load at T instants: `mass` (T,) [kg], `centre` (T, 2) [m] and `inertia` (T,) [kg m^2] about the last pin."""
+    """A load at T instants: `mass` (T,) [kg], `centre` (T, 2) [m] and `inertia` (T,) [kg m^2] about the last
+    pin."""
 
     mass: Array
     centre: Array
@@ -58,22 +61,27 @@ def resistance(dig: Dig | None, t: Array) -> Array:
         return np.zeros_like(t)
     amplitude, frequency, phase = dig.waves.T
     rough = 1.0 + np.cos(frequency * t[:, None] + phase) @ amplitude
-    first, full = dig.force
-    level = first + (full - first) * smooth(t, dig.start, dig.stop)
+    first, most = dig.force
+    length = dig.stop - dig.start
+    level = first + (most - first) * smooth(t, dig.start, dig.start + 0.65 * length)
+    # the chip thins out towards the end, when the bucket curls out of the ground
+    level *= 1.0 - 0.6 * smooth(t, dig.stop - 0.4 * length, dig.stop)
     inside = smooth(t, dig.start, dig.start + RAMP) * (1.0 - smooth(t, dig.stop - RAMP, dig.stop))
     return np.asarray(level * rough * inside)
 
 
 def soil_force(size: Array, tip_velocity: Array) -> Array:
-    """Force of the soil on the teeth (T, 2) [N], x forward and z up: against the tip's velocity (T, 2) [m/s]."""
+    """Force of the soil on the teeth (T, 2) [N], x forward and z up: against the tip's velocity (T, 2)
+    [m/s]."""
     speed = np.sqrt(np.sum(tip_velocity**2, axis=-1) + SLIP_SPEED**2)
-    return -tip_velocity * (size / speed)[:, None]
+    return np.asarray(-tip_velocity * (size / speed)[:, None])
 
 
 def draw_dig(
     rng: np.random.Generator, times: tuple[float, float, float, float], rated_payload: float, reach: float
 ) -> Dig:
-    """A digging of 0.2..1 of the rated payload [kg]; the force grows from 0.7 to 1.6..4 rated payloads' weight.
+    """A digging of 0.2..1 of the rated payload [kg]; the force grows from 0.7 to 1.6..4 rated payloads'
+    weight.
 
     `times` = start, stop, dump_start, dump_stop [s]; `reach` [m] of the load's centre from the last pin."""
     weight = 10.0 * rated_payload

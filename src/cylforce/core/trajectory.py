@@ -1,7 +1,9 @@
-"""How the simulated machine is moved: strokes of minimum jerk, overlapping between joints as an operator's levers do.
+"""How the simulated machine is moved: strokes of minimum jerk, overlapping between joints as an operator's
+levers do.
 
-Positions, velocities and accelerations are analytic. No code knows a link's name: the last link is the tool, the one
-before it the stick, all before that lift. Larger joint angles raise, reach out and open; smaller ones curl.
+Positions, velocities and accelerations are analytic. No code knows a link's name: the last link is the tool,
+the one before it the stick, all before that lift. Larger joint angles raise, reach out and open; smaller ones
+curl.
 """
 
 from enum import IntEnum
@@ -14,6 +16,8 @@ from cylforce.machine.machine import Geometry, Machine
 from cylforce.words.estimate import Array
 
 PEAK = 1.875  # largest speed of a minimum-jerk stroke over its mean speed
+SHARP = 5.77  # largest acceleration over stroke / time^2
+HASTE = 0.3  # m/s^2, of any cylinder
 GRID = 201
 MIN_TRANSMISSION = 0.25  # the sine below which a linkage comes too near its dead point to be driven there
 STOP_MARGIN = 0.03  # of a cylinder's stroke kept free at its end stops
@@ -61,7 +65,8 @@ class Course(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """A piece of a run: `duration` [s], the joints' and the house's courses, (start [s], phase) in order, the digging."""
+    """A piece of a run: `duration` [s], the joints' and the house's courses, (start [s], phase) in order, the
+    digging."""
 
     duration: float
     joints: tuple[Course, ...]
@@ -71,7 +76,8 @@ class Scene(NamedTuple):
 
 
 class Kinematics(NamedTuple):
-    """A scene at T instants: `theta`, `thetad`, `thetadd` (T, N), house angle `turn` and rate `slew` (T,), `phase` (T,)."""
+    """A scene at T instants: `theta`, `thetad`, `thetadd` (T, N), house angle `turn` and rate `slew` (T,),
+    `phase` (T,)."""
 
     theta: Array
     thetad: Array
@@ -92,7 +98,8 @@ def follow(scene: Scene, t: Array) -> Kinematics:
 
 
 def working_range(machine: Machine) -> Array:
-    """Joint angles (N, 2) [rad] that can be driven: clear of end stops and dead points, the other joints midway."""
+    """Joint angles (N, 2) [rad] that can be driven: clear of end stops and dead points, the other joints
+    midway."""
     middle = np.array([(link.angle_low + link.angle_high) / 2 for link in machine.links])
     return np.array([_clear(machine, middle, j) for j in range(machine.size)])
 
@@ -103,7 +110,9 @@ def _clear(machine: Machine, middle: Array, j: int) -> Array:
     good = np.concatenate([[False], _drivable(machine, machine.geometry(theta), j), [False]])
     edges = np.flatnonzero(np.diff(good.astype(int)))
     if edges.size == 0:
-        raise ValueError(f"link {machine.links[j].name}: no angle of its range lies between its cylinder's end stops")
+        raise ValueError(
+            f"link {machine.links[j].name}: no angle of its range lies between its cylinder's end stops"
+        )
     runs = edges.reshape(-1, 2)
     first, behind = runs[np.argmax(runs[:, 1] - runs[:, 0])]
     return np.array([theta[first, j], theta[behind - 1, j]])
@@ -115,18 +124,25 @@ def _drivable(machine: Machine, at: Geometry, j: int) -> Array:
     for c, cylinder in enumerate(machine.cylinders):
         if j in machine.spans[c]:
             margin = STOP_MARGIN * (cylinder.length_high - cylinder.length_low)
-            inside = (at.length[:, c] > cylinder.length_low + margin) & (at.length[:, c] < cylinder.length_high - margin)
+            inside = (at.length[:, c] > cylinder.length_low + margin) & (
+                at.length[:, c] < cylinder.length_high - margin
+            )
             good &= inside & (at.transmission[:, c] > MIN_TRANSMISSION)
     return good
 
 
 def stroke_time(machine: Machine, theta: Array, j: int, target: float, speed: float) -> float:
-    """Shortest time [s] of a stroke of joint j from pose `theta` (N,) to `target` [rad] whose cylinders stay below
-    `speed` [m/s]; a joint without a cylinder counts as one with a lever of 1 m."""
+    """Shortest time [s] of a stroke of joint j from pose `theta` (N,) to `target` [rad] whose cylinders stay
+    below `speed` [m/s] and HASTE [m/s^2]; a joint without a cylinder counts as one with a lever of 1 m."""
     poses = np.tile(theta, (17, 1))
     poses[:, j] = np.linspace(theta[j], target, 17)
-    lever = np.max(np.abs(machine.geometry(poses).lever[:, :, j]), initial=0.0) if machine.cylinders else 0.0
-    return PEAK * abs(target - float(theta[j])) * (float(lever) or 1.0) / speed
+    lever = (
+        float(np.max(np.abs(machine.geometry(poses).lever[:, :, j]), initial=0.0))
+        if machine.cylinders
+        else 0.0
+    )
+    stroke = abs(target - float(theta[j])) * (lever or 1.0)
+    return float(max(PEAK * stroke / speed, np.sqrt(SHARP * stroke / HASTE)))
 
 
 def driven(machine: Machine) -> tuple[int, ...]:
