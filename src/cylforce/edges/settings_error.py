@@ -4,19 +4,22 @@ import re
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
 
 from pydantic_core import ErrorDetails
 
 Key = tuple[str | int, ...]
-TAGS = ("triangle", "four_bar", "dogbone")  # pydantic puts the kind of a linkage into the key; the file has none there
+TAGS = (
+    "triangle",
+    "four_bar",
+    "dogbone",
+)  # pydantic puts the kind of a linkage into the key; the file has none there
 
 
 class SettingsError(ValueError):
     """A machine file that cannot be used; its text is one sentence that names file, line, key and cure."""
 
 
-class Fault(ValueError):
+class FaultError(ValueError):
     """A fault at a key; `load` adds the file and the line."""
 
     def __init__(self, key: Sequence[str | int], problem: str) -> None:
@@ -24,7 +27,7 @@ class Fault(ValueError):
         self.key = tuple(key)
 
 
-def sentence(path: Path, text: str, raw: Any, key: Key, problem: str) -> str:
+def sentence(path: Path, text: str, raw: object, key: Key, problem: str) -> str:
     """The whole message."""
     found = tuple(part for part in key if part not in TAGS)
     return f"{path}:{line_of(text, found)}: {dotted(raw, found)} {problem}"
@@ -36,16 +39,19 @@ def line_of(text: str, key: Key) -> int:
     for k, part in enumerate(key):
         if isinstance(part, int):
             continue
-        count = key[k + 1] + 1 if k + 1 < len(key) and isinstance(key[k + 1], int) else 1
-        pattern = re.compile(rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]|(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
+        after = key[k + 1] if k + 1 < len(key) else 0
+        count = after + 1 if isinstance(after, int) else 1
+        pattern = re.compile(
+            rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]|(.*[\s{{,.])?{re.escape(part)}\s*[.=]"
+        )
         hits = [n for n in range(at, len(lines)) if pattern.match(lines[n].split("#")[0])]
         if len(hits) < count:
             break
-        at = hits[int(count) - 1]
+        at = hits[count - 1]
     return at + 1
 
 
-def dotted(raw: Any, key: Key) -> str:
+def dotted(raw: object, key: Key) -> str:
     """The key as a dotted path, with the names of table entries in place of their numbers."""
     parts: list[str] = []
     for part in key:
@@ -56,7 +62,7 @@ def dotted(raw: Any, key: Key) -> str:
     return ".".join(parts) or "the file"
 
 
-def _entry(raw: Any, part: str | int) -> Any:
+def _entry(raw: object, part: str | int) -> object:
     if isinstance(raw, dict):
         return raw.get(part)
     if isinstance(raw, list) and isinstance(part, int) and part < len(raw):
@@ -64,18 +70,24 @@ def _entry(raw: Any, part: str | int) -> Any:
     return None
 
 
-def fault(error: ErrorDetails, known: Sequence[str]) -> Fault:
+def fault(error: ErrorDetails, known: Sequence[str]) -> FaultError:
     """A finding of pydantic as a fault with its cure."""
     key, kind = error["loc"], error["type"]
     if kind == "missing":
-        return Fault(key[:-1], f"lacks the key {key[-1]}: add it")
+        return FaultError(key[:-1], f"lacks the key {key[-1]}: add it")
     if kind == "extra_forbidden":
         close = get_close_matches(str(key[-1]), known, 1)
-        return Fault(key, f"is not a key of this table: {f'did you mean {close[0]}' if close else 'remove it'}")
+        return FaultError(
+            key, f"is not a key of this table: {f'did you mean {close[0]}' if close else 'remove it'}"
+        )
     if kind == "value_error":
-        return Fault(key, str(error["msg"]).removeprefix("Value error, "))
-    problem = str(error["msg"]).replace("Input should be", "must be").replace("Input should have", "must have")
-    return Fault(key, f"{problem[:1].lower()}{problem[1:]}, not {_shown(error['input'])}: correct the value")
+        return FaultError(key, str(error["msg"]).removeprefix("Value error, "))
+    problem = (
+        str(error["msg"]).replace("Input should be", "must be").replace("Input should have", "must have")
+    )
+    return FaultError(
+        key, f"{problem[:1].lower()}{problem[1:]}, not {_shown(error['input'])}: correct the value"
+    )
 
 
 def _shown(value: object) -> str:

@@ -1,8 +1,7 @@
-"""Units of the keys in a machine file: `scale_bar`, `range_deg`, ... become SI values under `scale`, `range`, ..."""
+"""Units in the keys of a machine file: `scale_bar`, `range_deg`, ... become `scale`, `range`, ... in SI."""
 
 from collections.abc import Mapping
 from math import isfinite
-from typing import Any
 
 from cylforce.words.signals import UNIT, Kind
 from cylforce.words.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, ZERO_CELSIUS
@@ -21,21 +20,22 @@ ZERO = {"degc": ZERO_CELSIUS}
 WORDS = ("scale", "offset", "range", "standard_error")
 
 
-def kind_in_si(raw: Mapping[str, Any], words: tuple[str, ...] = WORDS) -> dict[str, Any]:
+def kind_in_si(raw: Mapping[str, object], words: tuple[str, ...] = WORDS) -> dict[str, object]:
     """`in_si` by the unit of `raw["kind"]`; as it is when there is no such kind."""
     kind = raw.get("kind")
-    known = isinstance(kind, str) and kind in UNIT
-    return in_si(raw, UNIT[Kind(kind)], words) if known else dict(raw)
+    return in_si(raw, UNIT[Kind(kind)], words) if isinstance(kind, str) and kind in UNIT else dict(raw)
 
 
-def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...] = WORDS) -> dict[str, Any]:
+def in_si(raw: Mapping[str, object], unit: str, words: tuple[str, ...] = WORDS) -> dict[str, object]:
     """The table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix.
 
     Raises ValueError with a sentence that names the key."""
     suffixes, used, out = SUFFIXES[unit], set(), dict(raw)
     for word in words:
         if word in out:
-            raise ValueError(f"has {word} without a unit: write {' or '.join(f'{word}_{s}' for s in suffixes)}")
+            raise ValueError(
+                f"has {word} without a unit: write {' or '.join(f'{word}_{s}' for s in suffixes)}"
+            )
         for suffix, size in suffixes.items():
             key = f"{word}_{suffix}"
             if key in out:
@@ -44,12 +44,12 @@ def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...] = WORDS) -> 
                 out[word] = _si(key, out.pop(key), size, zero)
     if len(used) > 1:
         raise ValueError(f"mixes the units {' and '.join(sorted(used))}: use one")
-    if used and "offset" not in out:
+    if used and "offset" in words and "offset" not in out:
         out["offset"] = ZERO.get(used.pop(), 0.0)
     return out
 
 
-def _si(key: str, value: Any, size: float, zero: float) -> Any:
+def _si(key: str, value: object, size: float, zero: float) -> object:
     if isinstance(value, list):
         return tuple(_si(key, one, size, zero) for one in value)
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):

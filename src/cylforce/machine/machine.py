@@ -39,7 +39,8 @@ class Link:
 class Cylinder:
     """A cylinder (or several in parallel: the areas [m^2] are sums) with its shortest and longest length [m].
 
-    `rod_pressure` [Pa] stands in where no rod-side sensor exists."""
+    `rod_pressure` [Pa] stands in where no rod-side sensor exists; `area_error` is the areas' relative standard error,
+    `pin_error` [m] that of every pin's place."""
 
     name: str
     linkage: Linkage
@@ -48,6 +49,8 @@ class Cylinder:
     length_low: float
     length_high: float
     rod_pressure: float = 0.0
+    area_error: float = 0.0
+    pin_error: float = 0.0
 
 
 class Geometry(NamedTuple):
@@ -79,6 +82,16 @@ class Machine:
     def size(self) -> int:
         """Number of links N."""
         return len(self.links)
+
+    @cached_property
+    def outward(self) -> Array:
+        """(N, N) ones above the diagonal: what row j sees of the links beyond it."""
+        return np.triu(np.ones((self.size, self.size)), 1)
+
+    @cached_property
+    def sum_outward(self) -> Array:
+        """(N, N) that turns forces of absolute angles into joint torques: tau_j = sum_{k>=j} Q_k."""
+        return np.triu(np.ones((self.size, self.size)))
 
     def pose(self, theta: ArrayLike) -> Pose:
         """Pose at joint angles (..., N) [rad]."""

@@ -1,0 +1,135 @@
+"""A vendor's EDS file, read through the canopen library: usual slips are mended, the rest is refused."""
+
+import io
+import re
+from configparser import Error as ConfigError
+from configparser import RawConfigParser
+from pathlib import Path
+from typing import NamedTuple
+
+from canopen import ObjectDictionary, import_od
+from canopen.objectdictionary import ODVariable
+
+CODES = {
+    2: "b",
+    3: "h",
+    4: "i",
+    5: "B",
+    6: "H",
+    7: "I",
+    8: "f",
+}  # CiA 301 data types that a PDO of ours can carry
+OBJECT = re.compile(r"[0-9A-Fa-f]{4}(sub[0-9A-Fa-f]+)?", re.IGNORECASE)
+NUMBERS = ("VendorNumber", "ProductNumber", "RevisionNumber")
+TEXTS = ("VendorName", "ProductName", "OrderCode", "ParameterName")
+
+
+class EdsError(ValueError):
+    """An EDS file that cannot be used; its text is one sentence that names the file and the cure."""
+
+
+class Eds(NamedTuple):
+    """A vendor's object dictionary and the name of its file."""
+
+    name: str
+    dictionary: ObjectDictionary
+
+
+def read(path: Path) -> Eds:
+    """The dictionary of an EDS file. Raises EdsError."""
+    parser = _parsed(path)
+    if not parser.has_section("DeviceInfo"):
+        raise EdsError(
+            f"{path.name} has no section [DeviceInfo], so it describes no device: ask its vendor for the EDS"
+        )
+    _mend(parser)
+    text = io.StringIO()
+    parser.write(text)
+    text.name = f"{path.stem}.eds"  # the library goes by the name's ending
+    text.seek(0)
+    try:
+        dictionary = import_od(text)
+    except (ValueError, KeyError, IndexError, AttributeError, TypeError, ConfigError) as error:
+        raise EdsError(
+            f"{path.name} is not to be understood ({error}): have it checked by its vendor"
+        ) from error
+    if 0x1000 not in dictionary:
+        raise EdsError(f"{path.name} lacks object 1000h, the device type: ask its vendor for a complete EDS")
+    return Eds(path.name, dictionary)
+
+
+def _parsed(path: Path) -> RawConfigParser:
+    parser = RawConfigParser(inline_comment_prefixes=(";",))
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    try:
+        parser.read_string(_text(path))
+    except OSError as error:
+        raise EdsError(f"{path} cannot be read ({error.strerror}): correct the path") from error
+    except ConfigError as error:
+        reason = str(error).replace("\n", " ").replace("'<string>'", path.name)
+        raise EdsError(f"{path.name} is no EDS file ({reason}): have it checked by its vendor") from error
+    return parser
+
+
+def _text(path: Path) -> str:
+    """EDS files should be ASCII (CiA 306); vendors' names make them UTF-8 or one of the old 8-bit codes."""
+    data = path.read_bytes()
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _mend(parser: RawConfigParser) -> None:
+    """Inline comments, numbers with leading zeros or none at all, a missing AccessType; drops [Comments]."""
+    for section in ("Comments", "DeviceComissioning"):
+        parser.remove_section(section)
+    for section in parser.sections():
+        for key, value in parser.items(section):
+            if key not in TEXTS:
+                parser.set(section, key, _number(value))
+        if OBJECT.fullmatch(section) and parser.has_option(section, "DataType"):
+            parser.set(section, "AccessType", parser.get(section, "AccessType", fallback="") or "ro")
+    for key in NUMBERS:
+        if not parser.get("DeviceInfo", key, fallback=""):
+            parser.set("DeviceInfo", key, "0")
+
+
+def _number(value: str) -> str:
+    bare = value.split(" #", maxsplit=1)[0].strip()
+    return bare.lstrip("0") or "0" if re.fullmatch(r"0\d+", bare) else bare
+
+
+def profile(eds: Eds) -> int:
+    """The device profile's number (404: CiA 404), 0 for none."""
+    default = getattr(eds.dictionary[0x1000], "default", None)
+    return default & 0xFFFF if isinstance(default, int) else 0
+
+
+def mapped_code(eds: Eds, index: int, sub: int) -> str:
+    """The struct code of an object that may be mapped into a PDO. Raises EdsError."""
+    place = f"{index:04X}h:{sub}"
+    variable = eds.dictionary.get_variable(index, sub)
+    if variable is None:
+        raise EdsError(f"{eds.name} has no object {place}: correct index or sub-index")
+    if not variable.pdo_mappable:
+        raise EdsError(
+            f"{eds.name} does not let {place} ({variable.name}) be mapped into a PDO: choose another object"
+        )
+    if variable.data_type not in CODES:
+        raise EdsError(
+            f"{eds.name} gives {place} data type {variable.data_type:04X}h: choose one of 8, 16 or 32 bits"
+        )
+    return CODES[variable.data_type]
+
+
+def default_mapping(eds: Eds, number: int) -> tuple[tuple[int, int, int], ...]:
+    """(index, sub-index, bits) of what TPDO `number` holds unless told otherwise."""
+    count = _default(eds.dictionary.get_variable(0x1A00 + number - 1, 0))
+    entries = (_default(eds.dictionary.get_variable(0x1A00 + number - 1, k)) for k in range(1, count + 1))
+    return tuple((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF) for entry in entries)
+
+
+def _default(variable: ODVariable | None) -> int:
+    default = getattr(variable, "default", None)
+    return default if isinstance(default, int) else 0
