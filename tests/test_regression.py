@@ -52,8 +52,8 @@ def test_recursive_equals_batch_without_forgetting(seed: int) -> None:
     rows = np.concatenate([(columns / error[:, None]).reshape(-1, 4), np.diag(1 / spread)])
     right = np.concatenate([(torque / error).reshape(-1), mean / spread])
     expected = np.linalg.lstsq(rows, right, rcond=None)[0]
-    np.testing.assert_allclose(recursive.values(root), expected, rtol=1e-9)
-    np.testing.assert_allclose(recursive.covariance(root), np.linalg.inv(rows.T @ rows), rtol=1e-8)
+    np.testing.assert_allclose(recursive.solution(root)[0], expected, rtol=1e-9)
+    np.testing.assert_allclose(recursive.solution(root)[1], np.linalg.inv(rows.T @ rows), rtol=1e-8)
 
 
 def test_recursive_without_prior_equals_batch() -> None:
@@ -63,7 +63,7 @@ def test_recursive_without_prior_equals_batch() -> None:
     for a, b in zip(columns, torque, strict=True):
         root = recursive.update(root, a, b, error**2)
     expected = np.linalg.lstsq((columns / error[:, None]).reshape(-1, 4), (torque / error).reshape(-1), rcond=None)[0]
-    np.testing.assert_allclose(recursive.values(root), expected, rtol=1e-9)
+    np.testing.assert_allclose(recursive.solution(root)[0], expected, rtol=1e-9)
 
 
 def test_forgetting_leaves_the_estimate_and_what_is_not_seen() -> None:
@@ -73,15 +73,15 @@ def test_forgetting_leaves_the_estimate_and_what_is_not_seen() -> None:
     root = recursive.known(np.zeros(4), np.full(4, 10.0))
     for a, b in zip(columns, torque, strict=True):
         root = recursive.update(root, a, b, error**2)
-    before, spread = recursive.values(root), recursive.covariance(root)
+    before, spread = recursive.solution(root)[0], recursive.solution(root)[1]
     same = columns[0][:1]
     unseen = np.linalg.svd(same)[2][1:]
     for _ in range(24_000):
         root = recursive.forget(root, same, 0.99)
         root = recursive.update(root, same, same @ before, error[:1] ** 2)
-    np.testing.assert_allclose(recursive.values(root), before, atol=1e-9)
-    information = np.linalg.inv(recursive.covariance(root)), np.linalg.inv(spread)
-    assert np.all(np.linalg.eigvalsh(recursive.covariance(root)) < 10.0 * np.linalg.eigvalsh(spread).max())
+    np.testing.assert_allclose(recursive.solution(root)[0], before, atol=1e-9)
+    information = np.linalg.inv(recursive.solution(root)[1]), np.linalg.inv(spread)
+    assert np.all(np.linalg.eigvalsh(recursive.solution(root)[1]) < 10.0 * np.linalg.eigvalsh(spread).max())
     seen = unseen @ np.linalg.inv(information[0]) @ unseen.T, unseen @ np.linalg.inv(information[1]) @ unseen.T
     assert np.all(np.diag(seen[0]) < 4.0 * np.diag(seen[1]))
 

@@ -29,10 +29,11 @@ class ForceSensor:
         if not np.all(usable):
             return invalid_force(Reason.DEAD_POINT)
         scale = np.abs(tool).max(axis=0) + 1e-9
-        if np.linalg.svd(tool / scale, compute_uv=False)[-1] < SINGULAR or tool.shape[0] < tool.shape[1]:
+        left_vectors, singular, right_vectors = np.linalg.svd(tool / scale, full_matrices=False)
+        if singular[-1] < SINGULAR or tool.shape[0] < tool.shape[1]:
             return invalid_force(Reason.SINGULAR)
+        gain = (right_vectors.T / singular) @ left_vectors.T / scale[:, None]  # the pseudo-inverse of tool
         noise = np.diag(left.variance + left.rest) + left.columns @ self.tares.covariance @ left.columns.T
-        gain = np.linalg.pinv(tool)
         spread = gain @ noise @ gain.T
         x, z = gain[:2] @ left.torque
         return self._force(float(x), float(z), spread[:2, :2])

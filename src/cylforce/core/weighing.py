@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core.model import Model, Tares
-from cylforce.regression.recursive import Root, covariance, known, update, values
+from cylforce.regression.recursive import Root, known, solution, update
 from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array, Booking, Quantity, Reason, Status, invalid
 
@@ -47,10 +47,12 @@ def _coulomb(model: Model) -> list[int]:
 
 
 class Lift(NamedTuple):
-    """A load in the making: the recursive estimate, its sensitivity to the tares `gram` (4, P), samples taken in, samples
-    refused in a row, samples in motion."""
+    """A load in the making: the recursive estimate of (m, m x, m z, J) as its `root`, `values` (4,) and `covariance`
+    (4, 4), its sensitivity to the tares `gram` (4, P), samples taken in, samples refused in a row, samples in motion."""
 
     root: Root
+    values: Array
+    covariance: Array
     gram: Array
     taken: int
     refused: int
@@ -91,7 +93,8 @@ class Weigher:
         machine = self.model.machine
         moment = machine.rated_payload * machine.payload_reach
         spread = np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
-        return Lift(known(np.zeros(4), spread), np.zeros((4, len(self.model.parameters))), 0, 0, 0)
+        root = known(np.zeros(4), spread)
+        return Lift(root, *solution(root), np.zeros((4, len(self.model.parameters))), 0, 0, 0)
 
     def begin(self) -> Weighing:
         """Nothing in the bucket is known yet."""
@@ -105,18 +108,16 @@ class Weigher:
         """Take one instant in; `usable` (R,) rows. Returns the gross weight, not yet zeroed."""
         lift = self._advance(state.lift, left, usable)
         if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
-            state = self._close(state, t_us)
-            lift = self._fresh
+            lift = self._fresh  # what the lift showed stays a candidate until the bucket is seen empty
         mass, spread, centre = self._conclude(lift)
         state = self._note(state._replace(lift=lift), mass, spread, centre, t_us)
         return state, self._judge(lift, mass, spread, centre)
 
     def _advance(self, lift: Lift, left: Residual, usable: Array) -> Lift:
         columns = left.columns @ self.model.load
-        spread = covariance(lift.root)
-        expected = columns @ values(lift.root)
-        noise = left.variance + left.rest
-        innovation = (left.torque - expected) ** 2 / (np.sum((columns @ spread) * columns, axis=1) + noise)
+        expected = columns @ lift.values
+        variance = np.sum((columns @ lift.covariance) * columns, axis=1) + left.variance + left.rest
+        innovation = (left.torque - expected) ** 2 / variance
         if not np.any(usable) or np.mean(innovation[usable]) > GATE:
             return lift._replace(refused=lift.refused + 1)
         variance = self._memory * left.variance + REST_SECONDS * self.model.filters.rate_hz * left.rest
@@ -124,11 +125,11 @@ class Weigher:
         root = update(lift.root, columns, left.torque, variance)
         gram = lift.gram + (columns / variance[:, None]).T @ left.columns
         moving = lift.moving + bool(np.any(left.rest[usable] < left.variance[usable]))
-        return Lift(root, gram, lift.taken + 1, 0, moving)
+        return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving)
 
     def _conclude(self, lift: Lift) -> tuple[float, float, complex]:
         """Mass, its standard error (with that of the tares), centre of the load in the last link's frame."""
-        theta, spread = values(lift.root), covariance(lift.root)
+        theta, spread = lift.values, lift.covariance
         gain = spread[0] @ lift.gram
         variance = spread[0, 0] + gain @ self.tares.covariance @ gain
         mass = float(theta[0])
@@ -168,10 +169,6 @@ class Weigher:
         held = state.candidate
         if held is None or lift.moving >= held.samples:
             return state._replace(candidate=Candidate(mass, spread, lift.moving))
-        return state
-
-    def _close(self, state: Weighing, t_us: int) -> Weighing:
-        """A lift ended; what it showed stays a candidate until the bucket is seen empty."""
         return state
 
     def _book(self, state: Weighing, t_us: int) -> Weighing:

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.machine.chain import Complex
 from cylforce.machine.effect import Halves, Parameter
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion
-from cylforce.words.estimate import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +24,7 @@ class Rigid:
         """Columns (..., N, 3N)."""
         turn = np.exp(1j * moving.q)
         outer = turn[..., None, :] * np.conj(turn[..., :, None])  # [j, k] = exp(i (q_k - q_j))
-        inner = np.triu(machine.lengths[:, None] * outer, 1)  # l_j exp(...) for k > j: the part that row j sees
+        inner = (machine.lengths[:, None] * machine.outward) * outer  # l_j exp(...) for k > j: what row j sees
         qd_j, qd_k = moving.qd[..., :, None], moving.qd[..., None, :]
         momentum, kinetic = inner * qd_k, 1j * inner * (qd_j * qd_k)
         own = np.sum(inner * qd_j, axis=-2)  # sum_{i<k} l_i exp(i (q_k - q_i)) qd_i, in row k itself
@@ -35,13 +33,9 @@ class Rigid:
         diagonal = np.arange(n)
         momentum[..., diagonal, diagonal] = own
         kinetic[..., diagonal, diagonal] = weight
-        inertia = np.zeros((*qd_j.shape[:-2], n, n))
-        inertia[..., diagonal, diagonal] = moving.qd
-        return Halves(_torque_form(inertia, momentum), _torque_form(np.zeros_like(inertia), kinetic))
-
-
-def _torque_form(real: Array, pair: Complex) -> Array:
-    """Interleave (J, X, Z) columns and sum rows outwards: tau_j = sum_{k>=j} Q_k."""
-    columns = np.stack([real, pair.real, -pair.imag], axis=-1)
-    rows = columns.reshape(*columns.shape[:-2], 3 * columns.shape[-2])
-    return np.asarray(np.cumsum(rows[..., ::-1, :], axis=-2)[..., ::-1, :])
+        columns = np.zeros((*qd_j.shape[:-2], 2, n, n, 3))
+        columns[..., 0, diagonal, diagonal, 0] = moving.qd
+        columns[..., 0, :, :, 1], columns[..., 0, :, :, 2] = momentum.real, -momentum.imag
+        columns[..., 1, :, :, 1], columns[..., 1, :, :, 2] = kinetic.real, -kinetic.imag
+        rows = machine.sum_outward @ columns.reshape(*columns.shape[:-2], 3 * n)
+        return Halves(rows[..., 0, :, :], rows[..., 1, :, :])

@@ -28,14 +28,16 @@ class Slew:
         reach = np.cumsum(lengths * turn.real, axis=-1)
         rho = machine.slew_axis + np.concatenate([np.zeros_like(reach[..., :1]), reach[..., :-1]], axis=-1)
         # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has columns (u.real, -u.imag)
-        pair = np.triu((lengths * turn.imag)[..., :, None] * turn[..., None, :], 1)
+        pair = machine.outward * ((lengths * turn.imag)[..., :, None] * turn[..., None, :])
         diagonal = np.arange(n)
         pair[..., diagonal, diagonal] = -1j * rho * turn
-        double = np.zeros_like(pair)
-        double[..., diagonal, diagonal] = turn**2
-        columns = np.stack([double.imag / 2.0, pair.real, -pair.imag, double.imag / 2.0, double.real], axis=-1)
-        rows = (moving.slew**2)[..., None, None] * columns.reshape(*columns.shape[:-2], 5 * n)
-        return Halves(None, np.asarray(np.cumsum(rows[..., ::-1, :], axis=-2)[..., ::-1, :]))
+        double = turn**2
+        columns = np.zeros((*pair.shape, 5))
+        columns[..., 1], columns[..., 2] = pair.real, -pair.imag
+        columns[..., diagonal, diagonal, 0] = columns[..., diagonal, diagonal, 3] = double.imag / 2.0
+        columns[..., diagonal, diagonal, 4] = double.real
+        rows = machine.sum_outward @ columns.reshape(*pair.shape[:-1], 5 * n)
+        return Halves(None, (moving.slew**2)[..., None, None] * rows)
 
 
 def slew_parameters(links: tuple[Link, ...]) -> Array:

@@ -50,15 +50,11 @@ def forget(root: Root, columns: Array, keep: float) -> Root:
     return Root(root.factor - lose @ (basis.T @ root.factor), root.right - lose @ (basis.T @ root.right))
 
 
-def values(root: Root) -> Array:
-    """The estimate (P,); raises numpy.linalg.LinAlgError while the information is singular."""
-    return np.asarray(np.linalg.solve(root.factor, root.right))
-
-
-def covariance(root: Root) -> Array:
-    """(R'R)^-1 (P, P); raises numpy.linalg.LinAlgError while the information is singular."""
+def solution(root: Root) -> tuple[Array, Array]:
+    """The estimate (P,) and its covariance (R'R)^-1 (P, P); raises numpy.linalg.LinAlgError while the information is
+    singular."""
     inverse = np.linalg.inv(root.factor)
-    return np.asarray(inverse @ inverse.T)
+    return inverse @ root.right, inverse @ inverse.T
 
 
 FORGETTING_RANK = 1e-6

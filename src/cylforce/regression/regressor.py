@@ -33,9 +33,9 @@ class Regressor:
         return tuple(p.name for p in self.parameters)
 
     @cached_property
-    def _places(self) -> tuple[Array, ...]:
+    def _places(self) -> tuple[Array | slice, ...]:
         places = {p: k for k, p in enumerate(self.parameters)}
-        return tuple(np.array([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
+        return tuple(_compact([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
 
     @cached_property
     def _rows(self) -> tuple[int, ...] | slice:
@@ -56,6 +56,13 @@ class Regressor:
     def torque(self, moving: Motion) -> Array:
         """Measured torque (..., R) [N m]."""
         return joint_torque(moving)[..., self._rows]
+
+
+def _compact(places: list[int]) -> Array | slice:
+    """A slice where the places are neighbours: much faster than an array of indices."""
+    if places == list(range(places[0], places[0] + len(places))):
+        return slice(places[0], places[0] + len(places))
+    return np.array(places)
 
 
 class Rows(NamedTuple):
