@@ -30,12 +30,13 @@ class Filter:
         return np.asarray(y - self.b[0] * x)[None]
 
     def step(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """One sample: (new state, output)."""
-        y = self.b[0] * x + state[0]
-        rows = [b * x - a * y for b, a in zip(self.b[1:], self.a[1:], strict=True)]
-        for k in range(len(rows) - 1):
-            rows[k] = rows[k] + state[k + 1]
-        return np.array(rows), y
+        """One sample: (new state, output); operations in the order of `run`, so that both round alike."""
+        y = state[0] + self.b[0] * x
+        new = np.empty_like(state)
+        for k in range(1, len(self.b) - 1):
+            new[k - 1] = state[k] + x * self.b[k] - y * self.a[k]
+        new[-1] = x * self.b[-1] - y * self.a[-1]
+        return new, y
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
         """A recording x (T, *shape): (state after it, output (T, *shape))."""
