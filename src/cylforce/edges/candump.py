@@ -1,7 +1,7 @@
 r"""One line of candump text, `(seconds.micros) CHANNEL ID#DATA`, from an event and back.
 
-Ticks and the frames that we sent ourselves stand on channels of their own, which replay tells apart by name. A tick is
-written as an empty SYNC frame, so that protocol analysers find nothing wrong with it.
+Ticks, and the frames that we sent ourselves, stand on channels of their own, by which replay knows them.
+A tick is written as an empty SYNC frame, so that protocol analysers find nothing wrong with it.
 """
 
 import re
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from cylforce.words.events import ERROR, EXTENDED, REMOTE, Event, Frame, Tick
 
-HEAD, TICK, SENT = "cylforce", "tick", "sent"  # pseudo-channels; no more than 15 characters (can-utils: IFNAMSIZ)
+HEAD, TICK, SENT = "cylforce", "tick", "sent"  # pseudo-channels; can-utils takes no more than 15 characters
 _TICK_ID = 0x080
 _ID_BITS = 0x1FFFFFFF
 _LINE = re.compile(
@@ -17,7 +17,11 @@ _LINE = re.compile(
     r"#(?:R([0-8]?)|((?:[\dA-Fa-f]{2}){0,8}))(?:_[\dA-Fa-f])?(?: +[RT])?\s*",
     re.ASCII,
 )
-_OTHER = re.compile(r"\(\d+\.\d+\) +(\S+) +[\dA-Fa-f]+#[#\dA-Fa-f:]+(?: +[RT])?\s*", re.ASCII)
+_NEWER = re.compile(  # CAN FD; CAN XL
+    r"\(\d+\.\d+\) +\S+ +[\dA-Fa-f]{3,8}"
+    r"(?:##[\dA-Fa-f]|#[\dA-Fa-f]{2}:[\dA-Fa-f]{2}:[\dA-Fa-f]{8}#)[\dA-Fa-f]*(?: +[RT])?\s*",
+    re.ASCII,
+)
 
 
 class Sent(NamedTuple):
@@ -62,8 +66,8 @@ def event_line(event: Event | Sent, channel: str) -> str:
 def parsed(text: str) -> Line | None:
     """What a line of candump text says, ours or another's; None when it is not such a line.
 
-    Fractions of other lengths than six digits are cut or filled to microseconds; python-can's trailing R or T is
-    passed over."""
+    Fractions of other lengths than six digits are cut or filled to microseconds; python-can's trailing R or T
+    is passed over."""
     found = _LINE.fullmatch(text)
     if found is None:
         return None
@@ -79,7 +83,7 @@ def parsed(text: str) -> Line | None:
 
 def is_newer_frame(text: str) -> bool:
     """Whether a line is a CAN FD or CAN XL frame, which no sensor of ours sends."""
-    return _OTHER.fullmatch(text) is not None
+    return _NEWER.fullmatch(text) is not None
 
 
 def own_event(said: Line) -> Event | Sent:

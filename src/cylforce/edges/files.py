@@ -1,4 +1,4 @@
-"""What every reader and writer of recordings shares: one kind of error, a way to tell, files replaced as a whole."""
+"""What recordings' readers and writers share: one kind of error, a way to tell, files replaced whole."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ Tell = Callable[[str], None]
 
 
 class RecordingError(Exception):
-    """A recording cannot be read or written; its text is one sentence that names the file, the place and the cure."""
+    """A recording cannot be read or written; the text is one sentence that names file, place and cure."""
 
 
 def warn(sentence: str) -> None:
@@ -21,7 +21,7 @@ def warn(sentence: str) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Path of a temporary file beside `path`, which takes its place once it is complete: readers see old or new."""
+    """Path of a temporary file that takes the place of `path` once it is complete: readers see old or new."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         yield temporary

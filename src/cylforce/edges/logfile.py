@@ -1,8 +1,8 @@
 """The event log: a header, then every event in the order in which the core saw it, as candump text.
 
-The header is JSON, eight bytes a line, in frames of an identifier that CANopen leaves unused, on a pseudo-channel:
-comment lines would be the plainer way, but wireshark refuses files that hold any. can-utils plays such a log with the
-bus named (`canplayer -I LOG can0=can0`), and so leaves the pseudo-channels out.
+The header is JSON, eight bytes a line, on a pseudo-channel, in frames of an identifier unused by CANopen.
+Comment lines would be plainer, but wireshark refuses files that hold any. can-utils plays such a log when the
+bus is named (`canplayer -I LOG can0=can0`), which leaves the pseudo-channels out.
 """
 
 import hashlib
@@ -16,6 +16,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from types import TracebackType
+from typing import Self
 
 from pydantic import BaseModel, ConfigDict, JsonValue
 
@@ -34,8 +35,8 @@ _PLAIN_CHANNEL = re.compile(r"[A-Za-z][\w.-]{0,14}", re.ASCII)
 
 
 class Header(BaseModel):
-    """What a replay needs to know before the first event. `state` is where the core started from (zero, tare), as
-    JSON; `machine` and `bus` are as given to the program that wrote the log."""
+    """What a replay needs to know before the first event. `state`: where the core started from (zero, tare),
+    as JSON; `machine` and `bus` as given to the program that wrote the log."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -65,7 +66,7 @@ def file_sha256(path: Path) -> str:
 
 
 def mismatches(path: Path, recorded: Header, now: Header) -> tuple[str, ...]:
-    """Sentences that say why a replay with what is here now need not repeat the recording at `path` bit by bit."""
+    """Sentences that say why a replay with what is here now need not repeat the recording bit by bit."""
     found = []
     if recorded.machine_sha256 != now.machine_sha256:
         found.append(f"{path} was recorded with another machine file ({recorded.machine}) than {now.machine}")
@@ -76,7 +77,7 @@ def mismatches(path: Path, recorded: Header, now: Header) -> tuple[str, ...]:
     for name in sorted({*recorded.versions, *now.versions}):
         there, here = recorded.versions.get(name, "none"), now.versions.get(name, "none")
         if there != here:
-            found.append(f"{path} was recorded with {name} {there}, this is {name} {here}: last digits may differ")
+            found.append(f"{path} was recorded with {name} {there}, this is {name} {here}: digits may differ")
     return tuple(found)
 
 
@@ -106,17 +107,21 @@ def header_from(path: Path, lines: Iterable[Line]) -> Header | None:
     try:
         fields = json.loads(text)
         if (written := fields.pop("format")) != FORMAT:
-            raise RecordingError(f"{path}: is a log of format {written}, this version of cylforce reads {FORMAT} only")
+            raise RecordingError(
+                f"{path}: is a log of format {written}, this cylforce reads format {FORMAT} only"
+            )
         return Header.model_validate(fields)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise RecordingError(f"{path}: the log's header is broken, so its start is lost: record again") from error
+        raise RecordingError(
+            f"{path}: the log's header is broken, so its start is lost; record anew"
+        ) from error
 
 
 class LogWriter:
-    """Writes a log without ever making the loop wait: blocks of lines go to a thread, which alone meets the disk.
+    """Writes a log and never makes the loop wait: blocks of lines go to a thread that alone meets the disk.
 
-    When the disk fails, or stalls for minutes, logging ends: a log with a hole could not be replayed. `tell` hears of it
-    once, on the caller's thread; `lost` counts the events that are not in the file.
+    When the disk fails, or stalls for minutes, logging ends: a log with a hole could not be replayed. `tell`
+    hears of it once, on the caller's thread; `lost` counts the events that are not in the file.
     """
 
     def __init__(self, path: Path, header: Header, t_us: int, channel: str, tell: Tell = warn) -> None:
@@ -200,7 +205,7 @@ class LogWriter:
             self._kept += events
             self._done += len(block)
 
-    def __enter__(self) -> "LogWriter":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -210,7 +215,7 @@ class LogWriter:
 
 
 def _set_aside(path: Path) -> None:
-    """Keep an older log of the same name as NAME.1.log and so on: the one before a crash is the one wanted."""
+    """Keep an older log of this name as NAME.1.log and so on: the one before a crash is the one wanted."""
     if path.is_file() and path.stat().st_size:
         others = (path.with_name(f"{path.stem}.{k}{path.suffix}") for k in count(1))
         path.rename(next(other for other in others if not other.exists()))

@@ -1,21 +1,13 @@
-"""Recordings of a bus, read as the events that they were: our own logs, candump's and python-can's, .blf, .asc."""
+"""Recordings of a bus, read as the events that they were: our own logs and candump's, .blf and .asc."""
 
-import struct
-import zlib
 from collections.abc import Iterator
-from contextlib import suppress
-from io import TextIOWrapper
-from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cylforce.edges.candump import HEAD, Line, Sent, is_newer_frame, own_event, parsed
 from cylforce.edges.files import RecordingError, Tell, warn
 from cylforce.edges.logfile import Header, header_from
-from cylforce.words.events import ERROR, EXTENDED, REMOTE, Event, Frame, Tick
-
-if TYPE_CHECKING:
-    import can
+from cylforce.edges.messages import messages
+from cylforce.words.events import Event, Frame, Tick
 
 SUFFIXES = (".log", ".blf", ".asc")
 GAP_US = 60_000_000  # a longer silence is taken for a clock that was set: no ticks are made up within
@@ -31,8 +23,8 @@ def read_events(
 ) -> tuple[Header | None, Iterator[Event | Sent]]:
     """The header (None if the log is not ours) and the events, read from the file as they are asked for.
 
-    Our own logs hold their ticks. For all others ticks are made at each multiple of `period_us` after the first frame,
-    after the frames up to that moment; frames with an identifier in `own` were sent by our node, and come as `Sent`.
+    Our own logs hold their ticks. For all others ticks are made at each multiple of `period_us` after the
+    first frame, behind the frames up to that moment; frames with an identifier in `own` come as `Sent`.
     `channel` chooses one bus of several. CAN FD and XL frames are passed over.
 
     Raises
@@ -40,7 +32,7 @@ def read_events(
     RecordingError
         At once or while reading: naming the file, and the line where there are lines.
     """
-    header = _header(path) if path.suffix == ".log" else None
+    header = _header(path) if path.suffix.lower() == ".log" else None
     if header is not None:
         return header, (own_event(said) for said in _candump(path, tell, ours=True) if said.channel != HEAD)
     said = _one_channel(path, _lines(path, tell), channel)
@@ -53,7 +45,7 @@ def _told_apart(frame: Frame, own: frozenset[int]) -> Frame | Sent:
 
 
 def with_ticks(frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn) -> Iterator[Event | Sent]:
-    """The frames, with a tick at each multiple of `period_us` after the first, up to the first one past the last."""
+    """The frames, and a tick at each multiple of `period_us` after the first until none is left."""
     due: int | None = None
     for frame in frames:
         if due is None or not due - GAP_US < frame.t_us <= due + GAP_US:
@@ -69,14 +61,14 @@ def with_ticks(frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn
 
 
 def _header(path: Path) -> Header | None:
-    return header_from(path, (said for said in _candump(path, lambda _: None, ours=False)))
+    return header_from(path, _candump(path, lambda _: None, ours=False))
 
 
 def _lines(path: Path, tell: Tell) -> Iterator[Line]:
-    if path.suffix == ".log":
+    if path.suffix.lower() == ".log":
         return _candump(path, tell, ours=False)
-    if path.suffix in SUFFIXES:
-        return _messages(path, tell)
+    if path.suffix.lower() in SUFFIXES:
+        return messages(path, tell)
     raise RecordingError(f"{path}: is none of the recordings that can be read ({', '.join(SUFFIXES)})")
 
 
@@ -90,7 +82,7 @@ def _one_channel(path: Path, lines: Iterator[Line], channel: str | None) -> Iter
         if said.channel == chosen:
             yield said
         elif channel is None:
-            raise RecordingError(f"{path}: holds frames of several buses ({chosen}, {said.channel}, ...): choose one")
+            raise RecordingError(f"{path}: holds several buses ({chosen}, {said.channel}, ...): choose one")
     if chosen not in seen:
         raise RecordingError(f"{path}: holds no frame{f' of {channel}' if channel else ''}{_but(seen)}")
 
@@ -112,29 +104,8 @@ def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Line]:
                 elif is_newer_frame(text):
                     passed_over += 1
                 elif text[0] not in "#\r\n":
-                    raise RecordingError(f"{path}, line {number}: is no frame of candump text: {text.strip()[:60]!r}")
+                    raise RecordingError(f"{path}, line {number}: is no frame of candump text: {text[:60]!r}")
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     if passed_over:
         tell(f"{path}: {passed_over} CAN FD or XL frames were passed over")
-
-
-class _CountedLines(TextIOWrapper):
-    """A text file that knows its line: python-can's errors do not."""
-
-    number = 0
-
-    def __next__(self) -> str:
-        text = super().__next__()
-        self.number += 1
-        return text
-
-
-def _messages(path: Path, tell: Tell) -> Iterator[Line]:
-    """Frames of a .blf or .asc file by python-can's readers."""
-    from can.io.blf import BLFParseError
-
-    count = 0
-    try:
-        with path.open("rb") as raw:
-            reader, text = _reader(path, raw, tell)
