@@ -1,0 +1,111 @@
+"""The numbers in the cells of CSV and Parquet files, and where each stands."""
+
+import csv
+from array import array
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.edges.files import RecordingError
+from cylforce.words.estimate import Array
+
+
+class Cells(NamedTuple):
+    """Numbers (T, columns) as they stand in the file, and where: `place` "line" or "row", its number (T,)."""
+
+    numbers: Array
+    place: str
+    at: NDArray[np.int64]
+
+
+def _positions(path: Path, present: Sequence[str], wanted: Sequence[str]) -> list[int]:
+    missing = [name for name in dict.fromkeys(wanted) if name not in present]
+    if missing:
+        there = ", ".join(present) or "none at all"
+        raise RecordingError(f"{path}: has no column {', '.join(missing)}; it has {there}")
+    twice = [name for name in wanted if present.count(name) > 1]
+    if twice:
+        raise RecordingError(f"{path}: has several columns named {twice[0]}; give each a name of its own")
+    return [present.index(name) for name in wanted]
+
+
+def read_csv(path: Path, names: list[str]) -> Cells:
+    """The named columns of a CSV file; an empty cell is NaN."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return _parse_csv(path, file, names)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: is not UTF-8 text ({error.reason}); save it as UTF-8") from error
+
+
+def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Cells:
+    head = file.readline()
+    delimiter = next((mark for mark in ",;\t" if mark in head), ",")
+    present = [
+        name.strip() for name in next(csv.reader([head], delimiter=delimiter, skipinitialspace=True), [])
+    ]
+    positions = _positions(path, present, names)
+    numbers, lines = array("d"), array("q")
+    reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
+    try:
+        for row in reader:
+            if len(row) == len(present):
+                numbers.extend(_numbers(path, reader.line_num + 1, row, positions, names))
+                lines.append(reader.line_num + 1)
+            elif row:
+                where = f"{path}, line {reader.line_num + 1}"
+                raise RecordingError(f"{where}: has {len(row)} cells, the header has {len(present)}")
+    except csv.Error as error:
+        raise RecordingError(f"{path}, line {reader.line_num + 1}: is not CSV: {error}") from error
+    return Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
+
+
+def _numbers(path: Path, line: int, row: list[str], positions: list[int], names: list[str]) -> list[float]:
+    try:
+        return [float(row[k]) for k in positions]
+    except ValueError:
+        return [_number(path, line, row[k], name) for k, name in zip(positions, names, strict=True)]
+
+
+def _number(path: Path, line: int, cell: str, name: str) -> float:
+    try:
+        return float(cell.strip() or "nan")
+    except ValueError as error:
+        raise RecordingError(
+            f"{path}, line {line}: column {name!r} holds {cell[:40]!r}, no number"
+        ) from error
+
+
+def pyarrow(path: Path) -> ModuleType:
+    """The library that knows Parquet; the controller does without it."""
+    try:
+        import_module("pyarrow.parquet")
+        return import_module("pyarrow")
+    except ImportError as error:
+        raise RecordingError(f"{path}: Parquet needs pyarrow: pip install 'cylforce[tables]'") from error
+
+
+def read_parquet(path: Path, names: list[str]) -> Cells:
+    """The named columns of a Parquet file; a null is NaN."""
+    arrow = pyarrow(path)
+    try:
+        with path.open("rb") as raw, arrow.parquet.ParquetFile(raw) as file:
+            _positions(path, file.schema_arrow.names, names)
+            table = file.read(columns=list(dict.fromkeys(names)))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except arrow.ArrowException as error:
+        raise RecordingError(f"{path}: is no Parquet file: {str(error).splitlines()[0]}") from error
+    for name in names:
+        kind = table.schema.field(name).type
+        if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind)):
+            raise RecordingError(f"{path}: column {name!r} holds {kind}, not numbers")
+    numbers = [np.asarray(table[name].cast(arrow.float64(), safe=False).to_numpy()) for name in names]
+    return Cells(np.stack(numbers, axis=-1), "row", np.arange(1, len(table) + 1))
