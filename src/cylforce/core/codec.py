@@ -1,7 +1,7 @@
 """Bytes to SI values and back, by structs compiled once from the table of PDO layouts."""
 
 from collections.abc import Mapping
-from math import isfinite
+from math import isfinite, nan
 from struct import Struct
 from typing import NamedTuple
 
@@ -59,7 +59,7 @@ def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
 
 def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
     """Data of a PDO from named SI values; what is missing, not finite or out of the field's range becomes "no value"."""
-    return _struct(pdo).pack(*(_raw(f, values.get(f.signal, 0.0) if f.signal else 0.0) for f in pdo.fields))
+    return _struct(pdo).pack(*(_raw(f, values.get(f.signal, nan) if f.signal else 0.0) for f in pdo.fields))
 
 
 def _raw(field: Field, value: float) -> int | float:

@@ -66,7 +66,7 @@ def published(estimate: Estimate) -> dict[str, float]:
         DIRECTION_ERROR: max(force.direction.standard_error, _DEG),
         PAYLOAD_QUALITY: float(quality(estimate.gross)),
         FORCE_QUALITY: float(max((quality(q) for q in force), key=lambda byte: byte & 3)),
-        BOOKED_COUNT: float(booking.count % 65535) if booking else 0.0,
+        BOOKED_COUNT: float(booking.number % 65535) if booking else 0.0,
         BOOKED: booking.mass if booking else float("nan"),
     }
 

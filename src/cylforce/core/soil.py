@@ -83,10 +83,11 @@ def draw_dig(
     """A digging of 0.2..1 of the rated payload [kg]; the force grows from 0.7 to 1.6..4 rated payloads'
     weight.
 
-    `times` = start, stop, dump_start, dump_stop [s]; `reach` [m] of the load's centre from the last pin."""
+    `times` = start, stop, dump_start, dump_stop [s]; `reach` [m]: how far from the last pin a load's centre
+    can lie."""
     weight = 10.0 * rated_payload
     frequency = 2 * np.pi * np.array([0.4, 0.9, 1.7]) * rng.uniform(0.8, 1.25, 3)
     waves = np.stack([rng.uniform(0.03, 0.08, 3), frequency, rng.uniform(0, 2 * np.pi, 3)], axis=-1)
-    centre = (float(reach * rng.uniform(0.92, 1.08)), float(reach * rng.uniform(-0.05, 0.25)))
+    centre = (float(reach * rng.uniform(0.55, 0.75)), float(reach * rng.uniform(0.0, 0.2)))
     peak = weight * float(rng.uniform(1.6, 4.0))
     return Dig(*times, rated_payload * float(rng.uniform(0.2, 1.0)), centre, (0.7 * weight, peak), waves)

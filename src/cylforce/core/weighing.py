@@ -174,6 +174,6 @@ class Weigher:
     def _book(self, state: Weighing, t_us: int) -> Weighing:
         if state.candidate is None:
             return state
-        count = 1 if state.booking is None else state.booking.count + 1
+        number = 1 if state.booking is None else state.booking.number + 1
         best = state.candidate
-        return Weighing(state.lift, None, Booking(count, t_us, best.mass, best.standard_error))
+        return Weighing(state.lift, None, Booking(number, t_us, best.mass, best.standard_error))

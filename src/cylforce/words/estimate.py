@@ -88,7 +88,7 @@ def invalid_force(reason: Reason) -> Force:
 class Booking(NamedTuple):
     """A weight that was good enough to be booked: number of the lift, time, kg, its standard error."""
 
-    count: int
+    number: int
     t_us: int
     mass: float
     standard_error: float

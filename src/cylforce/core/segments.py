@@ -1,0 +1,46 @@
+"""Recordings as gapless stretches of samples: what identification works on."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from cylforce.core.assembler import Assembler
+from cylforce.words.estimate import Array, Reason
+from cylforce.words.events import Event, Frame
+
+LONGEST_JUMP = 1000  # periods of silence that are kept as missing rows; a longer one only separates
+
+
+def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Array:
+    """One row (T, S) of SI values per tick; NaN where something was missing or could not be believed."""
+    inputs, still = assembler.begin(), (False,) * len(assembler.service.machine.signals)
+    missing = np.full(len(assembler.service.machine.signals), np.nan)
+    rows: list[Array] = []
+    last_us: int | None = None
+    for event in events:
+        if isinstance(event, Frame):
+            inputs = assembler.receive(inputs, event, still)
+            continue
+        sample = assembler.sample(inputs, event.t_us)
+        skipped = 0 if last_us is None else round((event.t_us - last_us) / period_us) - 1
+        rows.extend([missing] * min(max(skipped, 0), LONGEST_JUMP))
+        good = sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)
+        rows.append(sample.values if good else missing)
+        last_us = event.t_us
+    return np.array(rows) if rows else np.zeros((0, missing.size))
+
+
+def gapless(values: Array, longest: int) -> list[Array]:
+    """Stretches without NaN of samples (T, S); gaps of up to `longest` rows are bridged along a line."""
+    good = np.flatnonzero(np.all(np.isfinite(values), axis=1))
+    if good.size == 0:
+        return []
+    parts = np.split(good, np.flatnonzero(np.diff(good) > longest + 1) + 1)
+    return [_bridged(values, part) for part in parts]
+
+
+def _bridged(values: Array, good: Array) -> Array:
+    steps = np.arange(good[0], good[-1] + 1)
+    if steps.size == good.size:
+        return values[steps]
+    return np.stack([np.interp(steps, good, column) for column in values[good].T], axis=1)

@@ -1,0 +1,72 @@
+"""`cylforce identify`: the dynamic tares from recordings of the empty machine."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table as Text
+
+from cylforce.core.assembler import Assembler
+from cylforce.core.identification import Identification, identify
+from cylforce.core.model import Model
+from cylforce.core.segments import gapless, samples
+from cylforce.edges.files import RecordingError
+from cylforce.edges.identified import write_identified
+from cylforce.edges.logfile import file_sha256
+from cylforce.edges.recording import open_recording
+from cylforce.edges.settings import Loaded
+from cylforce.edges.tables import Table
+from cylforce.words.estimate import Array
+from cylforce.words.events import Frame, Tick
+
+
+def model_of(loaded: Loaded) -> Model:
+    """The model of a machine file."""
+    service = loaded.service
+    return Model(service.machine, service.filters, service.effects)
+
+
+def recorded_segments(loaded: Loaded, path: Path) -> list[Array]:
+    """A recording's gapless stretches of samples (T, S), SI."""
+    service = loaded.service
+    recording = open_recording(path, service, loaded.columns)
+    longest = int(service.health.hold_s * service.filters.rate_hz)
+    if isinstance(recording, Table):
+        return gapless(_ordered(recording, loaded, path), longest)
+    events = (e for e in recording.events if isinstance(e, Frame | Tick))
+    return gapless(samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)), longest)
+
+
+def _ordered(table: Table, loaded: Loaded, path: Path) -> Array:
+    """The table's columns in the order of the machine's signals."""
+    place = {name: k for k, name in enumerate(table.signals)}
+    missing = [s.name for s in loaded.service.machine.signals if s.name not in place]
+    if missing:
+        raise RecordingError(f"{path}: has no column for {', '.join(missing)}")
+    return table.values[:, [place[s.name] for s in loaded.service.machine.signals]]
+
+
+def run_identify(loaded: Loaded, recordings: Sequence[Path], output: Path) -> Identification:
+    """Identify, write `output`, and return what was found. Raises RecordingError or ValueError with a sentence."""
+    model = model_of(loaded)
+    segments = [segment for path in recordings for segment in recorded_segments(loaded, path)]
+    found = identify(model, segments)
+    write_identified(output, found, model, loaded, [(p.name, file_sha256(p)) for p in recordings])
+    return found
+
+
+def show(found: Identification, model: Model, console: Console) -> None:
+    """A table of the parameters, the prior beside them, and what the recording does not tell."""
+    text = Text(title=f"{found.seconds:.0f} s of motion")
+    for column in ("parameter", "unit", "data sheet", "identified", "standard error", ""):
+        text.add_column(column, justify="left" if column in ("parameter", "unit", "") else "right")
+    error = np.sqrt(np.diag(found.tares.covariance))
+    for k, p in enumerate(model.parameters):
+        told = "" if p.name not in found.not_identified else "not told by the recording: kept"
+        numbers = (f"{v:.6g}" for v in (model.prior.mean[k], found.tares.values[k], error[k]))
+        text.add_row(p.name, p.unit, *numbers, told)
+    console.print(text)
+    names = [model.machine.links[j].name for j in model.machine.rows]
+    left = ", ".join(f"{n} {e:.0f} N m" for n, e in zip(names, found.tares.row_error, strict=True))
+    console.print(f"unexplained torque (rms): {left}")
