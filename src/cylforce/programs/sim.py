@@ -1,0 +1,205 @@
+"""`cylforce sim`: the simulated excavator, into files faster than real time or onto a bus as its sensors."""
+
+import secrets
+import tomllib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+
+from cylforce.core.scenario import cycles as digging_cycles
+from cylforce.core.scenario import moves
+from cylforce.core.sensing import Record, Sensors, run, sensors
+from cylforce.core.sensor_bus import bus_events
+from cylforce.core.service import Service
+from cylforce.core.simulator import STRIBECK_SPEED, Cause, Truth, cause, draw_truth
+from cylforce.core.trajectory import Scene
+from cylforce.edges.candump import event_line
+from cylforce.edges.files import replacing
+from cylforce.edges.logfile import Header, header_lines, running_versions
+from cylforce.edges.settings import Loaded, SettingsError, load
+from cylforce.edges.tables import Table, write_table
+from cylforce.edges.truth import TruthWriter, describe, truth_columns
+from cylforce.words.signals import Kind
+
+SCENARIOS = ("moves", "cycles")
+START_US = 1_767_225_600_000_000  # 2026-01-01: a run into files begins at a time of its own, the same for one seed
+
+
+class Play(NamedTuple):
+    """A run ready to be played: the machine as it is, its sensors, and the scenes as they come, by scene."""
+
+    loaded: Loaded
+    seed: int
+    truth: Truth
+    made: Sensors
+    header: dict[str, JsonValue]
+    records: Iterator[Record]
+
+    @property
+    def service(self) -> Service:
+        """The machine file's settings."""
+        return self.loaded.service
+
+
+class _EffectTable(BaseModel):
+    """An extra friction law of the simulated machine, at one cylinder; SI units."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    at: str
+    value: float
+    width_m_s: float = STRIBECK_SPEED
+
+
+class _EffectsFile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    effects: tuple[_EffectTable, ...]
+
+
+def run_sim(
+    machine_file: Path,
+    *,
+    scenario: str = "cycles",
+    cycles: int = 3,
+    duration: float = 120.0,
+    seed: int | None = None,
+    mass_error: float = 0.1,
+    effects: Path | None = None,
+    truth: Path | None = None,
+    bus: str | None = None,
+    log: Path | None = None,
+    table: Path | None = None,
+) -> int:
+    """Simulate the machine of a machine file; returns the seed, which is also printed.
+
+    Parameters
+    ----------
+    machine_file
+        The machine file (TOML); the simulated machine's masses are off from it by the fraction `mass_error`.
+    scenario
+        "moves": empty commissioning moves for `duration` [s]. "cycles": `cycles` digging cycles of at most 15
+        s.
+    seed
+        One seed is one machine, whatever the scenario, and one run; None draws one.
+    effects
+        A TOML file of extra friction laws: tables `[[effects]]` with `name` (coulomb, viscous,
+        load_dependent, stribeck), `at` (a cylinder), `value` (SI), for stribeck also `width_m_s`.
+    truth
+        Where the truth goes (CSV after one line of JSON), never to be read by the daemon.
+    bus
+        "INTERFACE:CHANNEL": be the sensors on this bus, on the real clock, until the run is over.
+    log, table
+        Without a bus: the events (candump text) that the daemon would see, the samples (CSV or Parquet, SI
+        units).
+
+    Raises
+    ------
+    SettingsError, RecordingError, BusError
+        One sentence each.
+    """
+    _check(scenario, cycles, duration, mass_error)
+    seed = secrets.randbits(32) if seed is None else seed
+    play = prepare(
+        load(machine_file),
+        scenario,
+        seed,
+        mass_error,
+        amount=cycles if scenario == "cycles" else duration,
+        effects=effects,
+    )
+    print(f"seed {seed}", flush=True)
+    if bus is not None:
+        raise SettingsError(f"the simulated sensors cannot join the bus {bus} yet: write a log or a table")
+    write_files(play, truth, log, table)
+    return seed
+
+
+def _check(scenario: str, cycles: int, duration: float, mass_error: float) -> None:
+    if scenario not in SCENARIOS:
+        raise SettingsError(f"there is no scenario {scenario!r}: choose moves or cycles")
+    if cycles < 1 or not 10.0 <= duration <= 36000.0:
+        raise SettingsError("nothing to simulate: give at least one cycle, or moves of 10 s to 10 h")
+    if not 0.0 <= mass_error <= 0.5:
+        raise SettingsError(f"a mass error of {mass_error} is not a fraction from 0 to 0.5")
+
+
+def prepare(
+    loaded: Loaded, scenario: str, seed: int, mass_error: float, *, amount: float, effects: Path | None = None
+) -> Play:
+    """A run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own."""
+    machine = loaded.service.machine
+    extra = read_effects(effects, loaded) if effects else ()
+    truth = draw_truth(machine, np.random.default_rng((seed, 0)), mass_error, extra)
+    header: dict[str, JsonValue] = {"seed": seed, "scenario": scenario, "mass_error": mass_error}
+    header |= {"machine_sha256": loaded.sha256, **describe(machine, truth)}
+    made = sensors(machine, loaded.service.nodes)
+    scenes = _scenes(loaded.service, scenario, np.random.default_rng((seed, 1)), amount)
+    noise = np.random.default_rng((seed, 2))
+    records = run(machine, truth, made, scenes, dt=1.0 / loaded.service.filters.rate_hz, rng=noise)
+    return Play(loaded, seed, truth, made, header, records)
+
+
+def _scenes(service: Service, scenario: str, rng: np.random.Generator, amount: float) -> Iterable[Scene]:
+    if scenario == "moves":
+        return [moves(service.machine, rng, amount)]
+    swing = any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in service.machine.signals)
+    return digging_cycles(service.machine, rng, round(amount), swing)
+
+
+def read_effects(path: Path, loaded: Loaded) -> tuple[Cause, ...]:
+    """The extra friction laws of a file. Raises SettingsError."""
+    try:
+        file = _EffectsFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        machine = loaded.service.machine
+        return tuple(cause(machine, e.name, e.at, e.value, e.width_m_s) for e in file.effects)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    except (OSError, ValueError) as error:
+        raise SettingsError(f"{path}: {error}") from error
+
+
+def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | None) -> None:
+    """The run into files, faster than real time."""
+    machine, records = play.service.machine, list(play.records)
+    if truth is not None:
+        names = truth_columns(machine, records[0], 0)[0]
+        with TruthWriter(truth, play.header, names) as out:
+            for cycle, record in enumerate(records):
+                out.write((times_us(record)), truth_columns(machine, record, cycle)[1])
+    if table is not None:
+        t, values = (np.concatenate(parts) for parts in zip(*((r.t, r.values) for r in records), strict=True))
+        write_table(table, Table(t, values, tuple(signal.name for signal in machine.signals)))
+    if log is not None:
+        write_log(play, records, log)
+
+
+def times_us(record: Record) -> list[int]:
+    """When a record's samples are taken [us]: at the SYNC that goes out with the tick."""
+    return [START_US + round(1e6 * t) for t in record.t.tolist()]
+
+
+def write_log(play: Play, records: Iterable[Record], path: Path) -> None:
+    """The events of the run as the daemon would have logged them."""
+    events = bus_events(play.service, play.made, records, START_US, np.random.default_rng((play.seed, 3)))
+    with replacing(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
+        file.write(header_lines(header(play), START_US))
+        file.writelines(event_line(event, "can0") for event in events)
+
+
+def header(play: Play) -> Header:
+    """What the log of a simulated run begins with: nothing zeroed, nothing identified."""
+    return Header(
+        versions=running_versions(),
+        machine=str(play.loaded.path),
+        machine_sha256=play.loaded.sha256,
+        identified_sha256=None,
+        state={"zero": 0.0, "tare": 0.0},
+        bus="simulated",
+        node_id=play.service.node_id,
+    )
