@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from machines import excavator
 
 from cylforce.core.model import Model
 from cylforce.core.pipeline import Pipeline
@@ -12,6 +11,7 @@ from cylforce.machine.machine import base_parameters
 from cylforce.machine.motion import Motion, motion
 from cylforce.regression.filters import first_order
 from cylforce.regression.regressor import FilteredRegressor, Regressor
+from machines import excavator
 
 SEED = 7
 DT = 0.01
@@ -36,6 +36,7 @@ def wave(rng: np.random.Generator, t: np.ndarray, fastest_hz: float) -> np.ndarr
 def inverse_dynamics(theta: np.ndarray, thetad: np.ndarray, thetadd: np.ndarray) -> np.ndarray:
     """Joint torque (T, N) from accelerations, by pinocchio."""
     import pinocchio as pin
+
     from test_rigid import oracle
 
     model, data = oracle(excavator().links, 9.80665)
@@ -72,7 +73,9 @@ def test_live_equals_recorded() -> None:
     model = Model(machine, FILTERS, ("coulomb", "viscous", "load_dependent"))
     rng = np.random.default_rng(SEED)
     theta = wave(rng, np.arange(0, 4, DT), 0.4)[0]
-    values = np.concatenate([rng.uniform(1e5, 2e7, (400, 6)), theta, rng.uniform(-0.1, 0.1, (400, 3))], axis=1)
+    values = np.concatenate(
+        [rng.uniform(1e5, 2e7, (400, 6)), theta, rng.uniform(-0.1, 0.1, (400, 3))], axis=1
+    )
     moved = model.channels.run(values)
     expected = model.filtered.run(moved.motion)
     pipeline = Pipeline(model)
@@ -82,7 +85,9 @@ def test_live_equals_recorded() -> None:
         pipe, rows = pipeline.advance(pipe, x, 1)
         scale = np.abs(expected.columns).max(axis=(0, 1)) + 1e-300
         np.testing.assert_allclose(rows.columns / scale, expected.columns[k] / scale, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max())
+        np.testing.assert_allclose(
+            rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max()
+        )
 
 
 def test_missing_steps_are_filled_along_a_line() -> None:
@@ -111,7 +116,9 @@ def test_slew_equals_an_independent_library() -> None:
         a = rng.uniform(-1.5, 1.0, 3)
         thin, rate = rng.uniform(0.1, 0.4, 3), float(rng.uniform(0.2, 1.2))
         expected, values = yaw_torque(machine, a, rate, thin)
-        moving = motion(machine, np.diff(a, prepend=0.0), np.zeros(3), np.zeros(3))._replace(slew=np.asarray(rate))
+        moving = motion(machine, np.diff(a, prepend=0.0), np.zeros(3), np.zeros(3))._replace(
+            slew=np.asarray(rate)
+        )
         found = Slew().halves(machine, moving).static @ values
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
 
@@ -133,7 +140,12 @@ def test_paper_equation_1_is_the_special_case_at_rest() -> None:
         static = Rigid().halves(machine, moving).static
         load = static @ model.load[:6] @ np.array([weight / g, weight / g * reach, 0.0, 0.0])
         # angles from the vertical, as in the paper: the horizontal arm of a weight is l cos(q) = l sin(alpha)
-        expected = np.array([weight * (machine.links[0].length * np.cos(q1) + reach * np.cos(q2)), weight * reach * np.cos(q2)])
+        expected = np.array(
+            [
+                weight * (machine.links[0].length * np.cos(q1) + reach * np.cos(q2)),
+                weight * reach * np.cos(q2),
+            ]
+        )
         np.testing.assert_allclose(load, expected, rtol=1e-12)
         # the other reading of (1): a force of known arm (the tooth line), unknown size and direction
         from cylforce.effects.tip_force import TipForce

@@ -62,7 +62,9 @@ def test_recursive_without_prior_equals_batch() -> None:
     root = recursive.nothing_known(4)
     for a, b in zip(columns, torque, strict=True):
         root = recursive.update(root, a, b, error**2)
-    expected = np.linalg.lstsq((columns / error[:, None]).reshape(-1, 4), (torque / error).reshape(-1), rcond=None)[0]
+    expected = np.linalg.lstsq(
+        (columns / error[:, None]).reshape(-1, 4), (torque / error).reshape(-1), rcond=None
+    )[0]
     np.testing.assert_allclose(recursive.solution(root)[0], expected, rtol=1e-9)
 
 
@@ -82,7 +84,10 @@ def test_forgetting_leaves_the_estimate_and_what_is_not_seen() -> None:
     np.testing.assert_allclose(recursive.solution(root)[0], before, atol=1e-9)
     information = np.linalg.inv(recursive.solution(root)[1]), np.linalg.inv(spread)
     assert np.all(np.linalg.eigvalsh(recursive.solution(root)[1]) < 10.0 * np.linalg.eigvalsh(spread).max())
-    seen = unseen @ np.linalg.inv(information[0]) @ unseen.T, unseen @ np.linalg.inv(information[1]) @ unseen.T
+    seen = (
+        unseen @ np.linalg.inv(information[0]) @ unseen.T,
+        unseen @ np.linalg.inv(information[1]) @ unseen.T,
+    )
     assert np.all(np.diag(seen[0]) < 4.0 * np.diag(seen[1]))
 
 
@@ -107,6 +112,12 @@ def test_standard_errors_cover_the_truth_when_residuals_are_correlated() -> None
     for _ in range(150):
         slow = np.cumsum(rng.normal(size=(4000, 1, 2)), axis=0) / 30
         noise = low.run(np.zeros((1, 1)), rng.normal(size=(4000, 1)))[1]
-        fit = least_squares(slow, slow @ truth + noise, np.ones(1), Prior(np.zeros(2), np.eye(2) * 1e6), np.arange(4000) // 200)
+        fit = least_squares(
+            slow,
+            slow @ truth + noise,
+            np.ones(1),
+            Prior(np.zeros(2), np.eye(2) * 1e6),
+            np.arange(4000) // 200,
+        )
         hits.extend(np.abs(fit.values - truth) < 1.96 * np.sqrt(np.diag(fit.covariance)))
     assert 0.88 <= np.mean(hits) <= 0.99, np.mean(hits)

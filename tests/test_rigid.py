@@ -6,7 +6,6 @@ import pytest
 
 from cylforce.effects.rigid import Rigid
 from cylforce.machine.machine import Link, Machine, base_parameters
-from cylforce.machine.motion import Attitude, motion
 from cylforce.regression.regressor import Regressor
 
 
@@ -30,7 +29,9 @@ def oracle(links: tuple[Link, ...], g: float) -> tuple[pin.Model, pin.Data]:
     parent, offset = 0, 0.0
     for k in links:
         place = pin.SE3(np.eye(3), np.array([offset, 0, 0]))
-        parent = model.addJoint(parent, pin.JointModelRevoluteUnaligned(np.array([0.0, -1.0, 0.0])), place, k.name)
+        parent = model.addJoint(
+            parent, pin.JointModelRevoluteUnaligned(np.array([0.0, -1.0, 0.0])), place, k.name
+        )
         inertia = pin.Inertia(k.mass, np.array([k.cx, 0, k.cz]), np.diag([1.0, k.inertia, 1.0]))
         model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
         offset = k.length
@@ -55,7 +56,9 @@ def test_regressor_times_parameters_is_inverse_dynamics(n: int) -> None:
         regressor = Regressor(machine(links), (Rigid(),))
 
         def halves(t: float) -> tuple[np.ndarray, np.ndarray]:
-            moving = motion_at(regressor.machine, theta + thetad * t + thetadd * t**2 / 2, thetad + thetadd * t, pitch, roll)
+            moving = motion_at(
+                regressor.machine, theta + thetad * t + thetadd * t**2 / 2, thetad + thetadd * t, pitch, roll
+            )
             found = Rigid().halves(regressor.machine, moving)
             return found.momentum, found.static
 
@@ -71,7 +74,15 @@ def motion_at(m: Machine, theta, thetad, pitch, roll):
 
     empty = np.zeros((0,))
     geometry = module.Motion(
-        a=np.cumsum(theta), q=np.cumsum(theta) + pitch, qd=np.cumsum(thetad), g=np.asarray(9.80665 * np.cos(roll)),
-        slew=np.asarray(0.0), length=empty, lever=np.zeros((0, m.size)), transmission=empty, speed=empty, force=empty,
+        a=np.cumsum(theta),
+        q=np.cumsum(theta) + pitch,
+        qd=np.cumsum(thetad),
+        g=np.asarray(9.80665 * np.cos(roll)),
+        slew=np.asarray(0.0),
+        length=empty,
+        lever=np.zeros((0, m.size)),
+        transmission=empty,
+        speed=empty,
+        force=empty,
     )
     return geometry

@@ -34,7 +34,7 @@ def obey(
     command: Command, scale: tuple[float, float], mass: Quantity, rated: float
 ) -> tuple[tuple[float, float], int]:
     """The new (zero, tare) [kg] and the verdict: 0, or the abort code. Refused while the weight cannot be trusted."""
-    zero, tare = scale
+    zero, _ = scale
     if not command.signed:
         return scale, WRONG_VALUE
     if mass.status is not Status.OK:

@@ -10,7 +10,9 @@ from cylforce.core.weighing import Residual
 from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array, Force, Quantity, Reason, Status, invalid, invalid_force
 
-SINGULAR = 1e-3  # ratio of singular values of the scaled tool columns below which a direction cannot be sensed
+SINGULAR = (
+    1e-3  # ratio of singular values of the scaled tool columns below which a direction cannot be sensed
+)
 
 
 @dataclass(frozen=True)

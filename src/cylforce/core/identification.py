@@ -45,7 +45,10 @@ def observe(model: Model, segments: list[Array]) -> Observed:
     block = np.concatenate([np.arange(n) // steps + 10**6 * k for k, n in enumerate(lengths)])
     rows = Rows(np.concatenate([p.columns for p in parts]), np.concatenate([p.torque for p in parts]))
     return Observed(
-        rows.columns[..., : len(model.parameters)], rows.torque, np.sum(rows.columns[..., model.at_rest], axis=-1), block
+        rows.columns[..., : len(model.parameters)],
+        rows.torque,
+        np.sum(rows.columns[..., model.at_rest], axis=-1),
+        block,
     )
 
 
@@ -72,7 +75,9 @@ def identify(model: Model, segments: list[Array]) -> Identification:
     seen = observe(model, segments)
     seconds = float(np.sum(np.any(np.isfinite(seen.torque), axis=1)) / model.filters.rate_hz)
     if seconds < MIN_SECONDS:
-        raise ValueError(f"only {seconds:.0f} s of usable samples; move the empty machine for at least {MIN_SECONDS:.0f} s")
+        raise ValueError(
+            f"only {seconds:.0f} s of usable samples; move the empty machine for at least {MIN_SECONDS:.0f} s"
+        )
     torque = np.where(_moving(model, seen), seen.torque, np.nan)
     if not np.any(np.isfinite(torque)):
         raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")

@@ -3,7 +3,15 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-CODES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4}  # struct codes of the object types we carry: bytes
+CODES = {
+    "b": 1,
+    "B": 1,
+    "h": 2,
+    "H": 2,
+    "i": 4,
+    "I": 4,
+    "f": 4,
+}  # struct codes of the object types we carry: bytes
 TYPE_NAMES = {"b": "INTEGER8", "B": "UNSIGNED8", "h": "INTEGER16", "H": "UNSIGNED16", "i": "INTEGER32"}
 TYPE_NAMES |= {"I": "UNSIGNED32", "f": "REAL32"}
 

@@ -61,7 +61,9 @@ class Model:
         """All columns, filtered."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed))
         f = self.filters
-        return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+        return FilteredRegressor(
+            Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz
+        )
 
     @cached_property
     def channels(self) -> Channels:
@@ -114,18 +116,22 @@ class Model:
         n = 3 * self.machine.size
         size = len(self.parameters)
         mean, covariance = np.zeros(size), np.zeros((size, size))
-        for k, (name, value, spread) in enumerate(self._guesses()):
-            mean[n + k], covariance[n + k, n + k] = value, spread**2
-            assert self.parameters[n + k].name == name
+        place = {p.name: k for k, p in enumerate(self.parameters)}
+        for name, value, spread in self._guesses():
+            mean[place[name]], covariance[place[name], place[name]] = value, spread**2
         mean[:n] = base_parameters(self.machine.links)
-        covariance[:n, :n] = base_parameter_covariance(self.machine.links) + np.diag(1e-6 * mean[:n] ** 2 + 1e-2)
+        covariance[:n, :n] = base_parameter_covariance(self.machine.links) + np.diag(
+            1e-6 * mean[:n] ** 2 + 1e-2
+        )
         return Prior(mean, covariance)
 
     def _guesses(self) -> list[tuple[str, float, float]]:
         """(name, mean, standard error) of every parameter that is not a base parameter."""
         guesses = []
         if self._slews:
-            for link, (excess, product) in zip(self.machine.links, slew_parameters(self.machine.links), strict=True):
+            for link, (excess, product) in zip(
+                self.machine.links, slew_parameters(self.machine.links), strict=True
+            ):
                 guesses.append((f"{link.name}.D_excess", excess, 0.2 * abs(excess) + 1.0))
                 guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
         for law in self.friction:
@@ -138,7 +144,7 @@ class Model:
     @cached_property
     def data_sheet(self) -> Tares:
         """Tares of a machine that nobody identified: what the data sheet says, with a modest idea of the friction."""
-        scale = np.array([0.02 * 9.8 * abs(np.sum(np.abs(self.prior.mean[1 :: 3][: self.machine.size])))])
+        scale = np.array([0.02 * 9.8 * abs(np.sum(np.abs(self.prior.mean[1::3][: self.machine.size])))])
         rows = np.broadcast_to(scale, (len(self.machine.rows),))
         names = tuple(p.name for p in self.parameters)
         return Tares(names, self.prior.mean, self.prior.covariance, rows, False)

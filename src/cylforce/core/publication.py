@@ -10,7 +10,11 @@ from cylforce.words.units import DEGREE
 GROSS, NET = "payload_gross", "payload_net"
 FORCE_X, FORCE_Z, MAGNITUDE, DIRECTION = "force_x", "force_z", "force_magnitude", "force_direction"
 GROSS_ERROR, MAGNITUDE_ERROR = "payload_standard_error", "force_magnitude_standard_error"
-X_ERROR, Z_ERROR, DIRECTION_ERROR = "force_x_standard_error", "force_z_standard_error", "force_direction_standard_error"
+X_ERROR, Z_ERROR, DIRECTION_ERROR = (
+    "force_x_standard_error",
+    "force_z_standard_error",
+    "force_direction_standard_error",
+)
 PAYLOAD_QUALITY, FORCE_QUALITY = "payload_quality", "force_quality"
 BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
@@ -46,7 +50,8 @@ def publication(node_id: int, period_s: float, rated_payload: float, rated_force
         ),
     )
     return tuple(
-        Pdo(0x100 * k + 0x80 + node_id, node_id, k, False, 0, period_s, fields) for k, fields in enumerate(table, 1)
+        Pdo(0x100 * k + 0x80 + node_id, node_id, k, False, 0, period_s, fields)
+        for k, fields in enumerate(table, 1)
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.core.assembler import Assembler
 from cylforce.words.estimate import Array, Reason
@@ -39,7 +40,7 @@ def gapless(values: Array, longest: int) -> list[Array]:
     return [_bridged(values, part) for part in parts]
 
 
-def _bridged(values: Array, good: Array) -> Array:
+def _bridged(values: Array, good: NDArray[np.intp]) -> Array:
     steps = np.arange(good[0], good[-1] + 1)
     if steps.size == good.size:
         return values[steps]

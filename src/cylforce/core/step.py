@@ -43,6 +43,9 @@ class Scale(NamedTuple):
     tare: float = 0.0
 
 
+NO_SCALE = Scale()
+
+
 class State(NamedTuple):
     """All that the service remembers."""
 
@@ -107,12 +110,19 @@ class Core:
         """The fixed step."""
         return round(1e6 / self.service.filters.rate_hz)
 
-    def begin(self, scale: Scale = Scale()) -> State:
+    def begin(self, scale: Scale = NO_SCALE) -> State:
         """The state of a service that has seen nothing."""
         nothing = _nothing(0, Reason.STARTING, None)
         still = (False,) * len(self.service.machine.signals)
         return State(
-            self.assembler.begin(), None, self.weigher.begin(), scale, 0, invalid(Reason.STARTING), nothing, still
+            self.assembler.begin(),
+            None,
+            self.weigher.begin(),
+            scale,
+            0,
+            invalid(Reason.STARTING),
+            nothing,
+            still,
         )
 
 
@@ -232,7 +242,9 @@ def _hold(last: Estimate, t_us: int, reason: Reason) -> Estimate:
     def held(q: Quantity) -> Quantity:
         return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
 
-    return Estimate(t_us, held(last.gross), held(last.net), Force(*(held(q) for q in last.force)), last.booking)
+    return Estimate(
+        t_us, held(last.gross), held(last.net), Force(*(held(q) for q in last.force)), last.booking
+    )
 
 
 def _nothing(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core.model import Model, Tares
-from cylforce.regression.recursive import Root, known, solution, update
+from cylforce.regression.recursive import Root, forget, known, solution, update
 from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array, Booking, Quantity, Reason, Status, invalid
 
@@ -18,6 +18,7 @@ MIN_SECONDS = 1.0  # of consistent samples before a weight is shown
 GOOD_ENOUGH = 0.01  # standard error, as a share of rated payload, to be shown as OK and to be booked
 SMALLEST = 0.05  # share of rated payload below which the bucket counts as empty
 FARTHEST = 1.5  # times the declared reach of the load's centre: farther out no material can lie
+FORGET_SECONDS = 30.0
 RELATIVE = 0.01  # what the model leaves unexplained grows with the load: friction, elasticity
 REST_SECONDS = 10.0  # friction at rest does not average out: it counts as if it lasted so long
 
@@ -59,12 +60,20 @@ class Lift(NamedTuple):
     moving: int
 
 
-class Candidate(NamedTuple):
-    """The best weight of the current lift: mass, standard error, how many samples it rests on."""
+class Weight(NamedTuple):
+    """Mass [kg], its standard error, the load's centre x + i z [m] in the last link's frame."""
 
     mass: float
     standard_error: float
-    samples: int
+    centre: complex
+
+
+class Candidate(NamedTuple):
+    """The best weight of the current lift: mass, standard error, how many samples in motion it rests on."""
+
+    mass: float
+    standard_error: float
+    moving: int
 
 
 class Weighing(NamedTuple):
@@ -88,6 +97,11 @@ class Weigher:
         f = self.model.filters
         return max(1.0, f.rate_hz / (np.pi * min(f.smoothing_hz, f.regressor_hz)))
 
+    @property
+    def _long(self) -> float:
+        """Samples after which old ones fade: nothing hangs for so long without a change."""
+        return FORGET_SECONDS * self.model.filters.rate_hz
+
     @cached_property
     def _fresh(self) -> Lift:
         machine = self.model.machine
@@ -109,9 +123,8 @@ class Weigher:
         lift = self._advance(state.lift, left, usable)
         if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
             lift = self._fresh  # what the lift showed stays a candidate until the bucket is seen empty
-        mass, spread, centre = self._conclude(lift)
-        state = self._note(state._replace(lift=lift), mass, spread, centre, t_us)
-        return state, self._judge(lift, mass, spread, centre)
+        weight = self._conclude(lift)
+        return self._note(state._replace(lift=lift), weight, t_us), self._judge(lift, weight)
 
     def _advance(self, lift: Lift, left: Residual, usable: Array) -> Lift:
         columns = left.columns @ self.model.load
@@ -122,53 +135,60 @@ class Weigher:
             return lift._replace(refused=lift.refused + 1)
         variance = self._memory * left.variance + REST_SECONDS * self.model.filters.rate_hz * left.rest
         variance = np.where(usable, variance, np.inf)
-        root = update(lift.root, columns, left.torque, variance)
+        old = lift.root if lift.taken < self._long else forget(lift.root, columns, 1.0 - 1.0 / self._long)
+        root = update(old, columns, left.torque, variance)
         gram = lift.gram + (columns / variance[:, None]).T @ left.columns
         moving = lift.moving + bool(np.any(left.rest[usable] < left.variance[usable]))
         return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving)
 
-    def _conclude(self, lift: Lift) -> tuple[float, float, complex]:
-        """Mass, its standard error (with that of the tares), centre of the load in the last link's frame."""
-        theta, spread = lift.values, lift.covariance
-        gain = spread[0] @ lift.gram
-        variance = spread[0, 0] + gain @ self.tares.covariance @ gain
-        mass = float(theta[0])
-        return mass, float(np.sqrt(variance)), complex(theta[1], theta[2]) / (mass if abs(mass) > 1.0 else 1.0)
+    def _conclude(self, lift: Lift) -> Weight:
+        """The mass with its standard error (with that of the tares), the centre of the load."""
+        gain = lift.covariance[0] @ lift.gram
+        variance = lift.covariance[0, 0] + gain @ self.tares.covariance @ gain
+        mass = float(lift.values[0])
+        centre = complex(lift.values[1], lift.values[2]) / (mass if abs(mass) > 1.0 else 1.0)
+        return Weight(mass, float(np.sqrt(variance)), centre)
 
-    def _plausible(self, mass: float, spread: float, centre: complex) -> bool:
+    def _plausible(self, weight: Weight) -> bool:
         """No hanging load pulls upwards or has its centre outside the tool."""
         rated, reach = self.model.machine.rated_payload, self.model.machine.payload_reach
-        if abs(mass) < max(SMALLEST * rated, 3.0 * spread):
-            return abs(centre * mass) < SMALLEST * rated * reach + 3.0 * spread * reach
-        return mass > 0.0 and abs(centre) < FARTHEST * reach
+        if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
+            moment = abs(weight.centre * weight.mass)
+            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach
+        return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
-    def _judge(self, lift: Lift, mass: float, spread: float, centre: complex) -> Quantity:
-        rated = self.model.machine.rated_payload
-        if lift.refused:
-            return invalid(Reason.IN_CONTACT)
-        if lift.taken < MIN_SECONDS * self.model.filters.rate_hz:
-            return invalid(Reason.STARTING)
-        if not self._plausible(mass, spread, centre):
-            return invalid(Reason.NOT_A_LOAD)
-        if spread >= rated:
-            return invalid(Reason.UNCERTAIN)
-        if spread > GOOD_ENOUGH * rated:
-            return Quantity(mass, spread, Status.DEGRADED, Reason.AT_REST if not lift.moving else Reason.UNCERTAIN)
+    def _judge(self, lift: Lift, weight: Weight) -> Quantity:
+        doubt = self._doubt(lift, weight)
+        if doubt is not None:
+            return invalid(doubt)
+        if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:
+            reason = Reason.UNCERTAIN if lift.moving else Reason.AT_REST
+            return Quantity(weight.mass, weight.standard_error, Status.DEGRADED, reason)
         if not self.tares.identified:
-            return Quantity(mass, spread, Status.DEGRADED, Reason.NOT_IDENTIFIED)
-        return Quantity(mass, spread, Status.OK, Reason.NONE)
+            return Quantity(weight.mass, weight.standard_error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
+        return Quantity(weight.mass, weight.standard_error, Status.OK, Reason.NONE)
 
-    def _note(self, state: Weighing, mass: float, spread: float, centre: complex, t_us: int) -> Weighing:
-        """Remember the weight that rests on most samples; book it once the bucket is empty again."""
-        lift, rated = state.lift, self.model.machine.rated_payload
-        enough = lift.taken >= MIN_SECONDS * self.model.filters.rate_hz and spread < GOOD_ENOUGH * rated
-        if lift.refused or not enough or not self._plausible(mass, spread, centre):
+    def _doubt(self, lift: Lift, weight: Weight) -> Reason | None:
+        """Why there is no weight."""
+        if lift.refused:
+            return Reason.IN_CONTACT
+        if lift.taken < MIN_SECONDS * self.model.filters.rate_hz:
+            return Reason.STARTING
+        if not self._plausible(weight):
+            return Reason.NOT_A_LOAD
+        return Reason.UNCERTAIN if weight.standard_error >= self.model.machine.rated_payload else None
+
+    def _note(self, state: Weighing, weight: Weight, t_us: int) -> Weighing:
+        """Remember the weight that rests on most samples in motion; book it once the bucket is empty again."""
+        rated = self.model.machine.rated_payload
+        if self._doubt(state.lift, weight) is not None or weight.standard_error > GOOD_ENOUGH * rated:
             return state
-        if mass < SMALLEST * rated:
+        if weight.mass < SMALLEST * rated:
             return self._book(state, t_us)
         held = state.candidate
-        if held is None or lift.moving >= held.samples:
-            return state._replace(candidate=Candidate(mass, spread, lift.moving))
+        if held is None or state.lift.moving >= held.moving:
+            found = Candidate(weight.mass, weight.standard_error, state.lift.moving)
+            return state._replace(candidate=found)
         return state
 
     def _book(self, state: Weighing, t_us: int) -> Weighing:

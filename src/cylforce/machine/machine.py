@@ -150,7 +150,9 @@ class Machine:
         A table gives the start, three Newton steps the rest (error below 1e-12 rad away from dead points)."""
         table = self.tables[c]
         if table is None:
-            raise ValueError(f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle")
+            raise ValueError(
+                f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle"
+            )
         (j,) = self.spans[c]
         wanted = np.asarray(length, dtype=np.float64)
         theta = np.zeros((*wanted.shape, self.size))

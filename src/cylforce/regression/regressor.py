@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.machine.effect import Effect, Halves, Parameter
+from cylforce.machine.effect import Effect, Parameter
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion, joint_torque
 from cylforce.regression.filters import Filter, first_order, second_order
@@ -42,8 +42,8 @@ class Regressor:
         rows = self.machine.rows
         return slice(None) if rows == tuple(range(self.machine.size)) else rows
 
-    def halves(self, moving: Motion) -> Halves:
-        """Momentum and static columns (..., R, P)."""
+    def both_halves(self, moving: Motion) -> tuple[Array, Array]:
+        """Momentum and static columns, each (..., R, P)."""
         shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
         momentum, static = np.zeros(shape), np.zeros(shape)
         for effect, places in zip(self.effects, self._places, strict=True):
@@ -51,7 +51,7 @@ class Regressor:
             static[..., places] += part.static
             if part.momentum is not None:
                 momentum[..., places] += part.momentum
-        return Halves(momentum[..., self._rows, :], static[..., self._rows, :])
+        return momentum[..., self._rows, :], static[..., self._rows, :]
 
     def torque(self, moving: Motion) -> Array:
         """Measured torque (..., R) [N m]."""
@@ -100,11 +100,9 @@ class FilteredRegressor:
 
     def _inputs(self, moving: Motion) -> tuple[Array, Array]:
         """w * momentum and static - w * momentum (..., R, P+1), the torque as the last static column."""
-        halves, torque = self.regressor.halves(moving), self.regressor.torque(moving)
-        assert halves.momentum is not None
-        momentum = np.concatenate([halves.momentum, np.zeros((*torque.shape, 1))], axis=-1)
-        momentum *= 2 * pi * self.regressor_hz
-        return momentum, np.concatenate([halves.static, torque[..., None]], axis=-1) - momentum
+        (left, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
+        momentum = np.concatenate([left, np.zeros((*torque.shape, 1))], axis=-1) * (2 * pi * self.regressor_hz)
+        return momentum, np.concatenate([static, torque[..., None]], axis=-1) - momentum
 
     def begin(self, moving: Motion) -> FilterState:
         """State before the first sample."""
