@@ -75,10 +75,7 @@ class FourBar:
         """Length of the cylinder; the rocker's end is the intersection of two circles, its motion follows from both."""
         rocker, link = point(at, *self.rocker_pin), point(at, *self.link_pin)
         base = link.place - rocker.place
-        span = np.abs(base)
-        along = (span**2 + self.rocker_length**2 - self.link_length**2) / (2.0 * span)
-        height = np.sqrt(np.where(self.rocker_length >= np.abs(along), self.rocker_length**2 - along**2, np.nan))
-        arm = base / span * (along + 1j * self.side * height)  # rocker pin -> rocker end
+        arm = self._arm(base)
         bar = arm - base  # link pin -> rocker end
         sine = _cross(arm, bar) / (self.rocker_length * self.link_length)
         # both lengths are constant: end' = rocker' + i arm spin, and bar stays perpendicular to end' - link'
@@ -89,6 +86,15 @@ class FourBar:
             rocker.gradient + 1j * self.eye * arm[..., None] * spin,
         )
         return _span(eye, point(at, *self.foot), np.abs(sine))
+
+    def _arm(self, base: Complex) -> Complex:
+        """Rocker pin -> rocker end, from rocker pin -> link pin; NaN where the two circles do not meet."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            span = np.abs(base)
+            along = (span**2 + self.rocker_length**2 - self.link_length**2) / (2.0 * span)
+            height = np.sqrt(np.maximum(self.rocker_length**2 - along**2, 0.0))
+            meet = np.abs(along) <= self.rocker_length
+            return np.asarray(np.where(meet, base / span * (along + 1j * self.side * height), np.nan))
 
     @property
     def pins(self) -> tuple[Pin, ...]:
