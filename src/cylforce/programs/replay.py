@@ -1,0 +1,109 @@
+"""`cylforce replay`: a recording through the very core of the daemon; with a bus, as if its sensors sent it."""
+
+import csv
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.publication import published
+from cylforce.core.step import Core, State, step
+from cylforce.edges.candump import Sent
+from cylforce.edges.files import replacing, warn
+from cylforce.edges.identified import read_identified
+from cylforce.edges.logfile import Header, file_sha256, mismatches, running_versions
+from cylforce.edges.logreader import with_ticks
+from cylforce.edges.recording import Events, open_recording, sensor_frames
+from cylforce.edges.settings import Loaded
+from cylforce.programs.identify import model_of
+from cylforce.words.estimate import Array, Booking, Estimate
+from cylforce.words.events import Event
+
+
+class Replayed(NamedTuple):
+    """What a replay gave: `estimates` one per tick, bookings, sent frames that were compared and that differed."""
+
+    estimates: list[Estimate]
+    bookings: list[Booking]
+    compared: int
+    different: int
+    state: State
+
+
+def make_core(loaded: Loaded, identified: Path | None) -> Core:
+    """The core of a machine file with its identified tares, or with the data sheet's."""
+    model = model_of(loaded)
+    tares = model.data_sheet if identified is None else read_identified(identified, model, loaded)
+    return Core(loaded.service, tares)
+
+
+def header_of(loaded: Loaded, identified: Path | None, bus: str, zero: float, tare: float) -> Header:
+    """What a log of this service begins with."""
+    return Header(
+        versions=running_versions(),
+        machine=str(loaded.path.resolve()),
+        machine_sha256=loaded.sha256,
+        identified_sha256=file_sha256(identified) if identified else None,
+        state={"zero": zero, "tare": tare},
+        bus=bus,
+        node_id=loaded.service.node_id,
+    )
+
+
+def run_replay(
+    loaded: Loaded, recording: Path, identified: Path | None = None, tell: Callable[[str], None] = warn
+) -> Replayed:
+    """Play a recording through the core. Raises RecordingError or SettingsError, one sentence each."""
+    core = make_core(loaded, identified)
+    source = open_recording(recording, loaded.service, loaded.columns, tell=tell)
+    if isinstance(source, Events):
+        if source.header is not None:
+            for sentence in mismatches(recording, source.header, header_of(loaded, identified, "", 0.0, 0.0)):
+                tell(sentence)
+        return replay(core, source.events)
+    return replay(core, with_ticks(sensor_frames(source, loaded.service), core.period_us, tell))
+
+
+def replay(core: Core, events: Iterable[Event | Sent]) -> Replayed:
+    """The scan of `step` over events; frames that the daemon sent are compared bit by bit."""
+    state = core.begin()
+    estimates: list[Estimate] = []
+    bookings: list[Booking] = []
+    expected: dict[int, bytes] = {}
+    compared = different = 0
+    identifiers = {pdo.number: pdo.can_id for pdo in core.service.publication}
+    for event in events:
+        if isinstance(event, Sent):
+            if event.can_id in identifiers.values():
+                compared += 1
+                different += expected.get(event.can_id) != event.data
+            continue
+        state, out = step(core, state, event)
+        if out.estimate is not None:
+            expected = {identifiers[number]: data for number, data in out.frames}
+            estimates.append(out.estimate)
+            booking = out.estimate.booking
+            if booking is not None and (not bookings or booking.number != bookings[-1].number):
+                bookings.append(booking)
+    return Replayed(estimates, bookings, compared, different, state)
+
+
+def write_estimates(path: Path, estimates: Iterable[Estimate]) -> None:
+    """CSV: `t_us` and one column per published value, SI; empty where there is no value."""
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        rows = _rows(estimates)
+        writer = csv.writer(file)
+        for k, row in enumerate(rows):
+            if k == 0:
+                writer.writerow(row)
+            writer.writerow("" if np.isnan(v) else repr(v) for v in row.values())
+
+
+def _rows(estimates: Iterable[Estimate]) -> Iterator[dict[str, float]]:
+    return ({"t_us": estimate.t_us, **published(estimate)} for estimate in estimates)
+
+
+def column(estimates: list[Estimate], name: str) -> Array:
+    """One published value along a replay."""
+    return np.array([published(estimate)[name] for estimate in estimates])
