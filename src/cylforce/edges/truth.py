@@ -68,7 +68,7 @@ class TruthWriter:
     def __init__(self, path: Path, header: dict[str, JsonValue], names: Iterable[str]) -> None:
         self._path = path
         try:
-            self._file = path.open("w", encoding="utf-8", newline="", buffering=1 << 16)
+            self._file = path.open("w", encoding="utf-8", newline="", buffering=1)
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
         self._file.write(f"# {json.dumps(header)}\n{','.join((TIME, *names))}\n")
@@ -77,10 +77,6 @@ class TruthWriter:
         """Rows (T, K) at the times (T,)."""
         lines = (f"{t},{','.join(f'{x:.9g}' for x in row)}\n" for t, row in zip(t_us, rows.tolist(), strict=True))
         self._file.writelines(lines)
-
-    def flush(self) -> None:
-        """Let readers see all that was written."""
-        self._file.flush()
 
     def __enter__(self) -> Self:
         return self

@@ -25,7 +25,7 @@ from cylforce.edges.truth import TruthWriter, describe, truth_columns
 from cylforce.words.signals import Kind
 
 SCENARIOS = ("moves", "cycles")
-START_US = 1_767_225_600_000_000  # 2026-01-01: a run into files begins at a time of its own, the same for one seed
+START_US = 1_767_225_600_000_000  # 2026-01-01: one seed gives one file, whenever it is written
 
 
 class Play(NamedTuple):
@@ -114,8 +114,11 @@ def run_sim(
     )
     print(f"seed {seed}", flush=True)
     if bus is not None:
-        raise SettingsError(f"the simulated sensors cannot join the bus {bus} yet: write a log or a table")
-    write_files(play, truth, log, table)
+        from cylforce.programs.sim_bus import play_on_bus
+
+        play_on_bus(play, bus, truth)
+    else:
+        write_files(play, truth, log, table)
     return seed
 
 
