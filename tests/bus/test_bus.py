@@ -49,9 +49,7 @@ class Contract:
 
         async def main():
             receiver.attach(asyncio.get_running_loop(), got.append)
-            sender.attach(
-                asyncio.get_running_loop(), lambda frame: pytest.fail(f"own frame came back: {frame}")
-            )
+            sender.attach(asyncio.get_running_loop(), lambda frame: pytest.fail(f"own frame came back: {frame}"))
             assert all([sender.send(can_id, data) for can_id, data in frames])
             await until(lambda: len(got) >= len(frames))
 
@@ -222,9 +220,7 @@ class TestSocketCan(Contract):
         return cpu
 
     def test_the_link_goes_down_and_up(self, link, pair):
-        cpu = self.survives(
-            link, pair, lambda: ip("link", "set", link, "down"), lambda: ip("link", "set", link, "up")
-        )
+        cpu = self.survives(link, pair, lambda: ip("link", "set", link, "down"), lambda: ip("link", "set", link, "up"))
         assert cpu < 0.5
 
     def test_the_link_vanishes_and_comes_back(self, link, pair):

@@ -33,14 +33,14 @@ def publication(node_id: int, period_s: float, rated_payload: float, rated_force
         (
             Field(FORCE_X, 0x7130, 2, "h", _N, 0.0, "N", *newton),
             Field(FORCE_Z, 0x7130, 3, "h", _N, 0.0, "N", *newton),
-            Field(MAGNITUDE, 0x7130, 4, "h", _N, 0.0, "N", 0.0, rated_force),
-            Field(DIRECTION, 0x7130, 5, "h", _DEG, 0.0, "rad", -pi, pi),
+            Field(MAGNITUDE, 0x7130, 5, "h", _N, 0.0, "N", 0.0, rated_force),
+            Field(DIRECTION, 0x7130, 4, "h", _DEG, 0.0, "rad", -pi, pi),
         ),
         (
             Field(GROSS_ERROR, 0x2130, 1, "H", _KG, 0.0, "kg", 0.0, rated_payload),
             Field(X_ERROR, 0x2130, 2, "H", _N, 0.0, "N", 0.0, rated_force),
             Field(Z_ERROR, 0x2130, 3, "H", _N, 0.0, "N", 0.0, rated_force),
-            Field(DIRECTION_ERROR, 0x2130, 5, "H", _DEG, 0.0, "rad", 0.0, pi),
+            Field(DIRECTION_ERROR, 0x2130, 4, "H", _DEG, 0.0, "rad", 0.0, pi),
         ),
         (
             Field(PAYLOAD_QUALITY, 0x2150, 1, "B", 1.0, 0.0, "1", 0.0, 255.0),

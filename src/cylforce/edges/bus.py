@@ -15,9 +15,7 @@ from cylforce.words.events import Frame
 
 OnFrame = Callable[[Frame], None]
 
-BURST = (
-    256  # frames per wake-up: after so many the loop gets its turn, so that a flood cannot starve the ticks
-)
+BURST = 256  # frames per wake-up: after so many the loop gets its turn, so that a flood cannot starve the ticks
 FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # back-off of opening again
 
 
@@ -128,9 +126,5 @@ def open_bus(name: str, now: Callable[[], int] = now_us) -> Bus:
 
         return python_can.Virtual(channel, now) if interface == "virtual" else python_can.Remote(channel, now)
     if interface == "udp_multicast":
-        raise BusError(
-            "udp_multicast would send frames out of this machine: use socketcan, virtual or remote"
-        )
-    raise BusError(
-        f"there is no interface {interface!r}: use socketcan:NAME, virtual:NAME or remote:127.0.0.1:PORT"
-    )
+        raise BusError("udp_multicast would send frames out of this machine: use socketcan, virtual or remote")
+    raise BusError(f"there is no interface {interface!r}: use socketcan:NAME, virtual:NAME or remote:127.0.0.1:PORT")

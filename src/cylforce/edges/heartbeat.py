@@ -1,0 +1,59 @@
+"""The heartbeats of other nodes (1016h): who has booted, changed state, fallen silent."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+BOOTED = 0
+STOPPED, OPERATIONAL, PRE_OPERATIONAL = 4, 5, 127
+
+OnPeer = Callable[[int, int | None], None]
+
+
+@dataclass(slots=True)
+class _Peer:
+    timeout_us: int
+    state: int | None = None
+    last_us: int = 0
+
+
+class Heartbeats:
+    """Watches other nodes. `on_peer(node_id, state)` is told of each boot-up (0), each change of state (4, 5,
+    127) and when a node has been silent for too long (None). A node is watched from its first message on, as
+    CiA 301 has it."""
+
+    def __init__(self, on_peer: OnPeer) -> None:
+        self._on_peer = on_peer
+        self._peers: dict[int, _Peer] = {}
+        self.silent: set[int] = set()  # nodes that were there and fell silent
+
+    def watch(self, entries: Iterable[tuple[int, int]]) -> None:
+        """Watch exactly these nodes: (node id, consumer time [us])."""
+        wanted = {node_id: timeout_us for node_id, timeout_us in entries if node_id and timeout_us}
+        self._peers = {node_id: self._peers.get(node_id) or _Peer(us) for node_id, us in wanted.items()}
+        for node_id, peer in self._peers.items():
+            peer.timeout_us = wanted[node_id]
+        self.silent &= wanted.keys()
+
+    def state(self, node_id: int) -> int | None:
+        """The last state of a node; None: silent or not watched."""
+        peer = self._peers.get(node_id)
+        return None if peer is None else peer.state
+
+    def on_heartbeat(self, can_id: int, data: bytes | bytearray, t_us: int) -> None:
+        """A frame with identifier 700h + node id; a malformed one is none."""
+        peer = self._peers.get(can_id - 0x700)
+        if peer is None or len(data) != 1:
+            return
+        state, before = data[0] & 0x7F, peer.state
+        peer.state, peer.last_us = state, t_us
+        self.silent.discard(can_id - 0x700)
+        if state == BOOTED or state != before:
+            self._on_peer(can_id - 0x700, state)
+
+    def poll(self, t_us: int) -> None:
+        """Who has been silent for too long?"""
+        for node_id, peer in self._peers.items():
+            if peer.state is not None and t_us - peer.last_us > peer.timeout_us:
+                peer.state = None
+                self.silent.add(node_id)
+                self._on_peer(node_id, None)
