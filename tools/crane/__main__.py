@@ -122,14 +122,7 @@ def text(found: Crane) -> str:
     cylinders = "".join(cylinder(found, k) for k in (0, 1))
     nodes = "".join(sensors(found, k) for k in (0, 1))
     boom, jib = found.retracted
-    return (
-        HEAD.substitute()
-        + links
-        + tool
-        + cylinders
-        + nodes
-        + TAIL.substitute(boom=number(boom), jib=number(jib))
-    )
+    return HEAD.substitute() + links + tool + cylinders + nodes + TAIL.substitute(boom=number(boom), jib=number(jib))
 
 
 def link(found: Crane, k: int) -> str:
@@ -171,9 +164,7 @@ def cylinder(found: Crane, k: int) -> str:
 def sensors(found: Crane, k: int) -> str:
     """[[nodes]] and [[sensors]]"""
     low, high = found.retracted[k] - SLACK, found.retracted[k] + found.strokes[k] + SLACK
-    return NODES.substitute(
-        name=NAMES[k], pressure_node=33 + k, length_node=17 + k, low=number(low), high=number(high)
-    )
+    return NODES.substitute(name=NAMES[k], pressure_node=33 + k, length_node=17 + k, low=number(low), high=number(high))
 
 
 def pair(point: complex) -> str:

@@ -92,9 +92,7 @@ def dogbones(p: Expressions, turn: complex) -> tuple[FourBar, FourBar]:
         p["l_FE"],
         -1,
     )
-    jib = FourBar(
-        (1, place(p, "K") * turn), (1, place(p, "G") * turn), (2, place(p, "I")), p["l_GH"], p["l_IH"], -1
-    )
+    jib = FourBar((1, place(p, "K") * turn), (1, place(p, "G") * turn), (2, place(p, "I")), p["l_GH"], p["l_IH"], -1)
     return main, jib
 
 
@@ -125,9 +123,9 @@ def retracted_lengths(
     average."""
     draft, found = machine(linkages, length), []
     for k in (0, 1):
-        stroke = np.linspace(0.05, 0.95, 181) * strokes[k]
+        stroke = np.linspace(0.1, 0.9, 161) * strokes[k]
         known = draft.geometry(chain_angles(curves, k, stroke, tip)).length[:, k]
-        found.append(float(np.mean(known - stroke)))
+        found.append(float(np.median(known - stroke)))
     return found[0], found[1]
 
 
@@ -137,9 +135,7 @@ def angle_range(draft: Machine, k: int, retracted: float, stroke: float) -> tupl
     theta[:, k] = np.linspace(*TURN, SCAN)
     with np.errstate(invalid="ignore"):
         length = draft.geometry(theta).length[:, k]
-        inside = (
-            (length > retracted - SLACK) & (length < retracted + stroke + SLACK) & (np.gradient(length) > 0)
-        )
+        inside = (length > retracted - SLACK) & (length < retracted + stroke + SLACK) & (np.gradient(length) > 0)
     runs = np.split(np.arange(SCAN), np.flatnonzero(np.diff(inside)) + 1)
     longest = max((run for run in runs if inside[run[0]]), key=lambda run: np.ptp(length[run]))
     return float(theta[longest[0], k]), float(theta[longest[-1], k])
@@ -150,8 +146,7 @@ def lumps(
 ) -> tuple[list[Lump], list[Lump]]:
     """Everything that counts as boom, everything that counts as jib, in the frames of the chain."""
     main, jib = (
-        cylinder_ends(p, name, r + s / 2)
-        for name, r, s in zip(("MainC", "JibC"), retracted, strokes, strict=True)
+        cylinder_ends(p, name, r + s / 2) for name, r, s in zip(("MainC", "JibC"), retracted, strokes, strict=True)
     )
     de, fe = rod_ends(p, "D2E", p["l_DE"]), rod_ends(p, "E2F", p["l_FE"])
     gh, ih = rod_ends(p, "G2H", p["l_GH"]), rod_ends(p, "H2I", p["l_IH"])

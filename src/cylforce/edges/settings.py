@@ -59,9 +59,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_bytes().decode("utf-8")
     except OSError as error:
-        raise SettingsError(
-            f"{path}: cannot be read ({error.strerror}): give the path of a machine file"
-        ) from error
+        raise SettingsError(f"{path}: cannot be read ({error.strerror}): give the path of a machine file") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"{path}: is not UTF-8 text at byte {error.start}: save it as UTF-8") from error
 
@@ -82,9 +80,7 @@ def _validated(raw: dict[str, Any]) -> MachineFile:
 
 def _known_keys() -> Sequence[str]:
     """All keys that a machine file may have, to guess what a misspelt one meant."""
-    models = [
-        m for module in (settings_arm, settings_model) for m in vars(module).values() if isinstance(m, type)
-    ]
+    models = [m for module in (settings_arm, settings_model) for m in vars(module).values() if isinstance(m, type)]
     plain = {key for m in models if issubclass(m, BaseModel) for key in m.model_fields} - set(WORDS)
     suffixes = {suffix for table in SUFFIXES.values() for suffix in table}
     return sorted(plain | {f"{word}_{suffix}" for word in WORDS for suffix in suffixes})

@@ -25,17 +25,11 @@ def own_pdos(file: MachineFile) -> tuple[Pdo, ...]:
             ("publication", "period_ms"),
             "is shorter than a step of filter.rate_hz: publish no faster than that",
         )
-    pdos = publication(
-        own.node_id, own.period_ms * MILLIMETRE, file.machine.rated_payload_kg, own.rated_force_n
-    )
+    pdos = publication(own.node_id, own.period_ms * MILLIMETRE, file.machine.rated_payload_kg, own.rated_force_n)
     for field in (field for pdo in pdos for field in pdo.fields):
         if field.unit in ("kg", "N") and not _fits(field):
-            key: Key = (
-                ("publication", "rated_force_n") if field.unit == "N" else ("machine", "rated_payload_kg")
-            )
-            raise FaultError(
-                key, f"is too large for {field.signal} ({TYPE_NAMES[field.code]}): make it smaller"
-            )
+            key: Key = ("publication", "rated_force_n") if field.unit == "N" else ("machine", "rated_payload_kg")
+            raise FaultError(key, f"is too large for {field.signal} ({TYPE_NAMES[field.code]}): make it smaller")
     return pdos
 
 
@@ -48,9 +42,7 @@ def nodes(file: MachineFile, folder: Path) -> tuple[SensorNode, ...]:
         for pdo in node.pdos:
             if pdo.can_id in owner:
                 used = f"TPDO {pdo.number} has the COB-ID {pdo.can_id:03X}h of {owner[pdo.can_id]}"
-                raise FaultError(
-                    ("nodes", k), f"cannot be told apart: {used}; give it another cob_id in nodes.pdos"
-                )
+                raise FaultError(("nodes", k), f"cannot be told apart: {used}; give it another cob_id in nodes.pdos")
             owner[pdo.can_id] = node.name
     return found
 
@@ -72,9 +64,7 @@ def _check_places(file: MachineFile) -> None:
     ids = {file.publication.node_id: "our own node"}
     for k, node in enumerate(file.nodes):
         if node.node_id in ids:
-            raise FaultError(
-                ("nodes", k, "node_id"), f"is also that of {ids[node.node_id]}: give each node its own"
-            )
+            raise FaultError(("nodes", k, "node_id"), f"is also that of {ids[node.node_id]}: give each node its own")
         ids[node.node_id] = node.name
 
 
@@ -88,9 +78,7 @@ def _node(file: MachineFile, k: int, folder: Path) -> SensorNode:
     numbers = sorted({sensor.pdo for _, sensor in sensors})
     for special in table.pdos:
         if special.number not in numbers:
-            raise FaultError(
-                ("nodes", k, "pdos"), f"describe TPDO {special.number}, which no sensor uses: remove it"
-            )
+            raise FaultError(("nodes", k, "pdos"), f"describe TPDO {special.number}, which no sensor uses: remove it")
     pdos = tuple(_pdo(file, k, number, sensors, eds) for number in numbers)
     if eds is not None and not table.writable_mapping:
         for pdo in pdos:
@@ -118,7 +106,7 @@ def _eds(table: NodeTable, k: int, folder: Path) -> vendor_eds.Eds | None:
         eds = vendor_eds.read(folder / table.eds)
     except vendor_eds.EdsError as error:
         raise FaultError(("nodes", k, "eds"), f"cannot be used: {error}") from None
-    if table.profile not in (None, vendor_eds.profile(eds)):
+    if vendor_eds.profile(eds) not in (0, table.profile or vendor_eds.profile(eds)):
         raise FaultError(
             ("nodes", k, "profile"),
             f"is {table.profile}, its EDS says {vendor_eds.profile(eds)}: correct one",
@@ -130,9 +118,7 @@ def _check_twice(objects: Iterable[tuple[int, tuple[int, int]]]) -> None:
     seen: set[tuple[int, int]] = set()
     for n, place in objects:
         if place in seen:
-            raise FaultError(
-                ("sensors", n, "object"), "is mapped twice from this node: correct index or sub-index"
-            )
+            raise FaultError(("sensors", n, "object"), "is mapped twice from this node: correct index or sub-index")
         seen.add(place)
 
 
@@ -150,9 +136,7 @@ def _timing(file: MachineFile, node: NodeTable, number: int) -> tuple[bool, int,
     if period_ms is None:
         return True, every, own
     if file.publication.sync_producer and abs(period_ms * MILLIMETRE - own) > 1e-6:
-        raise FaultError(
-            key, f"follows our SYNC every {1e3 * own:g} ms, not every {period_ms} ms: remove period_ms"
-        )
+        raise FaultError(key, f"follows our SYNC every {1e3 * own:g} ms, not every {period_ms} ms: remove period_ms")
     return True, every, period_ms * MILLIMETRE
 
 
@@ -194,27 +178,28 @@ def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Fie
             ("sensors", n, "range"),
             f"exceeds what {name} with this scale can say: widen the type or the scale",
         )
-    return [*map(_gap, sensor.skip_before), field, *map(_gap, sensor.skip_after)]
+    before, after = ([_gap(n, skipped, eds) for skipped in some] for some in (sensor.skip_before, sensor.skip_after))
+    return [*before, field, *after]
 
 
-def _gap(skipped: Skipped) -> Field:
-    return Field(None, *skipped.object, TYPES[skipped.type], 1.0, 0.0, "1", 0.0, 0.0)
+def _gap(n: int, skipped: Skipped, eds: vendor_eds.Eds | None) -> Field:
+    return Field(None, *skipped.object, _code(n, skipped, eds), 1.0, 0.0, "1", 0.0, 0.0)
 
 
-def _code(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> str:
-    """The struct code of a sensor's object: the file's, the EDS's, or both if they agree."""
-    said = TYPES[sensor.type] if sensor.type else None
+def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> str:
+    """The struct code of a mapped object: the file's, the EDS's, or both if they agree."""
+    said = TYPES[mapped.type] if mapped.type else None
     if eds is None:
         if said is None:
             raise FaultError(("sensors", n), f"lacks the key type: write one of {', '.join(TYPES)}")
         return said
     try:
-        found = vendor_eds.mapped_code(eds, *sensor.object)
+        found = vendor_eds.mapped_code(eds, *mapped.object)
     except vendor_eds.EdsError as error:
         raise FaultError(("sensors", n, "object"), f"does not agree with its node's EDS: {error}") from None
     if said not in (None, found):
         raise FaultError(
-            ("sensors", n, "type"), f"is {sensor.type}, its node's EDS says {TYPE_NAMES[found]}: correct it"
+            ("sensors", n, "type"), f"is {mapped.type}, its node's EDS says {TYPE_NAMES[found]}: correct it"
         )
     return found
 
@@ -236,8 +221,6 @@ def _fits(field: Field) -> bool:
     if field.code == "f":
         return True
     bits = 8 * CODES[field.code]
-    low, high = (
-        (0, (1 << bits) - 2) if field.code.isupper() else (1 - (1 << (bits - 1)), (1 << (bits - 1)) - 1)
-    )
+    low, high = (0, (1 << bits) - 2) if field.code.isupper() else (1 - (1 << (bits - 1)), (1 << (bits - 1)) - 1)
     raw = sorted((value - field.offset) / field.scale for value in (field.low, field.high))
     return low - 0.5 <= raw[0] and raw[1] <= high + 0.5

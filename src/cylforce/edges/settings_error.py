@@ -41,9 +41,7 @@ def line_of(text: str, key: Key) -> int:
             continue
         after = key[k + 1] if k + 1 < len(key) else 0
         count = after + 1 if isinstance(after, int) else 1
-        pattern = re.compile(
-            rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]|(.*[\s{{,.])?{re.escape(part)}\s*[.=]"
-        )
+        pattern = re.compile(rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]|(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
         hits = [n for n in range(at, len(lines)) if pattern.match(lines[n].split("#")[0])]
         if len(hits) < count:
             break
@@ -77,17 +75,11 @@ def fault(error: ErrorDetails, known: Sequence[str]) -> FaultError:
         return FaultError(key[:-1], f"lacks the key {key[-1]}: add it")
     if kind == "extra_forbidden":
         close = get_close_matches(str(key[-1]), known, 1)
-        return FaultError(
-            key, f"is not a key of this table: {f'did you mean {close[0]}' if close else 'remove it'}"
-        )
+        return FaultError(key, f"is not a key of this table: {f'did you mean {close[0]}' if close else 'remove it'}")
     if kind == "value_error":
         return FaultError(key, str(error["msg"]).removeprefix("Value error, "))
-    problem = (
-        str(error["msg"]).replace("Input should be", "must be").replace("Input should have", "must have")
-    )
-    return FaultError(
-        key, f"{problem[:1].lower()}{problem[1:]}, not {_shown(error['input'])}: correct the value"
-    )
+    problem = str(error["msg"]).replace("Input should be", "must be").replace("Input should have", "must have")
+    return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {_shown(error['input'])}: correct the value")
 
 
 def _shown(value: object) -> str:

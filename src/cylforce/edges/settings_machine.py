@@ -14,9 +14,7 @@ from cylforce.machine.machine import Cylinder, Link, Machine
 from cylforce.words.signals import Signal
 from cylforce.words.units import BAR, DEGREE, MILLIMETRE
 
-LIMIT = 1.0 / sqrt(
-    3.0
-)  # a tolerance is the half-width of a uniform distribution (GUM 4.3.7): its standard deviation
+LIMIT = 1.0 / sqrt(3.0)  # a tolerance is the half-width of a uniform distribution (GUM 4.3.7): its standard deviation
 CHASSIS = "chassis"
 SCAN = 361
 
@@ -45,9 +43,7 @@ def _link(file: MachineFile, k: int) -> Link:
     inertia = table.inertia_kg_m2 or table.mass_kg * length**2 / 12.0
     low, high = table.angle_range_deg
     if high - low > 360.0:
-        raise FaultError(
-            ("links", k, "angle_range_deg"), "spans more than a turn: give the joint's mechanical range"
-        )
+        raise FaultError(("links", k, "angle_range_deg"), "spans more than a turn: give the joint's mechanical range")
     return Link(
         name=table.name,
         length=length,
@@ -76,12 +72,8 @@ def _length(file: MachineFile, k: int) -> float:
     if length is not None:
         return length
     if k + 1 < len(file.links):
-        raise FaultError(
-            ("links", k), "lacks the key length_m: add the distance from its inner to its outer pin"
-        )
-    return abs(
-        complex(*file.tool.point_m)
-    )  # beyond the last link nothing hangs: its length is a name for its size
+        raise FaultError(("links", k), "lacks the key length_m: add the distance from its inner to its outer pin")
+    return abs(complex(*file.tool.point_m))  # beyond the last link nothing hangs: its length is a name for its size
 
 
 def _cylinder(file: MachineFile, k: int) -> Cylinder:
@@ -137,9 +129,7 @@ def _four_bar(file: MachineFile, key: Key, shape: FourBar) -> Linkage:
 def _pin(file: MachineFile, key: Key, name: str, pin: Pin) -> linkages.Pin:
     bodies = (CHASSIS, *(link.name for link in file.links))
     if pin.body not in bodies:
-        raise FaultError(
-            (*key, name, "body"), f"is {pin.body!r}, which is no link: write one of {', '.join(bodies)}"
-        )
+        raise FaultError((*key, name, "body"), f"is {pin.body!r}, which is no link: write one of {', '.join(bodies)}")
     return bodies.index(pin.body), complex(*pin.at_m)
 
 
@@ -148,9 +138,7 @@ def _check_linkage(built: Machine, c: int) -> None:
     cylinder."""
     key, span = ("cylinders", c, "linkage"), built.spans[c]
     if not span:
-        raise FaultError(
-            key, "has all its pins on one body: it moves no joint; correct the bodies of its pins"
-        )
+        raise FaultError(key, "has all its pins on one body: it moves no joint; correct the bodies of its pins")
     if len(span) > 1:
         return  # several joints: which of their postures occur together, the file does not say
     joint = built.links[span[0]]
@@ -167,6 +155,4 @@ def _check_linkage(built: Machine, c: int) -> None:
     low, high = built.cylinders[c].length_low, built.cylinders[c].length_high
     if length.max() < low or length.min() > high:
         found = f"{length.min():.3f}-{length.max():.3f} m"
-        raise FaultError(
-            key, f"makes lengths of {found}, all outside length_range_m: correct the pins or the range"
-        )
+        raise FaultError(key, f"makes lengths of {found}, all outside length_range_m: correct the pins or the range")

@@ -86,7 +86,7 @@ class Skipped(Table):
     """An object in a PDO that nobody reads."""
 
     object: Address
-    type: TypeName
+    type: TypeName | None = None
 
 
 class SensorTable(Table):

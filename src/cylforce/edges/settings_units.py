@@ -33,9 +33,7 @@ def in_si(raw: Mapping[str, object], unit: str, words: tuple[str, ...] = WORDS) 
     suffixes, used, out = SUFFIXES[unit], set(), dict(raw)
     for word in words:
         if word in out:
-            raise ValueError(
-                f"has {word} without a unit: write {' or '.join(f'{word}_{s}' for s in suffixes)}"
-            )
+            raise ValueError(f"has {word} without a unit: write {' or '.join(f'{word}_{s}' for s in suffixes)}")
         for suffix, size in suffixes.items():
             key = f"{word}_{suffix}"
             if key in out:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from canopen import ObjectDictionary, import_od
-from canopen.objectdictionary import ODVariable
+from canopen.objectdictionary import ODArray, ODVariable
 
 CODES = {
     2: "b",
@@ -50,9 +50,7 @@ def read(path: Path) -> Eds:
     try:
         dictionary = import_od(text)
     except (ValueError, KeyError, IndexError, AttributeError, TypeError, ConfigError) as error:
-        raise EdsError(
-            f"{path.name} is not to be understood ({error}): have it checked by its vendor"
-        ) from error
+        raise EdsError(f"{path.name} is not to be understood ({error}): have it checked by its vendor") from error
     if 0x1000 not in dictionary:
         raise EdsError(f"{path.name} lacks object 1000h, the device type: ask its vendor for a complete EDS")
     return Eds(path.name, dictionary)
@@ -110,17 +108,20 @@ def mapped_code(eds: Eds, index: int, sub: int) -> str:
     """The struct code of an object that may be mapped into a PDO. Raises EdsError."""
     place = f"{index:04X}h:{sub}"
     variable = eds.dictionary.get_variable(index, sub)
-    if variable is None:
+    if variable is None or not _described(eds, index, sub):
         raise EdsError(f"{eds.name} has no object {place}: correct index or sub-index")
     if not variable.pdo_mappable:
-        raise EdsError(
-            f"{eds.name} does not let {place} ({variable.name}) be mapped into a PDO: choose another object"
-        )
+        raise EdsError(f"{eds.name} does not let {place} ({variable.name}) be mapped into a PDO: choose another object")
     if variable.data_type not in CODES:
-        raise EdsError(
-            f"{eds.name} gives {place} data type {variable.data_type:04X}h: choose one of 8, 16 or 32 bits"
-        )
+        raise EdsError(f"{eds.name} gives {place} data type {variable.data_type:04X}h: choose one of 8, 16 or 32 bits")
     return CODES[variable.data_type]
+
+
+def _described(eds: Eds, index: int, sub: int) -> bool:
+    """Whether an array really goes as far as `sub`: the library makes up members beyond those that are described."""
+    entry = eds.dictionary[index]
+    count = _default(eds.dictionary.get_variable(index, 0))
+    return not isinstance(entry, ODArray) or sub in entry.subindices or sub <= count
 
 
 def default_mapping(eds: Eds, number: int) -> tuple[tuple[int, int, int], ...]:
