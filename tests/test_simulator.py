@@ -45,9 +45,7 @@ def excavator():
         Link("stick", 2.9, 1050.0, 0.95, 0.12, 1150.0, radians(-150), radians(-38), *errors),
         Link("bucket", 1.5, 900.0, 0.68, 0.20, 320.0, radians(-140), radians(22), *errors),
     )
-    linkage = FourBar(
-        (2, 0.4 + 0.5j), (2, 2.45 + 0.02j), (3, 0.42 * np.exp(1j * radians(100))), 0.62, 0.60, 1
-    )
+    linkage = FourBar((2, 0.4 + 0.5j), (2, 2.45 + 0.02j), (3, 0.42 * np.exp(1j * radians(100))), 0.62, 0.60, 1)
     cylinders = (
         Cylinder("lift", Triangle((0, 0.5 - 0.6j), (1, 2.4 + 0.35j)), *areas(0.12, 0.085, 2), 1.78, 2.95),
         Cylinder("crowd", Triangle((1, 3.2 + 0.9j), (2, -0.75 + 0.3j)), *areas(0.135, 0.095), 2.05, 3.42),
@@ -339,9 +337,7 @@ def test_sensors_read_what_they_are_made_for():
     np.testing.assert_allclose(force, found.moving.force[:, 1], atol=1e-6)
     inclination = seen["pitch"] + seen["joint_angle_0"] + seen["joint_angle_1"]
     np.testing.assert_allclose(seen["link_inclination_1"], inclination, atol=1e-12)
-    np.testing.assert_allclose(
-        machine.joint_angle(2, seen["cylinder_length_2"]), seen["joint_angle_2"], atol=1e-9
-    )
+    np.testing.assert_allclose(machine.joint_angle(2, seen["cylinder_length_2"]), seen["joint_angle_2"], atol=1e-9)
     assert np.ptp(seen["roll"]) > 0.001
 
 

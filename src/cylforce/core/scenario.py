@@ -12,9 +12,7 @@ from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
 FASTEST = 0.30  # m/s, of any cylinder
-CLEAR = (
-    0.3  # of their range: lifting joints stay above it in empty moves, which keeps the tool off the ground
-)
+CLEAR = 0.3  # of their range: lifting joints stay above it in empty moves, which keeps the tool off the ground
 ALONE = 0.45  # of the time, joints move one by one
 SHAKE = 0.02  # how far a via point of one cycle lies from another's, in ranges
 HEADWAY = 2.4  # s of empty motion before the first cycle
@@ -32,6 +30,8 @@ class Stroke(NamedTuple):
 # The nominal cycle of 14.6 s. Strokes overlap, so that while the load hangs free something always moves.
 LIFT = (Stroke(0.0, 2.4, 0.40), Stroke(2.7, 6.2, 0.46), Stroke(6.2, 11.0, 0.80), Stroke(12.2, 14.5, 0.50))
 STICK = (Stroke(0.2, 2.4, 0.90), Stroke(2.5, 6.8, 0.36), Stroke(7.0, 10.9, 0.50), Stroke(11.0, 14.2, 0.66))
+# Where nothing else lifts, the stick does: by reaching out, away from the vertical, where it could not feel the weight.
+STICK_ALONE = (*STICK[:2], Stroke(6.9, 10.9, 0.86), Stroke(11.2, 14.3, 0.66))
 TOOL = (
     Stroke(0.2, 2.4, 0.66),
     Stroke(3.0, 6.9, 0.14),
@@ -49,6 +49,13 @@ NOMINAL = 14.6
 def _role(machine: Machine, j: int) -> int:
     """0: a lifting joint, 1: the stick, 2: the tool."""
     return max(0, 2 - (machine.size - 1 - j))
+
+
+def _nominal(machine: Machine, j: int) -> tuple[Stroke, ...]:
+    """The strokes of joint j in the nominal cycle; none for a locked joint."""
+    moved = driven(machine)
+    lifts = any(_role(machine, k) == 0 for k in moved)
+    return (LIFT, STICK if lifts else STICK_ALONE, TOOL)[_role(machine, j)] if j in moved else ()
 
 
 def _begin(machine: Machine, fractions: tuple[float, float, float]) -> Array:
@@ -83,10 +90,9 @@ def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Arr
     stretch = float(rng.uniform(0.96, 15.0 / NOMINAL))
     courses = []
     for j in range(machine.size):
-        nominal = (LIFT, STICK, TOOL)[_role(machine, j)] if j in driven(machine) else ()
+        nominal = _nominal(machine, j)
         shaken = tuple(
-            Stroke(s.start * stretch, s.stop * stretch, s.target + float(rng.uniform(-SHAKE, SHAKE)))
-            for s in nominal
+            Stroke(s.start * stretch, s.stop * stretch, s.target + float(rng.uniform(-SHAKE, SHAKE))) for s in nominal
         )
         courses.append(_course(machine, ranges, begin, j, shaken))
     angle = float(rng.uniform(1.0, 1.5)) * (1 if rng.uniform() < 0.5 else -1) if swing else 0.0

@@ -47,10 +47,7 @@ def sensors(machine: Machine, nodes: tuple[SensorNode, ...]) -> Sensors:
     """The machine's sensors as their data sheets have them: noise = standard error, no zero error; a usual
     lag."""
     fields = {f.signal: f for node in nodes for pdo in node.pdos for f in pdo.fields if f.code != "f"}
-    steps = [
-        (fields[s.name].scale, fields[s.name].offset) if s.name in fields else (0.0, 0.0)
-        for s in machine.signals
-    ]
+    steps = [(fields[s.name].scale, fields[s.name].offset) if s.name in fields else (0.0, 0.0) for s in machine.signals]
     quantum, origin = np.array(steps).reshape(-1, 2).T
     noise = np.array([s.standard_error for s in machine.signals])
     lag = np.array([LAG.get(s.kind, ANGLE_LAG) for s in machine.signals])

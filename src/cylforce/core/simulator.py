@@ -67,17 +67,13 @@ class Physics(NamedTuple):
     load: Load
 
 
-def draw_truth(
-    machine: Machine, rng: np.random.Generator, mass_error: float, extra: tuple[Cause, ...] = ()
-) -> Truth:
+def draw_truth(machine: Machine, rng: np.random.Generator, mass_error: float, extra: tuple[Cause, ...] = ()) -> Truth:
     """A machine whose masses differ from the machine file's by the fraction `mass_error` either way, centres
     and inertias by up to half of it besides; friction and return-side pressure as usual for the cylinders'
     sizes. A machine whose tilt nobody measures stands level."""
     signs = rng.choice((-1.0, 1.0), machine.size)
     rest = rng.uniform(-0.5, 0.5, (machine.size, 3)) * mass_error
-    links = tuple(
-        _off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True)
-    )
+    links = tuple(_off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True))
     area = np.array([c.area_head for c in machine.cylinders])
     coulomb, viscous = area * rng.uniform((1.0e5, 2e5), (1.6e5, 5e5), (area.size, 2)).T
     friction = (
@@ -120,9 +116,7 @@ def cause(machine: Machine, name: str, at: str, value: float, width: float = STR
     if name not in laws:
         raise ValueError(f"effect {name!r} is not known: choose one of {', '.join(FRICTION_LAWS)}")
     if at not in names:
-        raise ValueError(
-            f"effect {name!r} sits at {at!r}, which is no cylinder: choose one of {', '.join(names)}"
-        )
+        raise ValueError(f"effect {name!r} sits at {at!r}, which is no cylinder: choose one of {', '.join(names)}")
     return Cause(laws[name], np.array([value if n == at else 0.0 for n in names]))
 
 
@@ -139,9 +133,7 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array) -> Physics:
     tau = rigid_torque(machine, truth.links, course, attitude, carried) + tip_torque(machine, moving, soil)
     moving, friction = balance(machine, truth, moving, tau)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
-    return Physics(
-        t, course, moving, attitude, friction, head, rod, soil, velocity, _plane(turn * tip.place), carried
-    )
+    return Physics(t, course, moving, attitude, friction, head, rod, soil, velocity, _plane(turn * tip.place), carried)
 
 
 def _plane(z: Complex) -> Array:
@@ -218,9 +210,7 @@ def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array) -> tuple
     friction = np.zeros_like(bare)
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
-        torque = sum(
-            (c.effect.halves(machine, loaded).static @ c.value for c in truth.friction), np.zeros_like(tau)
-        )
+        torque = sum((c.effect.halves(machine, loaded).static @ c.value for c in truth.friction), np.zeros_like(tau))
         found = (inverse @ torque[..., None])[..., 0]
         change, friction = np.max(np.abs(found - friction), initial=0.0), found
         if change < 1e-9:

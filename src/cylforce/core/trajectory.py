@@ -110,9 +110,7 @@ def _clear(machine: Machine, middle: Array, j: int) -> Array:
     good = np.concatenate([[False], _drivable(machine, machine.geometry(theta), j), [False]])
     edges = np.flatnonzero(np.diff(good.astype(int)))
     if edges.size == 0:
-        raise ValueError(
-            f"link {machine.links[j].name}: no angle of its range lies between its cylinder's end stops"
-        )
+        raise ValueError(f"link {machine.links[j].name}: no angle of its range lies between its cylinder's end stops")
     runs = edges.reshape(-1, 2)
     first, behind = runs[np.argmax(runs[:, 1] - runs[:, 0])]
     return np.array([theta[first, j], theta[behind - 1, j]])
@@ -136,11 +134,7 @@ def stroke_time(machine: Machine, theta: Array, j: int, target: float, speed: fl
     below `speed` [m/s] and HASTE [m/s^2]; a joint without a cylinder counts as one with a lever of 1 m."""
     poses = np.tile(theta, (17, 1))
     poses[:, j] = np.linspace(theta[j], target, 17)
-    lever = (
-        float(np.max(np.abs(machine.geometry(poses).lever[:, :, j]), initial=0.0))
-        if machine.cylinders
-        else 0.0
-    )
+    lever = float(np.max(np.abs(machine.geometry(poses).lever[:, :, j]), initial=0.0)) if machine.cylinders else 0.0
     stroke = abs(target - float(theta[j])) * (lever or 1.0)
     return float(max(PEAK * stroke / speed, np.sqrt(SHARP * stroke / HASTE)))
 
