@@ -28,7 +28,7 @@ centre_m = [$x, $z]
 inertia_kg_m2 = $inertia
 angle_range_deg = [$low, $high]
 # The CAD model is lighter than the machine.
-tolerance = { mass_percent = 30, centre_m = 0.1, inertia_percent = 50 }
+tolerance = { mass_percent = 60, centre_m = 0.3, inertia_percent = 100 }
 
 """)
 CYLINDER = Template("""\

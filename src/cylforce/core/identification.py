@@ -81,12 +81,24 @@ def identify(model: Model, segments: list[Array]) -> Identification:
     torque = np.where(_moving(model, seen), seen.torque, np.nan)
     if not np.any(np.isfinite(torque)):
         raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
-    ones = np.nanstd(torque, axis=0) + 1.0
-    first = least_squares(seen.columns, torque, ones, model.prior, seen.block)
-    fit = least_squares(seen.columns, torque, first.row_error + 1e-9 * ones, model.prior, seen.block)
+    fit = least_squares(seen.columns, torque, _row_noise(model, seen, torque), model.prior, seen.block)
     names = tuple(p.name for p in model.parameters)
     lost = tuple(name for name, excited in zip(names, fit.excited, strict=True) if not excited)
     return Identification(Tares(names, fit.values, fit.covariance, fit.row_error, True), fit, lost, seconds)
+
+
+def _row_noise(model: Model, seen: Observed, torque: Array) -> Array:
+    """What a fit of each row alone leaves of it (R,). Weights taken from the joint fit's own residuals would let one row
+    win all: the better it fits, the more it weighs."""
+    alone = [
+        least_squares(seen.columns[:, [r]], torque[:, [r]], np.ones(1), model.prior, seen.block).row_error[0]
+        for r in range(torque.shape[1])
+        if np.any(np.isfinite(torque[:, r]))
+    ]
+    floor = 1e-6 * np.nanstd(torque) + 1e-9
+    noise = np.full(torque.shape[1], max(alone, default=1.0) + floor)
+    noise[np.any(np.isfinite(torque), axis=0)] = np.array(alone) + floor
+    return noise
 
 
 def _moving(model: Model, seen: Observed) -> Array:
@@ -99,4 +111,4 @@ def _coulomb(model: Model) -> list[int]:
     return [k for k, p in enumerate(model.parameters) if p.name.endswith(".coulomb")]
 
 
-REST_SHARE = 0.5
+REST_SHARE = 0.1  # of the lever: above it a row hardly tells the direction of friction
