@@ -1,0 +1,103 @@
+"""Scores of a simulated run: booked weights and tip forces beside the simulator's truth file."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.core.service import Filters
+from cylforce.core.trajectory import Phase
+from cylforce.edges.truth import TruthTable
+from cylforce.regression.filters import first_order, second_order
+from cylforce.words.estimate import Array, Booking, Estimate
+from cylforce.words.units import STANDARD_GRAVITY
+
+SMALLEST_FORCE = 10e3  # N: below it a relative error says nothing
+
+
+class CycleScore(NamedTuple):
+    """One cycle: what lay in the bucket, what was booked (None: nothing), with which standard error [kg]."""
+
+    true_kg: float
+    estimated_kg: float | None
+    standard_error_kg: float | None
+
+
+class ForceScore(NamedTuple):
+    """Tip force while digging, above 10 kN: `rms_n` of the error vector; 95th percentiles of the error vector over the
+    magnitude, of the magnitude's own error over the magnitude, of the angle between the vectors; share of the samples for
+    which a force was published."""
+
+    rms_n: float
+    p95_relative: float
+    p95_magnitude: float
+    p95_direction_deg: float
+    published: float
+    samples: int
+
+
+def score_cycles(truth: TruthTable, bookings: Sequence[Booking]) -> list[CycleScore]:
+    """Each booking belongs to the last cycle that began to dump before it."""
+    cycle, mass = truth.columns["cycle"].astype(int), truth.columns["mass"]
+    dumping = truth.columns["phase"] == Phase.DUMP
+    starts = {k: int(truth.t_us[dumping & (cycle == k)].min()) for k in np.unique(cycle[dumping]) if k > 0}
+    booked: dict[int, Booking] = {}
+    for booking in bookings:
+        before = [k for k, start in starts.items() if start <= booking.t_us]
+        if before:
+            booked[max(before)] = booking
+    return [_cycle(float(mass[cycle == k].max()), booked.get(k)) for k in sorted(starts)]
+
+
+def _cycle(true_kg: float, booking: Booking | None) -> CycleScore:
+    if booking is None:
+        return CycleScore(true_kg, None, None)
+    return CycleScore(true_kg, booking.mass, booking.standard_error)
+
+
+def filtered_truth(truth: TruthTable, filters: Filters) -> Array:
+    """The force that the tool felt (T, 2) [N], soil and weight of the material together, through the estimator's filters.
+
+    Forces on one body have the same resultant wherever they act: reduced to the tooth line they keep it."""
+    weight = -truth.columns["mass"] * STANDARD_GRAVITY * np.cos(truth.columns["roll"])
+    force = np.stack([truth.columns["soil_x"], truth.columns["soil_z"] + weight], axis=-1)
+    dt = 1.0 / filters.rate_hz
+    smooth = second_order(filters.channel_hz, dt)
+    force = smooth.run(smooth.steady(force[0]), force)[1]
+    force = np.concatenate([force[:1], (force[1:] + force[:-1]) / 2.0])
+    for stage in (first_order(filters.regressor_hz, dt), second_order(filters.smoothing_hz, dt)):
+        force = stage.run(stage.zero(force.shape[1:]), force)[1]
+    return force
+
+
+def score_force(truth: TruthTable, estimates: Sequence[Estimate], filters: Filters) -> ForceScore:
+    """Estimates are compared with the truth of the samples that they used: those asked for one tick before."""
+    wanted = filtered_truth(truth, filters)
+    asked = np.array([e.t_us for e in estimates]) - round(1e6 / filters.rate_hz)
+    row = _nearest(truth.t_us, asked)
+    digging = (truth.columns["phase"][row] == Phase.DIG) & (np.hypot(*wanted[row].T) > SMALLEST_FORCE)
+    found = np.array([(e.force.x.value, e.force.z.value) for e in estimates])[digging]
+    return _force_score(found, wanted[row][digging])
+
+
+def _force_score(found: Array, wanted: Array) -> ForceScore:
+    good = np.all(np.isfinite(found), axis=1)
+    if not np.any(good):
+        return ForceScore(*(float("nan"),) * 4, 0.0, len(good))
+    found, wanted = found[good], wanted[good]
+    size, error = np.hypot(*wanted.T), np.hypot(*(found - wanted).T)
+    turn = np.degrees(np.abs(np.angle((found @ (1, 1j)) / (wanted @ (1, 1j)))))
+    return ForceScore(
+        rms_n=float(np.sqrt(np.mean(error**2))),
+        p95_relative=float(np.percentile(error / size, 95)),
+        p95_magnitude=float(np.percentile(np.abs(np.hypot(*found.T) - size) / size, 95)),
+        p95_direction_deg=float(np.percentile(turn, 95)),
+        published=float(np.mean(good)),
+        samples=len(good),
+    )
+
+
+def _nearest(times: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.intp]:
+    after = np.clip(np.searchsorted(times, asked), 1, len(times) - 1)
+    return after - (asked - times[after - 1] < times[after] - asked)
