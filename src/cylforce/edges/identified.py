@@ -101,7 +101,9 @@ def read_identified(path: Path, model: Model, loaded: Loaded) -> Tares:
     try:
         file = IdentifiedFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
-        raise SettingsError(f"{path}: cannot be read ({error.strerror}); run `cylforce identify` first") from error
+        raise SettingsError(
+            f"{path}: cannot be read ({error.strerror}); run `cylforce identify` first"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SettingsError(f"{path}: is not TOML ({error}); run `cylforce identify` again") from error
     except ValidationError as error:
@@ -118,7 +120,9 @@ def read_identified(path: Path, model: Model, loaded: Loaded) -> Tares:
 def _check(path: Path, file: IdentifiedFile, model: Model, loaded: Loaded) -> None:
     said = file.provenance
     if said.format != FORMAT:
-        raise SettingsError(f"{path}: is of format {said.format}, this version reads {FORMAT}; identify again")
+        raise SettingsError(
+            f"{path}: is of format {said.format}, this version reads {FORMAT}; identify again"
+        )
     if said.machine_sha256 != loaded.sha256:
         raise SettingsError(
             f"{path}: was identified with another machine file ({said.machine!r}, sha256 {said.machine_sha256[:12]}…) "

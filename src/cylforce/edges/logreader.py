@@ -32,7 +32,7 @@ def read_events(
     RecordingError
         At once or while reading: naming the file, and the line where there are lines.
     """
-    header = _header(path) if path.suffix.lower() == ".log" else None
+    header = log_header(path)
     if header is not None:
         return header, (own_event(said) for said in _candump(path, tell, ours=True) if said.channel != HEAD)
     said = _one_channel(path, _lines(path, tell), channel)
@@ -60,7 +60,10 @@ def with_ticks(frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn
         yield Tick(due)
 
 
-def _header(path: Path) -> Header | None:
+def log_header(path: Path) -> Header | None:
+    """The header of one of our own logs; None for any other recording. Raises RecordingError if it cannot be read."""
+    if path.suffix.lower() != ".log":
+        return None
     return header_from(path, _candump(path, lambda _: None, ours=False))
 
 

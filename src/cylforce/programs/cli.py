@@ -1,12 +1,21 @@
 """The command line: one command per program."""
 
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 import cylforce
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
+
+MachineFile = Annotated[Path, typer.Argument(metavar="MACHINE.toml", help="The machine file.")]
+Bus = Annotated[str, typer.Option(metavar="INTERFACE:CHANNEL", help="E.g. socketcan:can0, remote:127.0.0.1:PORT.")]
+IdentifiedFile = Annotated[
+    Path | None, typer.Option("--identified", help="Tares from `cylforce identify`; without, the data sheet's.")
+]
 
 
 def print_version(wanted: bool) -> None:
@@ -23,6 +32,129 @@ def cylforce_command(
     """Interaction force and payload weight of a hydraulic machine, over CANopen."""
 
 
+@app.command()
+def run(
+    machine: MachineFile,
+    bus: Bus,
+    identified: IdentifiedFile = None,
+    log: Annotated[Path | None, typer.Option(help="Write the event log (candump text) there.")] = None,
+) -> None:
+    """Read the sensors, publish payload and force: the service."""
+    from cylforce.edges.settings import load
+    from cylforce.programs.run import run_daemon
+
+    run_daemon(load(machine), bus, identified, log)
+
+
+@app.command()
+def identify(
+    files: Annotated[list[Path], typer.Argument(metavar="[MACHINE.toml] RECORDING...")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write.")],
+) -> None:
+    """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
+    from cylforce.edges.settings import load
+    from cylforce.programs.identify import machine_file_of, model_of, run_identify, show
+
+    machine, recordings = machine_file_of(files)
+    loaded = load(machine)
+    show(run_identify(loaded, recordings, output), model_of(loaded), Console())
+
+
+@app.command()
+def replay(
+    machine: MachineFile,
+    recording: Path,
+    identified: IdentifiedFile = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the estimates there (CSV, SI).")] = None,
+    bus: Annotated[
+        str | None, typer.Option(metavar="INTERFACE:CHANNEL", help="Play it onto this bus, as if its sensors sent it.")
+    ] = None,
+) -> None:
+    """Put a recording through the service, or play it onto a bus."""
+    from cylforce.edges.settings import load
+    from cylforce.programs.replay import run_replay, show, write_estimates
+
+    loaded = load(machine)
+    if bus is not None:
+        from cylforce.programs.player import play
+
+        play(loaded, recording, bus)
+        return
+    found = run_replay(loaded, recording, identified)
+    if output is not None:
+        write_estimates(output, found.estimates)
+    show(found, Console())
+    raise typer.Exit(1 if found.different else 0)
+
+
+@app.command()
+def sim(
+    machine: MachineFile,
+    bus: Annotated[str | None, typer.Option(metavar="INTERFACE:CHANNEL", help="Be the sensors on this bus.")] = None,
+    scenario: Annotated[str, typer.Option(help="moves or cycles.")] = "cycles",
+    cycles: Annotated[int, typer.Option(min=1)] = 3,
+    duration: Annotated[float, typer.Option(help="Of the moves [s].")] = 120.0,
+    seed: Annotated[int | None, typer.Option(min=0, help="Without one, one is drawn and printed.")] = None,
+    mass_error: Annotated[float, typer.Option(help="How far the true masses are off the machine file's.")] = 0.1,
+    effects: Annotated[Path | None, typer.Option(help="TOML with [[effects]]: more friction laws.")] = None,
+    truth: Annotated[Path | None, typer.Option(help="Write the truth there.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Without a bus: write the events there.")] = None,
+    table: Annotated[Path | None, typer.Option(help="Without a bus: write the samples there.")] = None,
+) -> None:
+    """The simulated machine with its sensors."""
+    from cylforce.programs.sim import run_sim
+
+    run_sim(
+        machine,
+        scenario=scenario,
+        cycles=cycles,
+        duration=duration,
+        seed=seed,
+        mass_error=mass_error,
+        effects=effects,
+        truth=truth,
+        bus=bus,
+        log=log,
+        table=table,
+    )
+
+
+@app.command()
+def demo(
+    machine: Annotated[Path, typer.Option(help="The machine file.")] = Path("config/excavator_20t.toml"),
+    bus: Bus = "remote:127.0.0.1",
+    clock: Annotated[str, typer.Option(help="Which clock the bus's machine has: only told.")] = "real",
+    cycles: Annotated[int, typer.Option(min=1)] = 3,
+    seed: Annotated[int | None, typer.Option(min=0, help="Without one, one is drawn and printed.")] = None,
+    output: Annotated[Path | None, typer.Option("--json", help="Write the figures there.")] = None,
+) -> None:
+    """Show the main job on the simulated machine."""
+    from cylforce.programs.demo import run_demo
+
+    if not run_demo(machine, bus, clock, cycles, seed, output):
+        raise typer.Exit(1)
+
+
+@app.command()
+def describe(
+    machine: MachineFile,
+    eds: Annotated[Path | None, typer.Option(help="Write our node's EDS there.")] = None,
+    dbc: Annotated[Path | None, typer.Option(help="Write a DBC of all that we publish there.")] = None,
+) -> None:
+    """Check a machine file; write the EDS and DBC of what the service publishes for it."""
+    from cylforce.programs.describe import run_describe
+
+    run_describe(machine, eds, dbc)
+
+
 def main() -> None:
-    """Entry point of the ``cylforce`` command."""
-    app()
+    """Entry point of the ``cylforce`` command: what users can mend is one sentence, not a traceback."""
+    from cylforce.edges.bus import BusError
+    from cylforce.edges.files import RecordingError
+    from cylforce.edges.settings import SettingsError
+
+    try:
+        app()
+    except (SettingsError, RecordingError, BusError, ValueError, OSError) as error:
+        print(f"cylforce: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -14,11 +14,24 @@ from cylforce.core.segments import gapless, samples
 from cylforce.edges.files import RecordingError
 from cylforce.edges.identified import write_identified
 from cylforce.edges.logfile import file_sha256
+from cylforce.edges.logreader import log_header
 from cylforce.edges.recording import open_recording
 from cylforce.edges.settings import Loaded
 from cylforce.edges.tables import Table
 from cylforce.words.estimate import Array
 from cylforce.words.events import Frame, Tick
+
+
+def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
+    """(machine file, recordings): the machine file comes first, or our own log names it."""
+    if files[0].suffix == ".toml":
+        if len(files) == 1:
+            raise RecordingError(f"{files[0]}: is a machine file; name a recording of the empty machine after it")
+        return files[0], list(files[1:])
+    header = log_header(files[0])
+    if header is None:
+        raise RecordingError(f"{files[0]}: does not say which machine it is of; name the machine file (.toml) before it")
+    return Path(header.machine), list(files)
 
 
 def model_of(loaded: Loaded) -> Model:
@@ -63,7 +76,7 @@ def show(found: Identification, model: Model, console: Console) -> None:
         text.add_column(column, justify="left" if column in ("parameter", "unit", "") else "right")
     error = np.sqrt(np.diag(found.tares.covariance))
     for k, p in enumerate(model.parameters):
-        told = "" if p.name not in found.not_identified else "not told by the recording: kept"
+        told = "" if p.name not in found.not_identified else "data sheet"
         numbers = (f"{v:.6g}" for v in (model.prior.mean[k], found.tares.values[k], error[k]))
         text.add_row(p.name, p.unit, *numbers, told)
     console.print(text)

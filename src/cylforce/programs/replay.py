@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from rich.console import Console
 
 from cylforce.core.publication import published
 from cylforce.core.step import Core, State, step
@@ -17,7 +18,7 @@ from cylforce.edges.logreader import with_ticks
 from cylforce.edges.recording import Events, open_recording, sensor_frames
 from cylforce.edges.settings import Loaded
 from cylforce.programs.identify import model_of
-from cylforce.words.estimate import Array, Booking, Estimate
+from cylforce.words.estimate import Array, Booking, Estimate, Status
 from cylforce.words.events import Event
 
 
@@ -58,10 +59,11 @@ def run_replay(
     core = make_core(loaded, identified)
     source = open_recording(recording, loaded.service, loaded.columns, tell=tell)
     if isinstance(source, Events):
-        if source.header is not None:
+        found = replay(core, source.events)
+        if source.header is not None and found.different:
             for sentence in mismatches(recording, source.header, header_of(loaded, identified, "", 0.0, 0.0)):
                 tell(sentence)
-        return replay(core, source.events)
+        return found
     return replay(core, with_ticks(sensor_frames(source, loaded.service), core.period_us, tell))
 
 
@@ -107,3 +109,16 @@ def _rows(estimates: Iterable[Estimate]) -> Iterator[dict[str, float]]:
 def column(estimates: list[Estimate], name: str) -> Array:
     """One published value along a replay."""
     return np.array([published(estimate)[name] for estimate in estimates])
+
+
+def show(found: Replayed, console: Console) -> None:
+    """What was booked, how much was measured, whether the frames sent live came out again."""
+    for booking in found.bookings:
+        at = (booking.t_us - found.estimates[0].t_us) * 1e-6
+        console.print(f"{at:8.1f} s  booked {booking.mass:.1f} kg +- {booking.standard_error:.1f} kg")
+    if found.estimates:
+        good = np.mean([e.gross.status is Status.OK for e in found.estimates])
+        force = np.mean([e.force.magnitude.status is Status.OK for e in found.estimates])
+        console.print(f"{len(found.estimates)} steps; weight OK in {100 * good:.1f} %, force in {100 * force:.1f} %")
+    if found.compared:
+        console.print(f"{found.compared} frames were sent live, {found.different} differ now")

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from math import degrees
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
 import structlog
 
@@ -190,15 +190,15 @@ def _text(q: Quantity, unit: str, scale: float) -> str:
     return f"{q.value * scale:.1f} +- {q.standard_error * scale:.1f} {unit}{mark}"
 
 
-def configure_messages() -> None:
-    """JSON lines on standard error."""
+def configure_messages(stream: TextIO = sys.stderr) -> None:
+    """JSON lines on standard error, or wherever they shall go."""
     structlog.configure(
         processors=[
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.JSONRenderer(default=str),
         ],
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.PrintLoggerFactory(stream),
         cache_logger_on_first_use=True,
     )
 

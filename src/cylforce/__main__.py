@@ -1,0 +1,5 @@
+"""`python -m cylforce`."""
+
+from cylforce.programs.cli import main
+
+main()

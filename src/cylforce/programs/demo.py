@@ -1,0 +1,185 @@
+"""`cylforce demo`: the main job from end to end. Moves of the empty simulated machine, identification, digging cycles on a
+bus with the real clock, booked weights and tip forces beside the simulator's truth."""
+
+import asyncio
+import json
+import secrets
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import cylforce
+from cylforce.core.step import Scale
+from cylforce.edges.bus import open_bus
+from cylforce.edges.files import replacing
+from cylforce.edges.settings import Loaded, load
+from cylforce.edges.truth import read_truth
+from cylforce.programs.replay import make_core
+from cylforce.programs.run import Counts, Daemon, configure_messages, serve
+from cylforce.programs.score import CycleScore, ForceScore, score_cycles, score_force
+from cylforce.words.estimate import Booking, Estimate
+
+MOVES_S = 120.0
+RELAY = "remote:127.0.0.1"
+
+
+class Watched(NamedTuple):
+    """What the daemon concluded while it ran."""
+
+    estimates: list[Estimate]
+    bookings: list[Booking]
+    counts: Counts
+
+
+class Files(NamedTuple):
+    """The demo's folder."""
+
+    folder: Path
+
+    @property
+    def moves(self) -> Path:
+        """Events of the empty machine's moves."""
+        return self.folder / "moves.log"
+
+    @property
+    def identified(self) -> Path:
+        """The tares."""
+        return self.folder / "identified.toml"
+
+    @property
+    def truth(self) -> Path:
+        """What the daemon never reads."""
+        return self.folder / "truth.csv"
+
+
+def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None, output: Path | None) -> bool:
+    """Show the main job; whether every cycle's load was booked. Raises the programs' own errors."""
+    seed = secrets.randbits(32) if seed is None else seed
+    loaded, console = load(machine), Console(highlight=False)
+    console.print(f"seed {seed}, bus {bus}, {clock} clock, {loaded.service.machine.name}")
+    with TemporaryDirectory(prefix="cylforce-demo-") as folder:
+        files = Files(Path(folder))
+        _prepare(machine, files, seed, console)
+        with _relay(bus) as named, (files.folder / "daemon.jsonl").open("w") as messages:
+            configure_messages(messages)
+            watched = asyncio.run(_work(loaded, files, named, cycles, seed, console))
+        truth = read_truth(files.truth)
+    weights = score_cycles(truth, watched.bookings)
+    force = score_force(truth, watched.estimates, loaded.service.filters)
+    _show(console, loaded, weights, force, watched.counts)
+    if output is not None:
+        _write(output, _summary(loaded, weights, force, watched.counts, {"bus": bus, "clock": clock, "seed": seed}))
+    return all(w.estimated_kg is not None for w in weights)
+
+
+def _prepare(machine: Path, files: Files, seed: int, console: Console) -> None:
+    """Move the empty machine, faster than real time; identify its tares from that."""
+    console.print(f"1. the empty machine moves for {MOVES_S:.0f} s (masses 10 % off the machine file's)")
+    _cylforce("sim", machine, "--scenario", "moves", "--duration", MOVES_S, "--seed", seed, "--log", files.moves)
+    console.print("2. its tares are identified from that recording")
+    _cylforce("identify", machine, files.moves, "-o", files.identified)
+
+
+def _cylforce(*arguments: object) -> None:
+    words = [sys.executable, "-m", "cylforce", *(str(a) for a in arguments)]
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+
+
+@contextmanager
+def _relay(bus: str) -> Iterator[str]:
+    """The bus to open: for a relay without a port, one of our own on a free port of 127.0.0.1."""
+    if bus != RELAY:
+        yield bus
+        return
+    from cylforce.edges.python_can import Relay
+
+    with Relay() as relay:
+        yield relay.name
+
+
+async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, console: Console) -> Watched:
+    """Daemon here, simulated machine in a process of its own, until that has ended."""
+    console.print(f"3. {cycles} digging cycles of at most 15 s on the real clock")
+    daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, Scale())
+    watched = Watched([], [], Counts())
+
+    def watch(estimate: Estimate) -> None:
+        watched.estimates.append(estimate)
+        booking = estimate.booking
+        if booking is not None and booking.number > len(watched.bookings):
+            watched.bookings.append(booking)
+            console.print(f"   booked {booking.mass:7.1f} kg +- {booking.standard_error:.1f} kg")
+
+    daemon.on_estimate = watch
+    words = ("sim", str(loaded.path), "--scenario", "cycles", "--cycles", str(cycles), "--seed", str(seed))
+    quiet = asyncio.subprocess.DEVNULL
+    machine = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "cylforce", *words, "--bus", bus, "--truth", str(files.truth)), stdout=quiet
+    )
+    until = asyncio.Event()
+    ended = asyncio.create_task(_set_when_ended(machine, until))
+    try:
+        await serve(daemon, until)
+    finally:
+        if machine.returncode is None:
+            machine.terminate()
+        await ended
+    if machine.returncode != 0:
+        raise RuntimeError(f"the simulated machine ended with status {machine.returncode}")
+    return watched._replace(counts=daemon.counts)
+
+
+async def _set_when_ended(machine: asyncio.subprocess.Process, until: asyncio.Event) -> None:
+    await machine.wait()
+    until.set()
+
+
+def _show(console: Console, loaded: Loaded, weights: list[CycleScore], force: ForceScore, counts: Counts) -> None:
+    rated = loaded.service.machine.rated_payload
+    table = Table(title=f"booked weights, rated payload {rated:.0f} kg (on our own simulator)")
+    for name in ("cycle", "true kg", "booked kg", "standard error kg", "error kg", "error % of rated"):
+        table.add_column(name, justify="right")
+    for k, w in enumerate(weights, 1):
+        if w.estimated_kg is None or w.standard_error_kg is None:
+            table.add_row(str(k), f"{w.true_kg:.1f}", "not booked", "", "", "")
+            continue
+        error = w.estimated_kg - w.true_kg
+        numbers = (w.true_kg, w.estimated_kg, w.standard_error_kg, error)
+        table.add_row(str(k), *(f"{x:.1f}" for x in numbers), f"{100 * error / rated:.2f}")
+    console.print(table)
+    console.print(
+        f"tip force while digging, above 10 kN ({force.samples} samples, {100 * force.published:.1f} % published): "
+        f"error {force.rms_n:.0f} N rms, p95 {100 * force.p95_relative:.1f} % of the force, "
+        f"p95 {force.p95_direction_deg:.1f} deg"
+    )
+    console.print(f"{counts.steps} steps, {counts.overruns} overruns ({100 * _overruns(counts):.2f} %)")
+
+
+def _overruns(counts: Counts) -> float:
+    return counts.overruns / max(1, counts.steps + counts.overruns)
+
+
+def _summary(
+    loaded: Loaded, weights: list[CycleScore], force: ForceScore, counts: Counts, run: dict[str, Any]
+) -> dict[str, Any]:
+    return {
+        "rated_payload_kg": loaded.service.machine.rated_payload,
+        "cycles": [w._asdict() for w in weights],
+        "force": {k: v if np.isfinite(v) else None for k, v in force._asdict().items()},
+        "overruns": _overruns(counts),
+        **run,
+        "version": cylforce.__version__,
+    }
+
+
+def _write(path: Path, summary: dict[str, Any]) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n")
