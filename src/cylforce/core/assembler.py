@@ -66,9 +66,7 @@ class Assembler:
 
     @cached_property
     def _quantum(self) -> tuple[float, ...]:
-        size = {
-            f.signal: f.scale for n in self.service.nodes for p in n.pdos for f in p.fields if f.code != "f"
-        }
+        size = {f.signal: f.scale for n in self.service.nodes for p in n.pdos for f in p.fields if f.code != "f"}
         return tuple(size.get(s.name, 0.0) for s in self.service.machine.signals)
 
     def begin(self) -> Inputs:
@@ -137,9 +135,7 @@ class Assembler:
         """A sensor node booted: nothing that it said before counts, and it must prove itself anew."""
         mine = {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}
         lost = Channel(float("nan"), NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
-        return inputs._replace(
-            channels=tuple(lost if k in mine else c for k, c in enumerate(inputs.channels))
-        )
+        return inputs._replace(channels=tuple(lost if k in mine else c for k, c in enumerate(inputs.channels)))
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """What is known at a tick. A signal that is late, or was refused, is held for a short time, then invalid."""

@@ -30,9 +30,7 @@ def read(frame: Frame, node_id: int) -> Command | None:
     return Command("zero" if index == ZERO else "tare", frame.data[4:8] == SIGNATURES[index])
 
 
-def obey(
-    command: Command, scale: tuple[float, float], mass: Quantity, rated: float
-) -> tuple[tuple[float, float], int]:
+def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: float) -> tuple[tuple[float, float], int]:
     """The new (zero, tare) [kg] and the verdict: 0, or the abort code. Refused while the weight cannot be trusted."""
     zero, _ = scale
     if not command.signed:

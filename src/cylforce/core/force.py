@@ -1,6 +1,7 @@
 """Interaction force: what the actuators had to supply beyond the tares is -(dP/dq)^T F (PHYSICS section 8)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import atan2, hypot, sqrt
 
 import numpy as np
@@ -9,35 +10,41 @@ from cylforce.core.model import Model, Tares
 from cylforce.core.weighing import Residual
 from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array, Force, Quantity, Reason, Status, invalid, invalid_force
+from cylforce.words.units import STANDARD_GRAVITY
 
-SINGULAR = (
-    1e-3  # ratio of singular values of the scaled tool columns below which a direction cannot be sensed
-)
+BLIND = 0.3  # standard error, as a share of the rated force, from which on a component counts as not sensed
+POOR = 0.05  # and from which on it is only DEGRADED
 
 
 @dataclass(frozen=True)
 class ForceSensor:
-    """Force at the tool: with three torques the resultant and its moment about the last pin's body, with two the force on
-    the known contact line (the paper's mode)."""
+    """Force at the tool: with three torques the resultant and its moment on the last link, with two the force on the known
+    contact line (the paper's mode).
+
+    What a pose does not show stays as uncertain as it was before: a force within the rated one, a moment as of a full
+    load. So neither a singular pose nor a lost row needs a special case; its direction has a large standard error."""
 
     model: Model
     tares: Tares
     rated_force: float
 
+    @cached_property
+    def _prior(self) -> Array:
+        machine = self.model.machine
+        moment = machine.rated_payload * STANDARD_GRAVITY * machine.payload_reach
+        known = np.array([self.rated_force, self.rated_force, moment])
+        return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)
+
     def estimate(self, rows: Rows, left: Residual, usable: Array) -> Force:
-        """The force of one instant; INVALID where a direction cannot be sensed."""
-        tool = rows.columns[..., self.model.tool]
-        tool = tool if len(left.torque) > 2 else tool[:, :2]
-        if not np.all(usable):
+        """The force of one instant; a component that cannot be sensed is INVALID."""
+        if not np.any(usable):
             return invalid_force(Reason.DEAD_POINT)
-        scale = np.abs(tool).max(axis=0) + 1e-9
-        left_vectors, singular, right_vectors = np.linalg.svd(tool / scale, full_matrices=False)
-        if singular[-1] < SINGULAR or tool.shape[0] < tool.shape[1]:
-            return invalid_force(Reason.SINGULAR)
-        gain = (right_vectors.T / singular) @ left_vectors.T / scale[:, None]  # the pseudo-inverse of tool
-        noise = np.diag(left.variance + left.rest) + left.columns @ self.tares.covariance @ left.columns.T
-        spread = gain @ noise @ gain.T
-        x, z = gain[:2] @ left.torque
+        tool = rows.columns[usable, self.model.tool][:, : len(self._prior)]
+        columns = left.columns[usable]
+        noise = np.diag((left.variance + left.rest)[usable]) + columns @ self.tares.covariance @ columns.T
+        weighted = np.linalg.solve(noise, tool).T
+        spread = np.asarray(np.linalg.inv(weighted @ tool + self._prior), dtype=np.float64)
+        x, z = (spread @ (weighted @ left.torque[usable]))[:2]
         return self._force(float(x), float(z), spread[:2, :2])
 
     def _force(self, x: float, z: float, spread: Array) -> Force:
@@ -53,14 +60,19 @@ class ForceSensor:
             self._bounded(z, sqrt(spread[1, 1])),
             self._bounded(size, along_error),
             direction,
+            (float(spread[0, 0]), float(spread[0, 1]), float(spread[1, 1])),
         )
 
     def _bounded(self, value: float, error: float) -> Quantity:
+        if error > BLIND * self.rated_force:
+            return invalid(Reason.SINGULAR)
         if abs(value) > self.rated_force:
             return invalid(Reason.OUT_OF_DECLARED_RANGE)
-        return self._quantity(value, error) if error < self.rated_force else invalid(Reason.SINGULAR)
+        return self._quantity(value, error)
 
     def _quantity(self, value: float, error: float) -> Quantity:
         if not self.tares.identified:
             return Quantity(value, error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
+        if error > POOR * self.rated_force:
+            return Quantity(value, error, Status.DEGRADED, Reason.UNCERTAIN)
         return Quantity(value, error, Status.OK, Reason.NONE)

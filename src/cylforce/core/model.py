@@ -61,9 +61,7 @@ class Model:
         """All columns, filtered."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed))
         f = self.filters
-        return FilteredRegressor(
-            Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz
-        )
+        return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
     @cached_property
     def channels(self) -> Channels:
@@ -120,18 +118,14 @@ class Model:
         for name, value, spread in self._guesses():
             mean[place[name]], covariance[place[name], place[name]] = value, spread**2
         mean[:n] = base_parameters(self.machine.links)
-        covariance[:n, :n] = base_parameter_covariance(self.machine.links) + np.diag(
-            1e-6 * mean[:n] ** 2 + 1e-2
-        )
+        covariance[:n, :n] = base_parameter_covariance(self.machine.links) + np.diag(1e-6 * mean[:n] ** 2 + 1e-2)
         return Prior(mean, covariance)
 
     def _guesses(self) -> list[tuple[str, float, float]]:
         """(name, mean, standard error) of every parameter that is not a base parameter."""
         guesses = []
         if self._slews:
-            for link, (excess, product) in zip(
-                self.machine.links, slew_parameters(self.machine.links), strict=True
-            ):
+            for link, (excess, product) in zip(self.machine.links, slew_parameters(self.machine.links), strict=True):
                 guesses.append((f"{link.name}.D_excess", excess, 0.2 * abs(excess) + 1.0))
                 guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
         for law in self.friction:

@@ -49,9 +49,7 @@ class Pipeline:
         filters = self.model.filtered.begin(moved.motion) if pipe.filters is None else pipe.filters
         filters, rows = self.model.filtered.step(filters, moved.motion)
         waiting = np.where(self._rows_usable(moved), np.maximum(pipe.waiting - 1, 0), self.model.settle_steps)
-        return Pipe(
-            channels, smooth_state, smooth, filters, pipe.steps + 1, waiting, moved.motion.speed
-        ), rows
+        return Pipe(channels, smooth_state, smooth, filters, pipe.steps + 1, waiting, moved.motion.speed), rows
 
     def _rows_usable(self, moved: Moved) -> Array:
         return np.array([all(moved.usable[c] for c in acting) for acting in self.model.acting])

@@ -50,8 +50,7 @@ def publication(node_id: int, period_s: float, rated_payload: float, rated_force
         ),
     )
     return tuple(
-        Pdo(0x100 * k + 0x80 + node_id, node_id, k, False, 0, period_s, fields)
-        for k, fields in enumerate(table, 1)
+        Pdo(0x100 * k + 0x80 + node_id, node_id, k, False, 0, period_s, fields) for k, fields in enumerate(table, 1)
     )
 
 
@@ -70,7 +69,7 @@ def published(estimate: Estimate) -> dict[str, float]:
         Z_ERROR: max(force.z.standard_error, _N),
         DIRECTION_ERROR: max(force.direction.standard_error, _DEG),
         PAYLOAD_QUALITY: float(quality(estimate.gross)),
-        FORCE_QUALITY: float(max((quality(q) for q in force), key=lambda byte: byte & 3)),
+        FORCE_QUALITY: float(max((quality(q) for q in force.quantities), key=lambda byte: byte & 3)),
         BOOKED_COUNT: float(booking.number % 65535) if booking else 0.0,
         BOOKED: booking.mass if booking else float("nan"),
     }

@@ -23,9 +23,7 @@ class SensorNode(NamedTuple):
     name: str
     node_id: int
     profile: int
-    identity: tuple[
-        int | None, int | None, int | None, int | None
-    ]  # 1018h: vendor, product, revision, serial
+    identity: tuple[int | None, int | None, int | None, int | None]  # 1018h: vendor, product, revision, serial
     heartbeat_s: float
     pdos: tuple[Pdo, ...]
     writable_mapping: bool

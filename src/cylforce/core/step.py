@@ -1,5 +1,6 @@
 """The whole service as one pure function of events: step(state, event) -> (state, output)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -21,12 +22,14 @@ from cylforce.words.estimate import (
     Booking,
     Estimate,
     Force,
+    Load,
     Quantity,
     Reason,
     Sample,
     Status,
     invalid,
     invalid_force,
+    invalid_load,
 )
 from cylforce.words.events import Event, Frame, Tick
 from cylforce.words.signals import Kind
@@ -54,7 +57,6 @@ class State(NamedTuple):
     weighing: Weighing
     scale: Scale
     sampled_us: int
-    mass: Quantity
     estimate: Estimate
     moving: tuple[bool, ...]
 
@@ -114,16 +116,7 @@ class Core:
         """The state of a service that has seen nothing."""
         nothing = _nothing(0, Reason.STARTING, None)
         still = (False,) * len(self.service.machine.signals)
-        return State(
-            self.assembler.begin(),
-            None,
-            self.weigher.begin(),
-            scale,
-            0,
-            invalid(Reason.STARTING),
-            nothing,
-            still,
-        )
+        return State(self.assembler.begin(), None, self.weigher.begin(), scale, 0, nothing, still)
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
@@ -137,7 +130,9 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
 def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
     command = commands.read(frame, core.service.node_id)
     if command is not None:
-        scale, verdict = commands.obey(command, state.scale, state.mass, core.service.machine.rated_payload)
+        scale, verdict = commands.obey(
+            command, state.scale, state.estimate.load.mass, core.service.machine.rated_payload
+        )
         return state._replace(scale=Scale(*scale)), Output(verdict)
     booted = commands.booted(frame)
     if booted is not None:
@@ -183,7 +178,6 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
     return state._replace(
         pipe=None,
         weighing=core.weigher.interrupt(state.weighing),
-        mass=invalid(reason),
         estimate=_nothing(t_us, reason, state.estimate.booking),
     )
 
@@ -191,18 +185,19 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
 def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> State:
     left = residual(core.model, core.tares, rows)
     usable = pipe.waiting == 0
-    weighing, mass = core.weigher.step(state.weighing, left, usable, t_us)
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
     force = core.force_sensor.estimate(rows, left, usable)
-    gross = _checked(_shift(mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
+    gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
     net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], core.service.machine.rated_payload)
     if 0 <= t_us - state.inputs.long_t_us < LONG_FRAME_US:
-        gross, net, force = _degrade(gross), _degrade(net), Force(*(_degrade(q) for q in force))
-    estimate = Estimate(t_us, gross, net, force, weighing.booking)
-    return state._replace(weighing=weighing, mass=mass, estimate=estimate)
+        gross, net, force = _degrade(gross), _degrade(net), _each(force, _degrade)
+    estimate = Estimate(t_us, load, gross, net, force, weighing.booking)
+    return state._replace(weighing=weighing, estimate=estimate)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
-    """Per signal whether something else than the signal's own cylinder moves: a still joint may repeat its angle."""
+    """Per signal whether its cylinder moves, so that a pressure which repeats itself must be frozen; a joint that is held
+    still may well repeat its angle."""
     moves = np.abs(pipe.speed) > MOVING
     signals = core.service.machine.signals
     return tuple(bool(moves[s.index]) if s.kind in PRESSURES else False for s in signals)
@@ -224,6 +219,11 @@ def _shift(q: Quantity, by: float) -> Quantity:
     return q._replace(value=q.value + by)
 
 
+def _each(force: Force, change: Callable[[Quantity], Quantity]) -> Force:
+    x, z, magnitude, direction = (change(q) for q in force.quantities)
+    return Force(x, z, magnitude, direction, force.covariance)
+
+
 def _degrade(q: Quantity) -> Quantity:
     return q._replace(status=Status.DEGRADED, reason=Reason.LONG_FRAME) if q.status is Status.OK else q
 
@@ -242,10 +242,10 @@ def _hold(last: Estimate, t_us: int, reason: Reason) -> Estimate:
     def held(q: Quantity) -> Quantity:
         return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
 
-    return Estimate(
-        t_us, held(last.gross), held(last.net), Force(*(held(q) for q in last.force)), last.booking
-    )
+    load, force = Load(*(held(q) for q in last.load)), _each(last.force, held)
+    return Estimate(t_us, load, held(last.gross), held(last.net), force, last.booking)
 
 
 def _nothing(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:
-    return Estimate(t_us, invalid(reason), invalid(reason), invalid_force(reason), booking)
+    nothing = invalid(reason)
+    return Estimate(t_us, invalid_load(reason), nothing, nothing, invalid_force(reason), booking)

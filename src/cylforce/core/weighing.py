@@ -10,7 +10,7 @@ import numpy as np
 from cylforce.core.model import Model, Tares
 from cylforce.regression.recursive import Root, forget, known, solution, update
 from cylforce.regression.regressor import Rows
-from cylforce.words.estimate import Array, Booking, Quantity, Reason, Status, invalid
+from cylforce.words.estimate import Array, Booking, Load, Quantity, Reason, Status, invalid, invalid_load
 
 GATE = 9.0  # mean squared normalised innovation per row above which a sample does not belong to the load
 PATIENCE_S = 0.3  # a lift ends when samples have not belonged to it for so long
@@ -61,11 +61,12 @@ class Lift(NamedTuple):
 
 
 class Weight(NamedTuple):
-    """Mass [kg], its standard error, the load's centre x + i z [m] in the last link's frame."""
+    """Mass [kg], its standard error, the load's centre x + i z [m] in the last link's frame, its standard errors."""
 
     mass: float
     standard_error: float
     centre: complex
+    centre_error: tuple[float, float]
 
 
 class Candidate(NamedTuple):
@@ -118,8 +119,8 @@ class Weigher:
         """The measurement stopped: the lift starts anew, what was found stays."""
         return state._replace(lift=self._fresh)
 
-    def step(self, state: Weighing, left: Residual, usable: Array, t_us: int) -> tuple[Weighing, Quantity]:
-        """Take one instant in; `usable` (R,) rows. Returns the gross weight, not yet zeroed."""
+    def step(self, state: Weighing, left: Residual, usable: Array, t_us: int) -> tuple[Weighing, Load]:
+        """Take one instant in; `usable` (R,) rows. Returns the load, not yet zeroed."""
         lift = self._advance(state.lift, left, usable)
         if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
             lift = self._fresh  # what the lift showed stays a candidate until the bucket is seen empty
@@ -146,8 +147,11 @@ class Weigher:
         gain = lift.covariance[0] @ lift.gram
         variance = lift.covariance[0, 0] + gain @ self.tares.covariance @ gain
         mass = float(lift.values[0])
-        centre = complex(lift.values[1], lift.values[2]) / (mass if abs(mass) > 1.0 else 1.0)
-        return Weight(mass, float(np.sqrt(variance)), centre)
+        scale = mass if abs(mass) > 1.0 else 1.0
+        centre = complex(lift.values[1], lift.values[2]) / scale
+        along = np.array([[-centre.real, 1.0, 0.0, 0.0], [-centre.imag, 0.0, 1.0, 0.0]]) / scale
+        error_x, error_z = np.sqrt(np.sum((along @ lift.covariance) * along, axis=1))
+        return Weight(mass, float(np.sqrt(variance)), centre, (float(error_x), float(error_z)))
 
     def _plausible(self, weight: Weight) -> bool:
         """No hanging load pulls upwards or has its centre outside the tool."""
@@ -157,16 +161,23 @@ class Weigher:
             return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
-    def _judge(self, lift: Lift, weight: Weight) -> Quantity:
+    def _judge(self, lift: Lift, weight: Weight) -> Load:
         doubt = self._doubt(lift, weight)
         if doubt is not None:
-            return invalid(doubt)
+            return invalid_load(doubt)
+        status, reason = self._trust(lift, weight)
+        mass = Quantity(weight.mass, weight.standard_error, status, reason)
+        if weight.mass < SMALLEST * self.model.machine.rated_payload:
+            return Load(mass, invalid(Reason.NOT_A_LOAD), invalid(Reason.NOT_A_LOAD))
+        (x, z), (error_x, error_z) = (weight.centre.real, weight.centre.imag), weight.centre_error
+        return Load(mass, Quantity(x, error_x, status, reason), Quantity(z, error_z, status, reason))
+
+    def _trust(self, lift: Lift, weight: Weight) -> tuple[Status, Reason]:
         if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:
-            reason = Reason.UNCERTAIN if lift.moving else Reason.AT_REST
-            return Quantity(weight.mass, weight.standard_error, Status.DEGRADED, reason)
+            return Status.DEGRADED, Reason.UNCERTAIN if lift.moving else Reason.AT_REST
         if not self.tares.identified:
-            return Quantity(weight.mass, weight.standard_error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
-        return Quantity(weight.mass, weight.standard_error, Status.OK, Reason.NONE)
+            return Status.DEGRADED, Reason.NOT_IDENTIFIED
+        return Status.OK, Reason.NONE
 
     def _doubt(self, lift: Lift, weight: Weight) -> Reason | None:
         """Why there is no weight."""

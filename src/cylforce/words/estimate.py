@@ -72,17 +72,25 @@ def invalid(reason: Reason) -> Quantity:
 
 
 class Force(NamedTuple):
-    """Force of the outside world on the tool, in the vertical plane of the arm (x forward, z up), with covariance."""
+    """Force of the outside world on the tool, in the vertical plane of the arm (x forward, z up): its components [N],
+    magnitude [N], direction [rad] from x towards z, and the components' `covariance` (xx, xz, zz) [N^2]."""
 
     x: Quantity
     z: Quantity
     magnitude: Quantity
     direction: Quantity
+    covariance: tuple[float, float, float]
+
+    @property
+    def quantities(self) -> tuple[Quantity, Quantity, Quantity, Quantity]:
+        """What is published."""
+        return self.x, self.z, self.magnitude, self.direction
 
 
 def invalid_force(reason: Reason) -> Force:
     """No force, and why."""
-    return Force(invalid(reason), invalid(reason), invalid(reason), invalid(reason))
+    nan = float("nan")
+    return Force(invalid(reason), invalid(reason), invalid(reason), invalid(reason), (nan, nan, nan))
 
 
 class Booking(NamedTuple):
@@ -94,10 +102,24 @@ class Booking(NamedTuple):
     standard_error: float
 
 
+class Load(NamedTuple):
+    """A hanging load: `mass` [kg] and its `centre` (x, z) [m] in the last link's frame, each with its standard error."""
+
+    mass: Quantity
+    centre_x: Quantity
+    centre_z: Quantity
+
+
+def invalid_load(reason: Reason) -> Load:
+    """No load, and why."""
+    return Load(invalid(reason), invalid(reason), invalid(reason))
+
+
 class Estimate(NamedTuple):
-    """What is concluded at a tick; published as it is."""
+    """What is concluded at a tick; published as it is: `load` as measured, `gross` zeroed, `net` zeroed and tared [kg]."""
 
     t_us: int
+    load: Load
     gross: Quantity
     net: Quantity
     force: Force

@@ -2,9 +2,7 @@
 
 from typing import NamedTuple
 
-EXTENDED = (
-    0x80000000  # SocketCAN's flag bits: a foreign frame simply misses every table of 11-bit identifiers
-)
+EXTENDED = 0x80000000  # SocketCAN's flag bits: a foreign frame simply misses every table of 11-bit identifiers
 REMOTE = 0x40000000
 ERROR = 0x20000000
 
