@@ -27,8 +27,7 @@ def _signals(links: tuple[Link, ...], cylinders: tuple[Cylinder, ...]) -> tuple[
         for kind in (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
     ]
     angles = [
-        Signal(f"{k.name}_angle", Kind.JOINT_ANGLE, j, -3.2, 3.2, 0.01, radians(0.01))
-        for j, k in enumerate(links)
+        Signal(f"{k.name}_angle", Kind.JOINT_ANGLE, j, -3.2, 3.2, 0.01, radians(0.01)) for j, k in enumerate(links)
     ]
     house = [
         Signal("pitch", Kind.PITCH, 0, -1.0, 1.0, 0.01, radians(0.01)),
@@ -56,6 +55,4 @@ def stick_and_bucket() -> Machine:
         _cylinder("stick", Triangle((0, -2.8 + 0.8j), (1, -0.65 + 0.3j)), 135, 95, 1),
         _cylinder("bucket", _bucket_linkage(1), 115, 80, 1),
     )
-    return Machine(
-        "stick_and_bucket", links, cylinders, _signals(links, cylinders), 1.5 + 0j, 1500.0, 0.8, 0.0
-    )
+    return Machine("stick_and_bucket", links, cylinders, _signals(links, cylinders), 1.5 + 0j, 1500.0, 0.8, 0.0)

@@ -1,4 +1,5 @@
-"""Centrifugal torques by pinocchio: a house that turns at a constant rate about its own axis, links as bodies with depth."""
+"""Centrifugal torques by pinocchio: a house that turns at a constant rate about its own axis, links as bodies with
+depth."""
 
 import numpy as np
 import pinocchio as pin
@@ -6,9 +7,7 @@ import pinocchio as pin
 from cylforce.machine.machine import Machine
 
 
-def yaw_torque(
-    machine: Machine, a: np.ndarray, rate: float, thin: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def yaw_torque(machine: Machine, a: np.ndarray, rate: float, thin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(torque of the arm's joints without gravity (N,), values (5N,) of (J, X, Z, D_excess, E)); `thin` (N,) [m]: the
     links' radius of gyration across their own line."""
     model = pin.Model()
@@ -17,9 +16,7 @@ def yaw_torque(
     offset, n = machine.slew_axis, machine.size
     for k, radius in zip(machine.links, thin, strict=True):
         place = pin.SE3(np.eye(3), np.array([offset, 0.0, 0.0]))
-        parent = model.addJoint(
-            parent, pin.JointModelRevoluteUnaligned(np.array([0.0, -1.0, 0.0])), place, k.name
-        )
+        parent = model.addJoint(parent, pin.JointModelRevoluteUnaligned(np.array([0.0, -1.0, 0.0])), place, k.name)
         across = k.mass * radius**2
         along = k.inertia - across
         # moments of inertia of a flat body: about x the spread in z, about z the spread in x, about y both
@@ -40,7 +37,5 @@ def _values(machine: Machine, thin: np.ndarray) -> np.ndarray:
         length = k.length if j < machine.size - 1 else 0.0
         inertia = k.inertia + k.mass * (k.cx**2 + k.cz**2) + beyond * length**2
         spread = k.mass * thin[j] ** 2 + k.mass * k.cz**2  # int z^2 dm
-        values.append(
-            (inertia, k.mass * k.cx + beyond * length, k.mass * k.cz, -2 * spread, k.mass * k.cx * k.cz)
-        )
+        values.append((inertia, k.mass * k.cx + beyond * length, k.mass * k.cz, -2 * spread, k.mass * k.cx * k.cz))
     return np.array(values).reshape(-1)

@@ -1,6 +1,7 @@
 """The timer keeps absolute deadlines; the clock does not jump."""
 
 import asyncio
+import itertools
 import os
 import time
 
@@ -43,7 +44,7 @@ def test_deadlines_are_multiples_of_the_period_after_the_first(timer):
         deadlines.append(timer.deadline_us)
         assert deadlines[-1] <= now_us()
         time.sleep(0.003)  # a late reader does not move the next deadline
-    steps = [b - a for a, b in zip(deadlines, deadlines[1:], strict=False)]
+    steps = [b - a for a, b in itertools.pairwise(deadlines)]
     assert [round(step / 10_000) for step in steps] == counts[1:]
     assert all(abs(step % 10_000 - 10_000 * (step % 10_000 > 5000)) <= 1 for step in steps)
 

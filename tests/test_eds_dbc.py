@@ -28,7 +28,7 @@ SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": dbc(PU
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_shipped_file_is_what_the_table_makes(name):
     path = ROOT / "config" / name
-    assert path.read_text(encoding="ascii") == SHIPPED[name], f"write it anew: python tests/test_eds_dbc.py"
+    assert path.read_text(encoding="ascii") == SHIPPED[name], "write it anew: python tests/test_eds_dbc.py"
 
 
 @pytest.fixture

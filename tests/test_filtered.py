@@ -73,9 +73,7 @@ def test_live_equals_recorded() -> None:
     model = Model(machine, FILTERS, ("coulomb", "viscous", "load_dependent"))
     rng = np.random.default_rng(SEED)
     theta = wave(rng, np.arange(0, 4, DT), 0.4)[0]
-    values = np.concatenate(
-        [rng.uniform(1e5, 2e7, (400, 6)), theta, rng.uniform(-0.1, 0.1, (400, 3))], axis=1
-    )
+    values = np.concatenate([rng.uniform(1e5, 2e7, (400, 6)), theta, rng.uniform(-0.1, 0.1, (400, 3))], axis=1)
     moved = model.channels.run(values)
     expected = model.filtered.run(moved.motion)
     pipeline = Pipeline(model)
@@ -85,9 +83,7 @@ def test_live_equals_recorded() -> None:
         pipe, rows = pipeline.advance(pipe, x, 1)
         scale = np.abs(expected.columns).max(axis=(0, 1)) + 1e-300
         np.testing.assert_allclose(rows.columns / scale, expected.columns[k] / scale, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(
-            rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max()
-        )
+        np.testing.assert_allclose(rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max())
 
 
 def test_missing_steps_are_filled_along_a_line() -> None:
@@ -116,15 +112,14 @@ def test_slew_equals_an_independent_library() -> None:
         a = rng.uniform(-1.5, 1.0, 3)
         thin, rate = rng.uniform(0.1, 0.4, 3), float(rng.uniform(0.2, 1.2))
         expected, values = yaw_torque(machine, a, rate, thin)
-        moving = motion(machine, np.diff(a, prepend=0.0), np.zeros(3), np.zeros(3))._replace(
-            slew=np.asarray(rate)
-        )
+        moving = motion(machine, np.diff(a, prepend=0.0), np.zeros(3), np.zeros(3))._replace(slew=np.asarray(rate))
         found = Slew().halves(machine, moving).static @ values
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
 
 
 def test_paper_equation_1_is_the_special_case_at_rest() -> None:
-    """At rest, two links, a weight W at (l_x, alpha_x): the torques beyond the tares are the paper's (1) with the term that
+    """At rest, two links, a weight W at (l_x, alpha_x): the torques beyond the tares are the paper's (1) with the
+    term that
     its second row drops (PHYSICS section 12): tau_2 = W l_x sin(..), tau_1 = tau_2 + W l_B sin(..)."""
     from machines import stick_and_bucket
 

@@ -45,9 +45,7 @@ def test_functions_are_short():
 
 def test_files_are_short():
     sizes = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in SOURCES}
-    assert share_within(sizes.values(), 250) >= 0.9, {
-        name: size for name, size in sizes.items() if size > 250
-    }
+    assert share_within(sizes.values(), 250) >= 0.9, {name: size for name, size in sizes.items() if size > 250}
 
 
 def unannotated(function):
@@ -59,9 +57,7 @@ def unannotated(function):
         arguments.vararg,
         arguments.kwarg,
     ]
-    missing = [
-        a.arg for a in given if a is not None and a.annotation is None and a.arg not in ("self", "cls")
-    ]
+    missing = [a.arg for a in given if a is not None and a.annotation is None and a.arg not in ("self", "cls")]
     return missing + ["return"] * (function.returns is None)
 
 
@@ -75,9 +71,7 @@ def test_the_top_level_is_complete_and_no_more():
 
 
 def test_the_lock_is_exact_and_names_no_place():
-    lines = [
-        line for line in (ROOT / "requirements.lock").read_text().splitlines() if not line.startswith("#")
-    ]
+    lines = [line for line in (ROOT / "requirements.lock").read_text().splitlines() if not line.startswith("#")]
     assert lines
     assert [line for line in lines if not re.fullmatch(r"[a-z0-9-]+==[0-9][0-9a-z.]*", line)] == []
 
@@ -121,9 +115,7 @@ def test_systemd_accepts_the_unit(tmp_path):
     text = (ROOT / "systemd/cylforce.service").read_text()
     unit = tmp_path / "cylforce.service"
     unit.write_text(re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", text, flags=re.MULTILINE))
-    done = subprocess.run(
-        ["systemd-analyze", "verify", "--man=no", unit], capture_output=True, text=True, timeout=60
-    )
+    done = subprocess.run(["systemd-analyze", "verify", "--man=no", unit], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
 
 
@@ -134,9 +126,7 @@ def test_systemd_knows_every_key_of_the_network_files(file, program):
     keys.optionxform = str
     keys.read(ROOT / "systemd" / file)
     known = (ROOT / "/lib/systemd" / f"systemd-{program}").read_bytes()
-    unknown = [
-        f"{s}.{key}" for s in keys.sections() for key in keys[s] if f"{s}.{key}\0".encode() not in known
-    ]
+    unknown = [f"{s}.{key}" for s in keys.sections() for key in keys[s] if f"{s}.{key}\0".encode() not in known]
     assert keys.sections()
     assert unknown == []
 

@@ -332,9 +332,7 @@ def test_a_clock_that_is_set_makes_no_ticks_in_between(jump):
 
 
 MESSAGES = [
-    can.Message(
-        timestamp=1_700_000_000.0, arbitration_id=0x185, is_extended_id=False, data=b"\x01\x02", channel=0
-    ),
+    can.Message(timestamp=1_700_000_000.0, arbitration_id=0x185, is_extended_id=False, data=b"\x01\x02", channel=0),
     can.Message(timestamp=1_700_000_000.004, arbitration_id=0x12345678, data=b"\x01", channel=0, is_rx=False),
     can.Message(
         timestamp=1_700_000_000.01,
@@ -344,9 +342,7 @@ MESSAGES = [
         dlc=2,
         channel=0,
     ),
-    can.Message(
-        timestamp=1_700_000_000.010001, arbitration_id=0x18A, is_extended_id=False, data=b"\x00", channel=0
-    ),
+    can.Message(timestamp=1_700_000_000.010001, arbitration_id=0x18A, is_extended_id=False, data=b"\x00", channel=0),
 ]
 CLASSIC = [
     (0, Frame(0, 0x185, b"\x01\x02")),
@@ -393,9 +389,7 @@ def test_fd_frames_are_passed_over_and_error_frames_marked(tmp_path, suffix):
 def test_a_cut_blf_is_read_as_far_as_it_goes(tmp_path):
     path, told = tmp_path / "cut.blf", []
     many = [
-        can.Message(
-            timestamp=1.7e9 + k * 1e-3, arbitration_id=0x185, is_extended_id=False, data=bytes([k & 255] * 8)
-        )
+        can.Message(timestamp=1.7e9 + k * 1e-3, arbitration_id=0x185, is_extended_id=False, data=bytes([k & 255] * 8))
         for k in range(20_000)
     ]
     record(path, many)

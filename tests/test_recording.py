@@ -142,9 +142,7 @@ def test_a_table_as_its_sensors_would_send_it(service):
     assert [f.t_us for f in angles] == [k * 20_000 for k in range(25)]  # its own, slower period
     found = np.array([[decode(PRESSURES, f.data)[name] for name in ("head", "rod")] for f in pressures])
     np.testing.assert_allclose(found, table.values[:, :2], atol=0.5e4)
-    np.testing.assert_allclose(
-        [decode(ANGLES, f.data)["angle"] for f in angles], table.values[::2, 2], rtol=1e-6
-    )
+    np.testing.assert_allclose([decode(ANGLES, f.data)["angle"] for f in angles], table.values[::2, 2], rtol=1e-6)
     assert list(sensor_frames(table, service)) == frames
 
 

@@ -62,9 +62,7 @@ def test_recursive_without_prior_equals_batch() -> None:
     root = recursive.nothing_known(4)
     for a, b in zip(columns, torque, strict=True):
         root = recursive.update(root, a, b, error**2)
-    expected = np.linalg.lstsq(
-        (columns / error[:, None]).reshape(-1, 4), (torque / error).reshape(-1), rcond=None
-    )[0]
+    expected = np.linalg.lstsq((columns / error[:, None]).reshape(-1, 4), (torque / error).reshape(-1), rcond=None)[0]
     np.testing.assert_allclose(recursive.solution(root)[0], expected, rtol=1e-9)
 
 
@@ -105,7 +103,8 @@ def test_batch_names_what_it_cannot_tell() -> None:
 
 
 def test_standard_errors_cover_the_truth_when_residuals_are_correlated() -> None:
-    """Residuals with a memory of 20 samples: the 95 % interval covers in 88-99 % of 300 cases (white-noise formula: ~40 %)."""
+    """Residuals with a memory of 20 samples: the 95 % interval covers in 88-99 % of 300 cases (white-noise formula:
+    ~40 %)."""
     rng = np.random.default_rng(SEED)
     low = first_order(0.8, 0.01)
     hits, truth = [], np.array([2.0, -1.0])

@@ -1,12 +1,14 @@
-"""regressor @ parameters equals the inverse dynamics of an independent rigid-body library (pinocchio) at random states."""
+"""regressor @ parameters equals the inverse dynamics of an independent rigid-body library (pinocchio) at random
+states."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from cylforce.effects.rigid import Rigid
+from cylforce.machine.effect import Halves
 from cylforce.machine.machine import Link, Machine, base_parameters
-from cylforce.regression.regressor import Regressor
+from cylforce.machine.motion import Attitude, motion
 
 
 def chain(rng: np.random.Generator, n: int) -> tuple[Link, ...]:
@@ -29,13 +31,26 @@ def oracle(links: tuple[Link, ...], g: float) -> tuple[pin.Model, pin.Data]:
     parent, offset = 0, 0.0
     for k in links:
         place = pin.SE3(np.eye(3), np.array([offset, 0, 0]))
-        parent = model.addJoint(
-            parent, pin.JointModelRevoluteUnaligned(np.array([0.0, -1.0, 0.0])), place, k.name
-        )
+        parent = model.addJoint(parent, pin.JointModelRevoluteUnaligned(np.array([0.0, -1.0, 0.0])), place, k.name)
         inertia = pin.Inertia(k.mass, np.array([k.cx, 0, k.cz]), np.diag([1.0, k.inertia, 1.0]))
         model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
         offset = k.length
     return model, model.createData()
+
+
+def torque(links: tuple[Link, ...], state: np.ndarray, pitch: float, roll: float) -> np.ndarray:
+    """d/dt(momentum) @ Phi + static @ Phi by central differences of fourth order along the parabola of the motion."""
+    m, h = machine(links), 1e-3
+    theta, thetad, thetadd = state
+    level = Attitude(pitch, roll)
+
+    def halves(t: float) -> Halves:
+        moving = motion(m, theta + thetad * t + thetadd * t**2 / 2, thetad + thetadd * t, np.zeros(0), level)
+        return Rigid().halves(m, moving)
+
+    near = halves(h).momentum - halves(-h).momentum
+    far = halves(2 * h).momentum - halves(-2 * h).momentum
+    return ((8 * near - far) / (12 * h) + halves(0.0).static) @ base_parameters(links)
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])
@@ -44,45 +59,12 @@ def test_regressor_times_parameters_is_inverse_dynamics(n: int) -> None:
     rng = np.random.default_rng(n)
     worst = 0.0
     for _ in range(1000):
-        links = chain(rng, n)
-        theta, thetad, thetadd = rng.uniform(-2, 2, (3, n))
+        links, state = chain(rng, n), rng.uniform(-2, 2, (3, n))
         pitch, roll = rng.uniform(-0.3, 0.3, 2)
-        h = 1e-3
         model, data = oracle(links, 9.80665 * np.cos(roll))
-        along = theta.copy()
+        along = state[0].copy()
         along[0] += pitch
-        expected = pin.rnea(model, data, along, thetad, thetadd)
-        # central differences of fourth order: momentum at t +- h, t +- 2h on the parabola of the motion
-        regressor = Regressor(machine(links), (Rigid(),))
-
-        def halves(t: float) -> tuple[np.ndarray, np.ndarray]:
-            moving = motion_at(
-                regressor.machine, theta + thetad * t + thetadd * t**2 / 2, thetad + thetadd * t, pitch, roll
-            )
-            found = Rigid().halves(regressor.machine, moving)
-            return found.momentum, found.static
-
-        rate = (8 * (halves(h)[0] - halves(-h)[0]) - (halves(2 * h)[0] - halves(-2 * h)[0])) / (12 * h)
-        tau = (rate + halves(0.0)[1]) @ base_parameters(links)
-        worst = max(worst, np.max(np.abs(tau - expected)) / np.max(np.abs(expected)))
+        expected = pin.rnea(model, data, along, state[1], state[2])
+        error = np.max(np.abs(torque(links, state, pitch, roll) - expected))
+        worst = max(worst, error / np.max(np.abs(expected)))
     assert worst < 1e-9
-
-
-def motion_at(m: Machine, theta, thetad, pitch, roll):
-    """Motion of a chain without cylinders."""
-    from cylforce.machine import motion as module
-
-    empty = np.zeros((0,))
-    geometry = module.Motion(
-        a=np.cumsum(theta),
-        q=np.cumsum(theta) + pitch,
-        qd=np.cumsum(thetad),
-        g=np.asarray(9.80665 * np.cos(roll)),
-        slew=np.asarray(0.0),
-        length=empty,
-        lever=np.zeros((0, m.size)),
-        transmission=empty,
-        speed=empty,
-        force=empty,
-    )
-    return geometry

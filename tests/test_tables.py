@@ -48,17 +48,13 @@ def test_what_is_written_is_read_back_exactly(tmp_path_factory, suffix, content)
     original = Table(*content, SIGNALS)
     write_table(path, original)
     assert_equal(read_table(path, SIGNALS), original)
-    assert_equal(
-        read_table(path, SIGNALS[::-1]), Table(original.t_s, original.values[:, ::-1], SIGNALS[::-1])
-    )
+    assert_equal(read_table(path, SIGNALS[::-1]), Table(original.t_s, original.values[:, ::-1], SIGNALS[::-1]))
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
 def test_a_mapping_gives_names_units_and_signs(tmp_path):
     path = written(tmp_path, "time;MainPaCyl;unused;q;t_oil\n0;10;x;1;20\n10;20;;2;30\n")
-    mapping = TableMap(
-        "time", 1e-3, (ColumnMap("head", "MainPaCyl", 1e5, 101325.0), ColumnMap("rod", "q", -2.0, 0.0))
-    )
+    mapping = TableMap("time", 1e-3, (ColumnMap("head", "MainPaCyl", 1e5, 101325.0), ColumnMap("rod", "q", -2.0, 0.0)))
     found = read_table(path, ("rod", "t_oil", "head"), mapping)
     assert_equal(
         found,
@@ -84,9 +80,7 @@ def test_forms_of_csv(tmp_path, delimiter, end, mark):
     ]
     path = tmp_path / "run.csv"
     path.write_bytes((mark + end.join(delimiter.join(row) for row in rows) + end).encode())
-    assert_equal(
-        read_table(path, ["a"]), table([0, 0.01, 0.02, 0.03], [1500, np.nan, np.nan, -2], signals=("a",))
-    )
+    assert_equal(read_table(path, ["a"]), table([0, 0.01, 0.02, 0.03], [1500, np.nan, np.nan, -2], signals=("a",)))
 
 
 @pytest.mark.parametrize(

@@ -56,9 +56,7 @@ def test_output_errors_and_status_are_the_commands(tmp_path):
 
 def test_output_is_byte_for_byte():
     sent = bytes(range(256)) * 20_000
-    done = guest(
-        sys.executable, "-c", "import sys; sys.stdout.buffer.write(bytes(range(256)) * 20_000)", text=False
-    )
+    done = guest(sys.executable, "-c", "import sys; sys.stdout.buffer.write(bytes(range(256)) * 20_000)", text=False)
     assert done.stdout == sent
 
 

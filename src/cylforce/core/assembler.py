@@ -25,7 +25,8 @@ FASTEST = {
 
 
 class Channel(NamedTuple):
-    """One signal's last believed value, when it came, what was wrong last, good values since, equal values in motion."""
+    """One signal's last believed value, when it came, what was wrong last, good values since, equal values in
+    motion."""
 
     value: float
     t_us: int

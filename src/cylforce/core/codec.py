@@ -58,7 +58,8 @@ def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
 
 
 def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
-    """Data of a PDO from named SI values; what is missing, not finite or out of the field's range becomes "no value"."""
+    """Data of a PDO from named SI values; what is missing, not finite or out of the field's range becomes "no
+    value"."""
     return _struct(pdo).pack(*(_raw(f, values.get(f.signal, nan) if f.signal else 0.0) for f in pdo.fields))
 
 

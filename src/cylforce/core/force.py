@@ -18,7 +18,8 @@ POOR = 0.05  # and from which on it is only DEGRADED
 
 @dataclass(frozen=True)
 class ForceSensor:
-    """Force at the tool: with three torques the resultant and its moment on the last link, with two the force on the known
+    """Force at the tool: with three torques the resultant and its moment on the last link, with two the force on the
+    known
     contact line (the paper's mode).
 
     What a pose does not show stays as uncertain as it was before: a force within the rated one, a moment as of a full

@@ -88,7 +88,8 @@ def identify(model: Model, segments: list[Array]) -> Identification:
 
 
 def _row_noise(model: Model, seen: Observed, torque: Array) -> Array:
-    """What a fit of each row alone leaves of it (R,). Weights taken from the joint fit's own residuals would let one row
+    """What a fit of each row alone leaves of it (R,). Weights taken from the joint fit's own residuals would let one
+    row
     win all: the better it fits, the more it weighs."""
     alone = [
         least_squares(seen.columns[:, [r]], torque[:, [r]], np.ones(1), model.prior, seen.block).row_error[0]

@@ -1,4 +1,5 @@
-"""The model of the empty machine: which effects stand side by side, and what the data sheet says of their parameters."""
+"""The model of the empty machine: which effects stand side by side, and what the data sheet says of their
+parameters."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +24,8 @@ FRICTION = ("coulomb", "viscous", "load_dependent")
 
 
 class Tares(NamedTuple):
-    """The dynamic tares: `values` (P,) of the model's parameters, `covariance` (P, P), `row_error` (R,) [N m] of what the
+    """The dynamic tares: `values` (P,) of the model's parameters, `covariance` (P, P), `row_error` (R,) [N m] of what
+    the
     model leaves unexplained on the empty machine, `identified`: from a recording, else from the data sheet."""
 
     names: tuple[str, ...]
@@ -104,7 +106,8 @@ class Model:
 
     @cached_property
     def settle_steps(self) -> int:
-        """Steps until a filter has forgotten its start: 5/w of the slowest, the smoothing filter's two poles included."""
+        """Steps until a filter has forgotten its start: 5/w of the slowest, the smoothing filter's two poles
+        included."""
         slowest = min(self.filters.regressor_hz, self.filters.smoothing_hz, self.filters.channel_hz)
         return int(np.ceil(7.0 / (2 * np.pi * slowest) * self.filters.rate_hz))
 

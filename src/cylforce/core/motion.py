@@ -26,7 +26,8 @@ class Moved(NamedTuple):
 
 @dataclass(frozen=True)
 class Channels:
-    """Signals (..., S) to channels (..., D): joint angles (N), cylinder forces (C), pitch, roll, slew (rate or angle)."""
+    """Signals (..., S) to channels (..., D): joint angles (N), cylinder forces (C), pitch, roll, slew (rate or
+    angle)."""
 
     machine: Machine
     filters: Filters
@@ -91,7 +92,8 @@ class Channels:
         return self.machine.cylinder_force(c, head, rod)
 
     def between(self, before: Array, after: Array) -> Moved:
-        """Motion half-way between two samples of smoothed channels (..., D): means for places, differences for rates."""
+        """Motion half-way between two samples of smoothed channels (..., D): means for places, differences for
+        rates."""
         n, c = self.machine.size, len(self.machine.cylinders)
         middle, rate = (before + after) / 2.0, (after - before) / self.dt
         slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]

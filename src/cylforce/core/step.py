@@ -196,7 +196,8 @@ def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> St
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
-    """Per signal whether its cylinder moves, so that a pressure which repeats itself must be frozen; a joint that is held
+    """Per signal whether its cylinder moves, so that a pressure which repeats itself must be frozen; a joint that is
+    held
     still may well repeat its angle."""
     moves = np.abs(pipe.speed) > MOVING
     signals = core.service.machine.signals

@@ -1,4 +1,5 @@
-"""Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed tares
+"""Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
+tares
 (PHYSICS sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
 
 from dataclasses import dataclass
@@ -49,7 +50,8 @@ def _coulomb(model: Model) -> list[int]:
 
 class Lift(NamedTuple):
     """A load in the making: the recursive estimate of (m, m x, m z, J) as its `root`, `values` (4,) and `covariance`
-    (4, 4), its sensitivity to the tares `gram` (4, P), samples taken in, samples refused in a row, samples in motion."""
+    (4, 4), its sensitivity to the tares `gram` (4, P), samples taken in, samples refused in a row, samples in
+    motion."""
 
     root: Root
     values: Array

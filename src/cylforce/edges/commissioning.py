@@ -80,7 +80,8 @@ class Commissioner:
         self._tasks[node_id] = asyncio.get_running_loop().create_task(self._until_done(node))
 
     def on_peer(self, node_id: int, state: int | None) -> None:
-        """What Heartbeats tells. A node that has booted is done again, and so is one whose boot-up message may have been
+        """What Heartbeats tells. A node that has booted is done again, and so is one whose boot-up message may have
+        been
         missed: it was silent, or fell back to pre-operational (unless it has been refused)."""
         told, task = self._told.get(node_id), self._tasks.get(node_id)
         if state is None:

@@ -1,4 +1,5 @@
-"""Friction in the cylinder's own coordinate v = d(length)/dt (PHYSICS section 6): what the cylinder must push in excess.
+"""Friction in the cylinder's own coordinate v = d(length)/dt (PHYSICS section 6): what the cylinder must push in
+excess.
 
 Each effect is a force law with one parameter per cylinder; the lever turns it into torque.
 """

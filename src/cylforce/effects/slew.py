@@ -15,7 +15,8 @@ class Slew:
     """Omega^2 [rho_j (X_j sin a_j + Z_j cos a_j) + D_j/2 sin 2a_j + E_j cos 2a_j
     + l_j sin a_j sum_{k>j} (X_k cos a_k - Z_k sin a_k)], rho_j = rho_0 + sum_{i<j} l_i cos a_i.
 
-    J, X and Z are the rigid ones (a regressor adds columns of one name), D = J + D_excess; slender links: excess and E 0."""
+    J, X and Z are the rigid ones (a regressor adds columns of one name), D = J + D_excess; slender links: excess and
+    E 0."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """J, D_excess, E [kg m^2]; X, Z [kg m]."""
@@ -43,5 +44,6 @@ class Slew:
 
 
 def slew_parameters(links: tuple[Link, ...]) -> Array:
-    """(D_j - J_j, E_j) (N, 2) from rough masses: D = J - 2 Z^2/m, E = (X - mu l) Z / m, with Z = m cz, X - mu l = m cx."""
+    """(D_j - J_j, E_j) (N, 2) from rough masses: D = J - 2 Z^2/m, E = (X - mu l) Z / m, with Z = m cz, X - mu l = m
+    cx."""
     return np.array([(-2.0 * k.mass * k.cz**2, k.mass * k.cx * k.cz) for k in links])

@@ -100,6 +100,8 @@ class Machine:
     def geometry(self, theta: ArrayLike) -> Geometry:
         """Lengths and levers of all cylinders at joint angles (..., N) [rad]."""
         at = self.pose(theta)
+        if not self.cylinders:
+            return _no_cylinders(at)
         stretches = [cylinder.linkage.stretch(at) for cylinder in self.cylinders]
         return Geometry(
             np.stack([s.length for s in stretches], axis=-1),
@@ -150,9 +152,7 @@ class Machine:
         A table gives the start, three Newton steps the rest (error below 1e-12 rad away from dead points)."""
         table = self.tables[c]
         if table is None:
-            raise ValueError(
-                f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle"
-            )
+            raise ValueError(f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle")
         (j,) = self.spans[c]
         wanted = np.asarray(length, dtype=np.float64)
         theta = np.zeros((*wanted.shape, self.size))
@@ -166,6 +166,11 @@ class Machine:
         """F = p_head A_head - p_rod A_rod [N], positive when it pushes, from pressures [Pa]."""
         cylinder = self.cylinders[c]
         return np.asarray(head) * cylinder.area_head - np.asarray(rod) * cylinder.area_rod
+
+
+def _no_cylinders(at: Pose) -> Geometry:
+    shape, joints = at.turn.shape[:-1], at.turn.shape[-1] - 1
+    return Geometry(np.zeros((*shape, 0)), np.zeros((*shape, 0, joints)), np.zeros((*shape, 0)))
 
 
 TABLE = 1025

@@ -15,7 +15,8 @@ class Motion(NamedTuple):
 
     `a` (..., N): link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal; `qd` (..., N)
     [rad/s]; `g` (...,): in-plane gravity g cos(roll) [m/s^2]; `slew` (...,): house rate [rad/s]; `length` (..., C) [m],
-    `lever` (..., C, N) [m/rad], `transmission` (..., C); `speed` (..., C): d(length)/dt [m/s]; `force` (..., C): measured
+    `lever` (..., C, N) [m/rad], `transmission` (..., C); `speed` (..., C): d(length)/dt [m/s]; `force` (..., C):
+    measured
     cylinder forces [N], NaN where not measured.
     """
 
@@ -32,7 +33,8 @@ class Motion(NamedTuple):
 
 
 class Attitude(NamedTuple):
-    """The chassis: `pitch`, `roll` [rad], `pitch_rate` (a gyro's; never the derivative of the tilt) and `slew` [rad/s]."""
+    """The chassis: `pitch`, `roll` [rad], `pitch_rate` (a gyro's; never the derivative of the tilt) and `slew`
+    [rad/s]."""
 
     pitch: ArrayLike = 0.0
     roll: ArrayLike = 0.0
@@ -40,8 +42,11 @@ class Attitude(NamedTuple):
     slew: ArrayLike = 0.0
 
 
+LEVEL = Attitude()
+
+
 def motion(
-    machine: Machine, theta: ArrayLike, thetad: ArrayLike, force: ArrayLike, attitude: Attitude = Attitude()
+    machine: Machine, theta: ArrayLike, thetad: ArrayLike, force: ArrayLike, attitude: Attitude = LEVEL
 ) -> Motion:
     """Motion from joint angles and rates (..., N) and cylinder forces (..., C)."""
     angles, rates = np.asarray(theta, dtype=np.float64), np.asarray(thetad, dtype=np.float64)

@@ -1,4 +1,5 @@
-"""`cylforce demo`: the main job from end to end. Moves of the empty simulated machine, identification, digging cycles on a
+"""`cylforce demo`: the main job from end to end. Moves of the empty simulated machine, identification, digging cycles
+on a
 bus with the real clock, booked weights and tip forces beside the simulator's truth."""
 
 import asyncio
@@ -90,7 +91,7 @@ def _prepare(machine: Path, files: Files, seed: int, console: Console) -> None:
 
 def _cylforce(*arguments: object) -> None:
     words = [sys.executable, "-m", "cylforce", *(str(a) for a in arguments)]
-    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)  # noqa: S603  # our own program
 
 
 @contextmanager

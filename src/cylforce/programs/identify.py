@@ -30,7 +30,9 @@ def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
         return files[0], list(files[1:])
     header = log_header(files[0])
     if header is None:
-        raise RecordingError(f"{files[0]}: does not say which machine it is of; name the machine file (.toml) before it")
+        raise RecordingError(
+            f"{files[0]}: does not say which machine it is of; name the machine file (.toml) before it"
+        )
     return Path(header.machine), list(files)
 
 

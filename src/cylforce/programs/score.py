@@ -26,7 +26,8 @@ class CycleScore(NamedTuple):
 
 class ForceScore(NamedTuple):
     """Tip force while digging, above 10 kN: `rms_n` of the error vector; 95th percentiles of the error vector over the
-    magnitude, of the magnitude's own error over the magnitude, of the angle between the vectors; share of the samples for
+    magnitude, of the magnitude's own error over the magnitude, of the angle between the vectors; share of the samples
+    for
     which a force was published."""
 
     rms_n: float
@@ -57,7 +58,8 @@ def _cycle(true_kg: float, booking: Booking | None) -> CycleScore:
 
 
 def filtered_truth(truth: TruthTable, filters: Filters) -> Array:
-    """The force that the tool felt (T, 2) [N], soil and weight of the material together, through the estimator's filters.
+    """The force that the tool felt (T, 2) [N], soil and weight of the material together, through the estimator's
+    filters.
 
     Forces on one body have the same resultant wherever they act: reduced to the tooth line they keep it."""
     weight = -truth.columns["mass"] * STANDARD_GRAVITY * np.cos(truth.columns["roll"])

@@ -1,4 +1,5 @@
-"""Batch least squares: weighted, with a prior, with standard errors that hold for autocorrelated residuals, and with the
+"""Batch least squares: weighted, with a prior, with standard errors that hold for autocorrelated residuals, and with
+the
 names of what the recording does not tell."""
 
 from typing import NamedTuple
@@ -10,7 +11,8 @@ from cylforce.words.estimate import Array
 
 
 class Fit(NamedTuple):
-    """`values` (P,), `covariance` (P, P), `row_error` (R,): rms of the residual per row, `excited` (P,): whether the data
+    """`values` (P,), `covariance` (P, P), `row_error` (R,): rms of the residual per row, `excited` (P,): whether the
+    data
     alone tell the parameter, `weakest` (P, K): unit vectors (in scaled parameters) that the data do not tell."""
 
     values: Array
@@ -30,7 +32,8 @@ class Prior(NamedTuple):
 def least_squares(columns: Array, torque: Array, row_error: Array, prior: Prior | None, blocks: Array) -> Fit:
     """Fit torque (T, R) = columns (T, R, P) @ values; rows weighted by 1/row_error (R,).
 
-    `blocks` (T,) numbers the blocks within which residuals may be correlated (longer than their memory): standard errors
+    `blocks` (T,) numbers the blocks within which residuals may be correlated (longer than their memory): standard
+    errors
     are the sandwich over blocks. NaN rows are left out. Raises ValueError when nothing remains."""
     good = np.isfinite(torque) & np.all(np.isfinite(columns), axis=-1)
     if not np.any(good):

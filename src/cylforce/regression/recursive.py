@@ -29,7 +29,8 @@ def known(mean: Array, standard_error: Array) -> Root:
 
 
 def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root:
-    """Take in rows `observed` (R,) = columns (R, P) @ values with `variance` (R,); infinite variance: no information."""
+    """Take in rows `observed` (R,) = columns (R, P) @ values with `variance` (R,); infinite variance: no
+    information."""
     weight = 1.0 / np.sqrt(variance)
     rows = np.concatenate([columns * weight[:, None], (observed * weight)[:, None]], axis=1)
     stacked = np.concatenate([np.concatenate([root.factor, root.right[:, None]], axis=1), rows])

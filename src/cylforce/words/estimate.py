@@ -48,7 +48,8 @@ class Reason(IntEnum):
 
 
 class Sample(NamedTuple):
-    """What is known at a tick: SI values `(S,)` in the order of the machine's signals, the reason for which each cannot be
+    """What is known at a tick: SI values `(S,)` in the order of the machine's signals, the reason for which each
+    cannot be
     believed, and the reason for which the last values are held (NONE: all are fresh)."""
 
     t_us: int
@@ -103,7 +104,8 @@ class Booking(NamedTuple):
 
 
 class Load(NamedTuple):
-    """A hanging load: `mass` [kg] and its `centre` (x, z) [m] in the last link's frame, each with its standard error."""
+    """A hanging load: `mass` [kg] and its `centre` (x, z) [m] in the last link's frame, each with its standard
+    error."""
 
     mass: Quantity
     centre_x: Quantity
@@ -116,7 +118,8 @@ def invalid_load(reason: Reason) -> Load:
 
 
 class Estimate(NamedTuple):
-    """What is concluded at a tick; published as it is: `load` as measured, `gross` zeroed, `net` zeroed and tared [kg]."""
+    """What is concluded at a tick; published as it is: `load` as measured, `gross` zeroed, `net` zeroed and tared
+    [kg]."""
 
     t_us: int
     load: Load
