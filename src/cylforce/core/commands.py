@@ -10,6 +10,7 @@ SIGNATURES = {ZERO: b"zero", TARE: b"tare"}
 NOT_NOW = 0x08000022  # SDO abort: refused because of the present device state
 TOO_FAR = 0x06090030  # SDO abort: value range exceeded
 WRONG_VALUE = 0x06090030
+FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download, its size not said, or said to be 4
 ZERO_RANGE = 0.02  # of rated payload: beyond it a zero hides a fault
 
 
@@ -21,8 +22,9 @@ class Command(NamedTuple):
 
 
 def read(frame: Frame, node_id: int) -> Command | None:
-    """An expedited SDO download of 4 bytes to 6125h:1 or 6139h:1 of our node; None for anything else."""
-    if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xE2 != 0x22:
+    """An expedited SDO download of 4 bytes to 6125h:1 or 6139h:1 of our node; None for anything else, which the SDO
+    server refuses by itself: fewer bytes than the signature has, for one."""
+    if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
     if index not in SIGNATURES or frame.data[3] != 1:
