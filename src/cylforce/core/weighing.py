@@ -21,7 +21,7 @@ SMALLEST = 0.05  # share of rated payload below which the bucket counts as empty
 FARTHEST = 1.5  # times the declared reach of the load's centre: farther out no material can lie
 FORGET_SECONDS = 30.0
 RELATIVE = 0.01  # what the model leaves unexplained grows with the load: friction, elasticity
-REST_SECONDS = 10.0  # friction at rest does not average out: it counts as if it lasted so long
+REST_SECONDS = 10.0  # friction at rest does not average out: so long a rest tells what one sample would, then nothing
 
 
 class Residual(NamedTuple):
@@ -50,8 +50,8 @@ def _coulomb(model: Model) -> list[int]:
 
 class Lift(NamedTuple):
     """A load in the making: the recursive estimate of (m, m x, m z, J) as its `root`, `values` (4,) and `covariance`
-    (4, 4), its sensitivity to the tares `gram` (4, P), samples taken in, samples refused in a row, samples in
-    motion."""
+    (4, 4), its sensitivity to the tares covariance @ `gram` (4, P), samples taken in, samples refused in a row, samples
+    in motion, and for how many samples each row has been at rest, `rested` (R,)."""
 
     root: Root
     values: Array
@@ -60,6 +60,7 @@ class Lift(NamedTuple):
     taken: int
     refused: int
     moving: int
+    rested: Array
 
 
 class Weight(NamedTuple):
@@ -111,7 +112,8 @@ class Weigher:
         moment = machine.rated_payload * machine.payload_reach
         spread = np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
         root = known(np.zeros(4), spread)
-        return Lift(root, *solution(root), np.zeros((4, len(self.model.parameters))), 0, 0, 0)
+        nothing = np.zeros((4, len(self.model.parameters)))
+        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)))
 
     def begin(self) -> Weighing:
         """Nothing in the bucket is known yet."""
@@ -136,13 +138,23 @@ class Weigher:
         innovation = (left.torque - expected) ** 2 / variance
         if not np.any(usable) or np.mean(innovation[usable]) > GATE:
             return lift._replace(refused=lift.refused + 1)
-        variance = self._memory * left.variance + REST_SECONDS * self.model.filters.rate_hz * left.rest
-        variance = np.where(usable, variance, np.inf)
-        old = lift.root if lift.taken < self._long else forget(lift.root, columns, 1.0 - 1.0 / self._long)
-        root = update(old, columns, left.torque, variance)
-        gram = lift.gram + (columns / variance[:, None]).T @ left.columns
-        moving = lift.moving + bool(np.any(left.rest[usable] < left.variance[usable]))
-        return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving)
+        at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
+        rested = np.where(at_rest, lift.rested + 1, 0)
+        telling = np.logical_and(usable, rested <= patience)
+        variance = (self._memory * left.variance + patience * left.rest)[telling]
+        root, gram = self._faded(lift, columns[telling])
+        root = update(root, columns[telling], left.torque[telling], variance)
+        gram = gram + (columns[telling] / variance[:, None]).T @ left.columns[telling]
+        moving = lift.moving + bool(np.any(np.logical_and(usable, ~at_rest)))
+        return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested)
+
+    def _faded(self, lift: Lift, columns: Array) -> tuple[Root, Array]:
+        """The lift's root and gram, about to learn from `columns` (K, 4), without a little of what such rows told long
+        ago. What the lift says, and how that depends on the tares, stays."""
+        if lift.taken < self._long or not len(columns):
+            return lift.root, lift.gram
+        root = forget(lift.root, columns, 1.0 - 1.0 / self._long)
+        return root, root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
 
     def _conclude(self, lift: Lift) -> Weight:
         """The mass with its standard error (with that of the tares), the centre of the load."""
