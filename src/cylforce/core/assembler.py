@@ -13,7 +13,7 @@ from cylforce.words.estimate import Reason, Sample
 from cylforce.words.events import Frame
 from cylforce.words.signals import Kind
 
-NEVER = -1
+NEVER = -(1 << 62)  # longer ago than any clock can tell
 # No joint of such a machine turns, and no cylinder runs, faster than this: a larger step is the sensor's fault.
 FASTEST = {
     Kind.JOINT_ANGLE: 3.0,
@@ -145,7 +145,7 @@ class Assembler:
         late = Reason.NONE
         for channel, signal in zip(inputs.channels, self.service.machine.signals, strict=True):
             age = t_us - channel.t_us
-            if channel.t_us == NEVER or age > hold_us:
+            if abs(age) > hold_us:  # from the future: the clock was set back meanwhile
                 reasons.append(Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason)
                 continue
             reasons.append(Reason.NONE)

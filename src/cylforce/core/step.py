@@ -177,6 +177,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
     """The measurement is interrupted: filters and lift start anew, nothing is shown."""
     return state._replace(
         pipe=None,
+        moving=(False,) * len(state.moving),
         weighing=core.weigher.interrupt(state.weighing),
         estimate=_nothing(t_us, reason, state.estimate.booking),
     )
@@ -189,19 +190,18 @@ def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> St
     force = core.force_sensor.estimate(rows, left, usable)
     gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
     net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], core.service.machine.rated_payload)
-    if 0 <= t_us - state.inputs.long_t_us < LONG_FRAME_US:
+    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         gross, net, force = _degrade(gross), _degrade(net), _each(force, _degrade)
     estimate = Estimate(t_us, load, gross, net, force, weighing.booking)
     return state._replace(weighing=weighing, estimate=estimate)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
-    """Per signal whether its cylinder moves, so that a pressure which repeats itself must be frozen; a joint that is
-    held
-    still may well repeat its angle."""
-    moves = np.abs(pipe.speed) > MOVING
+    """Per signal whether it should move, so that one which repeats itself must be frozen: a pressure while its own
+    cylinder moves, all else while any cylinder does, for the whole machine then shakes."""
+    moves = (np.abs(pipe.speed) > MOVING).tolist()
     signals = core.service.machine.signals
-    return tuple(bool(moves[s.index]) if s.kind in PRESSURES else False for s in signals)
+    return tuple(moves[s.index] if s.kind in PRESSURES else any(moves) for s in signals)
 
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
