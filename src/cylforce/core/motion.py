@@ -82,6 +82,13 @@ class Channels:
             inner = inner + angle
         return theta
 
+    def follow(self, before: Array, channels: Array) -> Array:
+        """The channels (D,) with the house's angle on the turn that it was on `before`: an encoder that passes its end
+        has not swung back."""
+        if (Kind.SLEW_ANGLE, 0) not in self._where:
+            return channels
+        return np.append(channels[:-1], np.unwrap([before[-1], channels[-1]])[1])
+
     def _force(self, values: Array, c: int, zero: Array) -> Array:
         if (Kind.FORCE_PIN, c) in self._where:
             return values[..., self._where[Kind.FORCE_PIN, c]]
@@ -118,5 +125,7 @@ class Channels:
     def run(self, values: Array) -> Moved:
         """A gapless recording (T, S): motion of its T-1 intervals."""
         channels = self.read(values)
+        if (Kind.SLEW_ANGLE, 0) in self._where:
+            channels[:, -1] = np.unwrap(channels[:, -1])
         _, smooth = self.smooth.run(self.smooth.steady(channels[0]), channels)
         return self.between(smooth[:-1], smooth[1:])

@@ -38,7 +38,7 @@ class Pipeline:
 
     def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows]:
         """To the channels `periods` steps later; missing steps are filled along a straight line."""
-        first = pipe.raw
+        first, channels = pipe.raw, self.model.channels.follow(pipe.raw, channels)
         for k in range(1, periods):
             pipe, _ = self._step(pipe, first + (channels - first) * (k / periods))
         return self._step(pipe, channels)
