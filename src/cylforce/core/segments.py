@@ -9,7 +9,7 @@ from cylforce.core.assembler import Assembler
 from cylforce.words.estimate import Array, Reason
 from cylforce.words.events import Event, Frame
 
-LONGEST_JUMP = 1000  # periods of silence that are kept as missing rows; a longer one only separates
+LONGEST_JUMP = 1000  # periods of silence that are kept as missing rows; a longer one, or one back, only separates
 
 
 def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Array:
@@ -24,7 +24,7 @@ def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Ar
             continue
         sample = assembler.sample(inputs, event.t_us)
         skipped = 0 if last_us is None else round((event.t_us - last_us) / period_us) - 1
-        rows.extend([missing] * min(max(skipped, 0), LONGEST_JUMP))
+        rows.extend([missing] * (min(skipped, LONGEST_JUMP) if skipped >= 0 else LONGEST_JUMP))
         good = sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)
         rows.append(sample.values if good else missing)
         last_us = event.t_us
