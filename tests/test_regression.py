@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cylforce.regression import recursive
+from cylforce.regression import blocks, recursive
 from cylforce.regression.batch import Prior, least_squares
 from cylforce.regression.filters import first_order, second_order
 
@@ -89,6 +89,30 @@ def test_forgetting_leaves_the_estimate_and_what_is_not_seen() -> None:
     assert np.all(np.diag(seen[0]) < 4.0 * np.diag(seen[1]))
 
 
+def _factors(columns: np.ndarray, torque: np.ndarray, block: int) -> blocks.Factors:
+    return blocks.factors(columns, torque, np.zeros((len(torque), 1)), block)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 300))
+@settings(max_examples=20, deadline=None)
+def test_factors_hold_all_that_least_squares_needs(seed: int, block: int) -> None:
+    """Any block length, merged down to any number of blocks: parameters, residual sums and scores as from the rows."""
+    columns, torque, error = _problem(np.random.default_rng(seed), 300, 4)
+    held = blocks.joined(
+        [_factors(columns[:200], torque[:200], block), _factors(columns[200:], torque[200:], block)], 7
+    )
+    assert len(held.samples) <= 7
+    assert np.sum(held.samples) == torque.size
+    rows, right = (columns / error[:, None]).reshape(-1, 4), (torque / error).reshape(-1)
+    expected = np.linalg.lstsq(rows, right, rcond=None)[0]
+    triangle = blocks.stacked_triangle(held, np.ones_like(held.samples) / error)
+    np.testing.assert_allclose(np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1]), expected, rtol=1e-9)
+    left = torque - columns @ expected
+    np.testing.assert_allclose(blocks.residual_squares(held, expected).sum(axis=0), np.sum(left**2, axis=0), rtol=1e-9)
+    pull = np.einsum("trk,tr->rk", columns, left)
+    np.testing.assert_allclose(blocks.scores(held, expected).sum(axis=0), pull, atol=1e-9 * np.abs(columns).sum())
+
+
 def test_batch_names_what_it_cannot_tell() -> None:
     """A column that is zero and one that copies another are not excited; the others are."""
     rng = np.random.default_rng(SEED)
@@ -96,10 +120,21 @@ def test_batch_names_what_it_cannot_tell() -> None:
     columns[..., 3] = 0.0
     columns[..., 4] = columns[..., 1]
     torque = columns @ np.arange(1.0, 6.0) + 0.01 * rng.normal(size=(400, 3))
-    prior = Prior(np.zeros(5), np.eye(5) * 100.0)
-    fit = least_squares(columns, torque, error, prior, np.arange(400) // 10)
+    fit = least_squares(_factors(columns, torque, 10), error, Prior(np.zeros(5), np.eye(5) * 100.0))
     assert list(fit.excited) == [True, False, True, False, False]
     assert fit.values[1] == pytest.approx(3.5, abs=0.01)  # shared evenly, as the prior has it
+
+
+def test_a_spoilt_block_counts_down() -> None:
+    """Two seconds of a wrong signal move the estimate by less than one standard error of the clean fit."""
+    rng = np.random.default_rng(SEED)
+    columns, _, error = _problem(rng, 4000, 3)
+    torque = columns @ np.array([1.0, -2.0, 3.0]) + 0.1 * rng.normal(size=(4000, 3))
+    clean = least_squares(_factors(columns, torque, 200), error, None)
+    torque[1000:1200] += 50.0
+    spoilt = least_squares(_factors(columns, torque, 200), error, None)
+    assert spoilt.trust[5].max() < 0.1
+    assert np.all(np.abs(spoilt.values - clean.values) < 3.0 * np.sqrt(np.diag(clean.covariance)))
 
 
 def test_standard_errors_cover_the_truth_when_residuals_are_correlated() -> None:
@@ -111,12 +146,7 @@ def test_standard_errors_cover_the_truth_when_residuals_are_correlated() -> None
     for _ in range(150):
         slow = np.cumsum(rng.normal(size=(4000, 1, 2)), axis=0) / 30
         noise = low.run(np.zeros((1, 1)), rng.normal(size=(4000, 1)))[1]
-        fit = least_squares(
-            slow,
-            slow @ truth + noise,
-            np.ones(1),
-            Prior(np.zeros(2), np.eye(2) * 1e6),
-            np.arange(4000) // 200,
-        )
+        prior = Prior(np.zeros(2), np.eye(2) * 1e6)
+        fit = least_squares(_factors(slow, slow @ truth + noise, 200), np.ones(1), prior)
         hits.extend(np.abs(fit.values - truth) < 1.96 * np.sqrt(np.diag(fit.covariance)))
     assert 0.88 <= np.mean(hits) <= 0.99, np.mean(hits)

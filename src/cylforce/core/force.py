@@ -19,8 +19,7 @@ POOR = 0.05  # and from which on it is only DEGRADED
 @dataclass(frozen=True)
 class ForceSensor:
     """Force at the tool: with three torques the resultant and its moment on the last link, with two the force on the
-    known
-    contact line (the paper's mode).
+    known contact line (the paper's mode).
 
     What a pose does not show stays as uncertain as it was before: a force within the rated one, a moment as of a full
     load. So neither a singular pose nor a lost row needs a special case; its direction has a large standard error."""

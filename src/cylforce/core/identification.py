@@ -1,115 +1,117 @@
-"""Identification of the dynamic tares from recordings of the empty machine."""
+"""Identification of the dynamic tares from recordings of the empty machine: joint least squares with the data sheet as
+prior, and friction laws chosen by what they predict, not by habit."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.core.model import Model, Tares
-from cylforce.regression.batch import Fit, least_squares
-from cylforce.regression.regressor import Rows
+from cylforce.core.model import FRICTION, Model, Tares
+from cylforce.core.observation import observed_factors
+from cylforce.regression.batch import Fit, Prior, least_squares, predicted
+from cylforce.regression.blocks import Factors, chosen
 from cylforce.words.estimate import Array
 
 MIN_SECONDS = 20.0
-BLOCK_SECONDS = 2.0  # longer than the memory of filters and friction residuals
+FOLDS = 5
+TOLD = 0.5  # of the prior's standard error: a parameter above it is not told by the recording
 
 
 class Identification(NamedTuple):
-    """The tares, the fit, names of what the recording does not tell, seconds of usable motion."""
+    """The `model` with the friction laws that were chosen, its `tares`, the fit, names of what the recording does not
+    tell, seconds of usable motion, and per friction law tried the mean squared prediction error held out (1: the
+    row's own noise)."""
 
+    model: Model
     tares: Tares
     fit: Fit
     not_identified: tuple[str, ...]
     seconds: float
+    held_out: dict[str, float]
 
 
-class Observed(NamedTuple):
-    """Filtered rows of a recording: `columns` (T, R, P), `torque` (T, R) with NaN where not usable, `at_rest` (T, R):
-    friction unknown, as a share of the lever; `block` (T,)."""
-
-    columns: Array
-    torque: Array
-    at_rest: Array
-    block: Array
-
-
-def observe(model: Model, segments: list[Array]) -> Observed:
-    """Rows of gapless segments of samples (T, S); the filters' start and unusable levers are masked."""
-    parts = [_segment(model, values) for values in segments if len(values) > 2 * model.settle_steps]
-    if not parts:
-        raise ValueError(
-            f"the recording has no gapless stretch longer than {2 * model.settle_steps / model.filters.rate_hz:.1f} s: "
-            "record longer, and check that no sensor drops out"
-        )
-    steps = int(BLOCK_SECONDS * model.filters.rate_hz)
-    lengths = [len(p.torque) for p in parts]
-    block = np.concatenate([np.arange(n) // steps + 10**6 * k for k, n in enumerate(lengths)])
-    rows = Rows(np.concatenate([p.columns for p in parts]), np.concatenate([p.torque for p in parts]))
-    return Observed(
-        rows.columns[..., : len(model.parameters)],
-        rows.torque,
-        np.sum(rows.columns[..., model.at_rest], axis=-1),
-        block,
-    )
-
-
-def _segment(model: Model, values: Array) -> Rows:
-    moved = model.channels.run(values)
-    rows = model.filtered.run(moved.motion)
-    torque = rows.torque.copy()
-    torque[: model.settle_steps] = np.nan
-    for k, acting in enumerate(model.acting):
-        torque[_stays(~np.all(moved.usable[:, acting], axis=1), model.settle_steps), k] = np.nan
-    return Rows(rows.columns, torque)
-
-
-def _stays(bad: Array, steps: int) -> Array:
-    """Also the `steps` samples after each bad one: the filters remember it."""
-    since = np.convolve(bad.astype(np.float64), np.ones(steps + 1))[: bad.size]
-    return np.asarray(since > 0.5)
-
-
-def identify(model: Model, segments: list[Array]) -> Identification:
-    """Weighted least squares with the data sheet as prior; rows are weighted by what a first fit leaves of each.
+def identify(model: Model, segments: Iterable[Array]) -> Identification:
+    """Tares from gapless segments of samples (T, S). `model.friction` are the laws to choose from; the first always
+    stays.
 
     Raises ValueError, in a sentence, when the recording is too short or does not move."""
-    seen = observe(model, segments)
-    seconds = float(np.sum(np.any(np.isfinite(seen.torque), axis=1)) / model.filters.rate_hz)
+    held = observed_factors(model, segments)
+    seconds = float(np.max(np.sum(held.samples, axis=0)) / model.filters.rate_hz)
+    if not np.any(held.samples):
+        raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
     if seconds < MIN_SECONDS:
         raise ValueError(
-            f"only {seconds:.0f} s of usable samples; move the empty machine for at least {MIN_SECONDS:.0f} s"
+            f"only {seconds:.0f} s of usable motion; move the empty machine for at least {MIN_SECONDS:.0f} s"
         )
-    torque = np.where(_moving(model, seen), seen.torque, np.nan)
-    if not np.any(np.isfinite(torque)):
-        raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
-    fit = least_squares(seen.columns, torque, _row_noise(model, seen, torque), model.prior, seen.block)
-    names = tuple(p.name for p in model.parameters)
-    lost = tuple(name for name, excited in zip(names, fit.excited, strict=True) if not excited)
-    return Identification(Tares(names, fit.values, fit.covariance, fit.row_error, True), fit, lost, seconds)
+    noise = row_noise(held, model.prior)
+    laws, errors = _choose(model, held, noise)
+    best = Model(model.machine, model.filters, laws)
+    part = _of(model, best)
+    fit = least_squares(chosen(held, part), noise, best.prior)
+    names = tuple(p.name for p in best.parameters)
+    tares = Tares(laws, names, fit.values, fit.covariance, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), True)
+    return Identification(best, tares, fit, _not_told(best, fit), seconds, errors)
 
 
-def _row_noise(model: Model, seen: Observed, torque: Array) -> Array:
+def row_noise(held: Factors, prior: Prior) -> Array:
     """What a fit of each row alone leaves of it (R,). Weights taken from the joint fit's own residuals would let one
-    row
-    win all: the better it fits, the more it weighs."""
-    alone = [
-        least_squares(seen.columns[:, [r]], torque[:, [r]], np.ones(1), model.prior, seen.block).row_error[0]
-        for r in range(torque.shape[1])
-        if np.any(np.isfinite(torque[:, r]))
-    ]
-    floor = 1e-6 * np.nanstd(torque) + 1e-9
-    noise = np.full(torque.shape[1], max(alone, default=1.0) + floor)
-    noise[np.any(np.isfinite(torque), axis=0)] = np.array(alone) + floor
-    return noise
+    row win all: the better it fits, the more it weighs."""
+    rows = range(held.samples.shape[1])
+    alone = [_alone(held, prior, r) if np.any(held.samples[:, r]) else np.nan for r in rows]
+    return np.asarray(np.where(np.isnan(alone), np.nanmax(alone), alone))
 
 
-def _moving(model: Model, seen: Observed) -> Array:
-    """Rows (T, R) in which the friction's direction is known well enough."""
-    lever = np.nanmax(np.abs(seen.columns[..., _coulomb(model)]), axis=(0, 2))
-    return np.asarray(seen.at_rest < REST_SHARE * np.maximum(lever, 1e-9))
+def _alone(held: Factors, prior: Prior, r: int) -> float:
+    one = Factors(held.triangle[:, [r]], held.samples[:, [r]], held.mark)
+    size = np.sqrt(np.sum(one.triangle[..., -1] ** 2) / np.sum(one.samples))
+    return float(least_squares(one, np.array([size + 1e-9]), prior).row_error[0] + 1e-6 * size + 1e-9)
 
 
-def _coulomb(model: Model) -> list[int]:
-    return [k for k, p in enumerate(model.parameters) if p.name.endswith(".coulomb")]
+def _of(model: Model, part: Model) -> list[int]:
+    """The columns of a model with fewer friction laws among those of `model`."""
+    place = {p.name: k for k, p in enumerate(model.parameters)}
+    return [place[p.name] for p in part.parameters]
 
 
-REST_SHARE = 0.1  # of the lever: above it a row hardly tells the direction of friction
+def _choose(model: Model, held: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Friction laws by held-out prediction: blocks of like posture are left out together, so that what is scored is
+    prediction into postures that were not seen. A law joins when it predicts better by more than two standard errors
+    over the folds."""
+    folds = _folds(model, held)
+    laws: tuple[str, ...] = (model.friction[0],)
+    best = _errors(model, laws, held, noise, folds)
+    told = {laws[0]: float(np.mean(best))}
+    for law in model.friction[1:]:
+        error = _errors(model, (*laws, law), held, noise, folds)
+        told[law] = float(np.mean(error))
+        gain = best - error
+        if np.mean(gain) > 2.0 * np.std(gain) / np.sqrt(max(len(gain) - 1, 1)):
+            laws, best = (*laws, law), error
+    return tuple(sorted(laws, key=FRICTION.index)), told
+
+
+def _folds(model: Model, held: Factors) -> Array:
+    """The fold (B,) of each block: neighbours along the direction in which the postures differ most."""
+    posture = held.mark[:, : model.machine.size]
+    _, _, axes = np.linalg.svd(posture - posture.mean(axis=0), full_matrices=False)
+    order = np.argsort(posture @ axes[0], kind="stable")
+    fold = np.empty(len(order))
+    fold[order] = np.arange(len(order)) * FOLDS // max(len(order), 1)
+    return fold
+
+
+def _errors(model: Model, laws: tuple[str, ...], held: Factors, noise: Array, folds: Array) -> Array:
+    """Mean squared prediction error of every fold from the others."""
+    part = Model(model.machine, model.filters, laws)
+    fewer = chosen(held, _of(model, part))
+    memory = least_squares(fewer, noise, part.prior).memory
+    each = (predicted(fewer, noise, part.prior, memory, folds == k) for k in np.unique(folds))
+    return np.array([np.mean(error) for error in each])
+
+
+def _not_told(model: Model, fit: Fit) -> tuple[str, ...]:
+    """Parameters of which the recording tells less than the data sheet does."""
+    prior = np.sqrt(np.diag(model.prior.covariance))
+    found = np.sqrt(np.diag(fit.covariance))
+    lost = np.logical_or(np.logical_not(fit.excited), found > TOLD * prior)
+    return tuple(p.name for p, is_lost in zip(model.parameters, lost, strict=True) if is_lost)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.core.motion import Channels
 from cylforce.core.service import Filters
-from cylforce.effects.friction import AtRest, Coulomb, LoadDependent, Viscous
+from cylforce.effects.friction import AtRest, Coulomb, Directional, LoadDependent, Viscous
 from cylforce.effects.rigid import Rigid
 from cylforce.effects.slew import Slew, slew_parameters
 from cylforce.effects.tip_force import TipForce
@@ -20,14 +20,19 @@ from cylforce.regression.regressor import FilteredRegressor, Regressor
 from cylforce.words.estimate import Array
 from cylforce.words.signals import Kind
 
-FRICTION = ("coulomb", "viscous", "load_dependent")
+FRICTION = ("coulomb", "viscous", "load_dependent", "directional")
+
+
+# Standard errors of what nobody measured yet: as shares of the largest force, of it per m/s, or of the force itself.
+SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.03, "directional": 0.01}
 
 
 class Tares(NamedTuple):
-    """The dynamic tares: `values` (P,) of the model's parameters, `covariance` (P, P), `row_error` (R,) [N m] of what
-    the
-    model leaves unexplained on the empty machine, `identified`: from a recording, else from the data sheet."""
+    """The dynamic tares: `friction` laws of the model, `values` (P,) of its parameters, `covariance` (P, P),
+    `row_error` (R,) [N m] of what it leaves unexplained on the empty machine, `identified`: from a recording, else
+    from the data sheet."""
 
+    friction: tuple[str, ...]
     names: tuple[str, ...]
     values: Array
     covariance: Array
@@ -50,6 +55,7 @@ class Model:
             "coulomb": Coulomb(self.filters.direction_speed),
             "viscous": Viscous(),
             "load_dependent": LoadDependent(self.filters.direction_speed),
+            "directional": Directional(self.filters.direction_speed),
         }
         turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
         return Regressor(self.machine, (Rigid(), *turning, *(laws[name] for name in self.friction)))
@@ -84,6 +90,11 @@ class Model:
     def at_rest(self) -> slice:
         """The columns of the unknown friction."""
         return slice(len(self.parameters) + 3, None)
+
+    @cached_property
+    def coulomb(self) -> list[int]:
+        """The columns of the Coulomb friction."""
+        return [k for k, p in enumerate(self.parameters) if p.name.endswith(".coulomb")]
 
     @cached_property
     def load(self) -> Array:
@@ -134,8 +145,7 @@ class Model:
         for law in self.friction:
             for c in self.machine.cylinders:
                 largest = 300e5 * c.area_head  # the force at a usual relief pressure
-                spread = {"coulomb": 0.05 * largest, "viscous": 0.2 * largest, "load_dependent": 0.1}[law]
-                guesses.append((f"{c.name}.{law}", 0.0, spread))
+                guesses.append((f"{c.name}.{law}", 0.0, SPREAD[law] * (1.0 if law == "load_dependent" else largest)))
         return guesses
 
     @cached_property
@@ -144,4 +154,4 @@ class Model:
         scale = np.array([0.02 * 9.8 * abs(np.sum(np.abs(self.prior.mean[1::3][: self.machine.size])))])
         rows = np.broadcast_to(scale, (len(self.machine.rows),))
         names = tuple(p.name for p in self.parameters)
-        return Tares(names, self.prior.mean, self.prior.covariance, rows, False)
+        return Tares(self.friction, names, self.prior.mean, self.prior.covariance, rows, False)

@@ -80,7 +80,7 @@ class Core:
     @cached_property
     def model(self) -> Model:
         """The model whose parameters the tares are."""
-        return Model(self.service.machine, self.service.filters, self.service.effects)
+        return Model(self.service.machine, self.service.filters, self.tares.friction)
 
     @cached_property
     def assembler(self) -> Assembler:

@@ -1,6 +1,5 @@
 """Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
-tares
-(PHYSICS sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
+tares (PHYSICS sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,13 +38,9 @@ def residual(model: Model, tares: Tares, rows: Rows) -> Residual:
     size = len(model.parameters)
     columns = rows.columns[..., :size]
     torque = rows.torque - columns @ tares.values
-    coulomb = np.abs(tares.values[_coulomb(model)])
+    coulomb = np.abs(tares.values[model.coulomb])
     rest = (rows.columns[..., model.at_rest] @ coulomb) ** 2 if coulomb.size else np.zeros_like(torque)
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
-
-
-def _coulomb(model: Model) -> list[int]:
-    return [k for k, p in enumerate(model.parameters) if p.name.endswith(".coulomb")]
 
 
 class Lift(NamedTuple):

@@ -48,9 +48,7 @@ def read_csv(path: Path, names: list[str]) -> Cells:
 def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Cells:
     head = file.readline()
     delimiter = next((mark for mark in ",;\t" if mark in head), ",")
-    present = [
-        name.strip() for name in next(csv.reader([head], delimiter=delimiter, skipinitialspace=True), [])
-    ]
+    present = [name.strip() for name in next(csv.reader([head], delimiter=delimiter, skipinitialspace=True), [])]
     positions = _positions(path, present, names)
     numbers, lines = array("d"), array("q")
     reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
@@ -78,9 +76,7 @@ def _number(path: Path, line: int, cell: str, name: str) -> float:
     try:
         return float(cell.strip() or "nan")
     except ValueError as error:
-        raise RecordingError(
-            f"{path}, line {line}: column {name!r} holds {cell[:40]!r}, no number"
-        ) from error
+        raise RecordingError(f"{path}, line {line}: column {name!r} holds {cell[:40]!r}, no number") from error
 
 
 def pyarrow(path: Path) -> ModuleType:

@@ -12,7 +12,7 @@ from pydantic import AllowInfNan, BaseModel, ConfigDict, ValidationError
 
 import cylforce
 from cylforce.core.identification import Identification
-from cylforce.core.model import Model, Tares
+from cylforce.core.model import FRICTION, Model, Tares
 from cylforce.edges.files import replacing
 from cylforce.edges.settings import Loaded, SettingsError
 
@@ -50,14 +50,13 @@ class IdentifiedFile(_Strict):
     """The file's model."""
 
     provenance: Provenance
+    friction: tuple[str, ...]
     unexplained_torque_n_m: tuple[Number, ...]
     parameters: tuple[IdentifiedParameter, ...]
     covariance: tuple[tuple[Number, ...], ...]
 
 
-def write_identified(
-    path: Path, found: Identification, model: Model, loaded: Loaded, recordings: Sequence[tuple[str, str]]
-) -> None:
+def write_identified(path: Path, found: Identification, loaded: Loaded, recordings: Sequence[tuple[str, str]]) -> None:
     """Write the file whole or not at all; `recordings` are (name, SHA-256)."""
     table = IdentifiedFile(
         provenance=Provenance(
@@ -70,7 +69,8 @@ def write_identified(
             cylforce=cylforce.__version__,
         ),
         unexplained_torque_n_m=tuple(found.tares.row_error.tolist()),
-        parameters=_parameters(found, model),
+        friction=found.model.friction,
+        parameters=_parameters(found),
         covariance=tuple(tuple(row) for row in found.tares.covariance.tolist()),
     )
     with replacing(path) as temporary:
@@ -82,7 +82,7 @@ _COMMENT = """\
 """
 
 
-def _parameters(found: Identification, model: Model) -> tuple[IdentifiedParameter, ...]:
+def _parameters(found: Identification) -> tuple[IdentifiedParameter, ...]:
     error = np.sqrt(np.diag(found.tares.covariance))
     return tuple(
         IdentifiedParameter(
@@ -92,50 +92,50 @@ def _parameters(found: Identification, model: Model) -> tuple[IdentifiedParamete
             standard_error=float(spread),
             from_recording=p.name not in found.not_identified,
         )
-        for p, value, spread in zip(model.parameters, found.tares.values, error, strict=True)
+        for p, value, spread in zip(found.model.parameters, found.tares.values, error, strict=True)
     )
 
 
-def read_identified(path: Path, model: Model, loaded: Loaded) -> Tares:
+def read_identified(path: Path, loaded: Loaded) -> Tares:
     """The tares. Raises SettingsError when the file is broken or belongs to another machine or version."""
     try:
         file = IdentifiedFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
-        raise SettingsError(
-            f"{path}: cannot be read ({error.strerror}); run `cylforce identify` first"
-        ) from error
+        raise SettingsError(f"{path}: cannot be read ({error.strerror}); run `cylforce identify` first") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SettingsError(f"{path}: is not TOML ({error}); run `cylforce identify` again") from error
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise SettingsError(f"{path}: {key}: {first['msg']}; run `cylforce identify` again") from error
-    _check(path, file, model, loaded)
-    covariance = np.array(file.covariance)
-    values = np.array([p.value for p in file.parameters])
-    names = tuple(p.name for p in file.parameters)
-    return Tares(names, values, covariance, np.array(file.unexplained_torque_n_m), True)
+    _check_origin(path, file, loaded)
+    _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
+    names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
+    left = np.array(file.unexplained_torque_n_m)
+    return Tares(file.friction, names, values, np.array(file.covariance), left, True)
 
 
-def _check(path: Path, file: IdentifiedFile, model: Model, loaded: Loaded) -> None:
+def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
     said = file.provenance
     if said.format != FORMAT:
-        raise SettingsError(
-            f"{path}: is of format {said.format}, this version reads {FORMAT}; identify again"
-        )
+        raise SettingsError(f"{path}: is of format {said.format}, this version reads {FORMAT}; identify again")
     if said.machine_sha256 != loaded.sha256:
         raise SettingsError(
             f"{path}: was identified with another machine file ({said.machine!r}, sha256 {said.machine_sha256[:12]}…) "
             f"than {loaded.path} ({loaded.sha256[:12]}…); identify again with this one"
         )
+    if not set(file.friction) <= set(FRICTION):
+        raise SettingsError(f"{path}: friction: knows other laws than {', '.join(FRICTION)}; identify again")
+
+
+def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
     size, rows = len(model.parameters), len(model.machine.rows)
-    names = tuple(p.name for p in file.parameters)
-    if names != tuple(p.name for p in model.parameters):
-        raise SettingsError(f"{path}: parameters: are not those of {loaded.path}; identify again")
-    covariance = np.array(file.covariance)
-    if covariance.shape != (size, size) or len(file.unexplained_torque_n_m) != rows:
+    if tuple(p.name for p in file.parameters) != tuple(p.name for p in model.parameters):
+        raise SettingsError(f"{path}: parameters: are not those of {model.machine.name}; identify again")
+    if len(file.unexplained_torque_n_m) != rows or min(file.unexplained_torque_n_m) <= 0.0:
+        raise SettingsError(f"{path}: unexplained_torque_n_m: must be {rows} positive numbers; identify again")
+    if len(file.covariance) != size or any(len(row) != size for row in file.covariance):
         raise SettingsError(f"{path}: covariance: is not {size} x {size}; identify again")
+    covariance = np.array(file.covariance)
     if np.any(np.linalg.eigvalsh(covariance) < -1e-6 * np.abs(covariance).max()):
         raise SettingsError(f"{path}: covariance: is not positive; identify again")
-    if min(file.unexplained_torque_n_m) <= 0.0:
-        raise SettingsError(f"{path}: unexplained_torque_n_m: must be positive; identify again")

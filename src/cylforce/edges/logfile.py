@@ -107,14 +107,10 @@ def header_from(path: Path, lines: Iterable[Line]) -> Header | None:
     try:
         fields = json.loads(text)
         if (written := fields.pop("format")) != FORMAT:
-            raise RecordingError(
-                f"{path}: is a log of format {written}, this cylforce reads format {FORMAT} only"
-            )
+            raise RecordingError(f"{path}: is a log of format {written}, this cylforce reads format {FORMAT} only")
         return Header.model_validate(fields)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise RecordingError(
-            f"{path}: the log's header is broken, so its start is lost; record anew"
-        ) from error
+        raise RecordingError(f"{path}: the log's header is broken, so its start is lost; record anew") from error
 
 
 class LogWriter:

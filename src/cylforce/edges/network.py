@@ -72,9 +72,7 @@ class Network(canopen.Network):
         """Call `poll(t_us)` at each poll."""
         self._pollers.append(poll)
 
-    def send_message(
-        self, can_id: int, data: bytes | bytearray | Sequence[int], remote: bool = False
-    ) -> None:
+    def send_message(self, can_id: int, data: bytes | bytearray | Sequence[int], remote: bool = False) -> None:
         """See canopen.Network; a message that the bus cannot take now is dropped and counted there."""
         flags = (EXTENDED if can_id > 0x7FF else 0) | (REMOTE if remote else 0)
         self.send(can_id | flags, bytes(data))

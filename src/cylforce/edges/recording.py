@@ -50,9 +50,7 @@ def open_recording(
     if path.suffix.lower() not in logreader.SUFFIXES:
         known = ", ".join((*logreader.SUFFIXES, *tables.SUFFIXES))
         raise RecordingError(f"{path}: is none of the recordings that can be read ({known})")
-    return Events(
-        *logreader.read_events(path, round(1e6 / rate_hz), channel=channel, own=own_ids(service), tell=tell)
-    )
+    return Events(*logreader.read_events(path, round(1e6 / rate_hz), channel=channel, own=own_ids(service), tell=tell))
 
 
 def _at_rate(path: Path, table: Table, rate_hz: float) -> Table:
@@ -65,9 +63,7 @@ def _at_rate(path: Path, table: Table, rate_hz: float) -> Table:
 def own_ids(service: Service) -> frozenset[int]:
     """Identifiers that only our own node sends: in a foreign recording its frames are told apart by them."""
     node = service.node_id
-    fixed = {EMCY + node, SDO_RESPONSE + node, HEARTBEAT + node} | (
-        {SYNC} if service.sync_producer else set()
-    )
+    fixed = {EMCY + node, SDO_RESPONSE + node, HEARTBEAT + node} | ({SYNC} if service.sync_producer else set())
     asked = {SDO_REQUEST + sensor.node_id for sensor in service.nodes}
     return frozenset(fixed | asked | {pdo.can_id for pdo in service.publication})
 

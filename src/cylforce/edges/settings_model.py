@@ -147,7 +147,7 @@ class PublicationTable(Table):
 class FrictionTable(Table):
     """[friction]: the friction models in the regressor."""
 
-    effects: tuple[str, ...] = Field(default=("coulomb", "viscous"), strict=False)
+    effects: tuple[str, ...] = Field(default=("coulomb", "viscous", "load_dependent", "directional"), strict=False)
 
 
 class TimeColumn(Table):

@@ -85,6 +85,22 @@ class Stribeck:
 
 
 @dataclass(frozen=True, slots=True)
+class Directional:
+    """f_d |sgn(v)|: what friction has in excess when the cylinder extends and lacks when it retracts; a zero error of
+    the pressures looks the same in motion."""
+
+    rounding: float
+
+    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
+        """f_d [N] of every cylinder."""
+        return tuple(Parameter(f"{c.name}.directional", "N") for c in machine.cylinders)
+
+    def halves(self, machine: Machine, moving: Motion) -> Halves:
+        """Columns (..., N, C)."""
+        return _columns(np.abs(direction(moving.speed, self.rounding)), moving.lever)
+
+
+@dataclass(frozen=True, slots=True)
 class AtRest:
     """The friction of a cylinder that does not move: anything between -f_c and f_c, known to nobody. One column per
     cylinder, |lever| (1 - |sgn v|): not a force law, but how much of the Coulomb friction is unknown in a row."""

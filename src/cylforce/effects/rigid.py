@@ -18,17 +18,13 @@ class Rigid:
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """J [kg m^2], X and Z [kg m] of every link, house outwards."""
         units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"))
-        return tuple(
-            Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units
-        )
+        return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (..., N, 3N)."""
         turn = np.exp(1j * moving.q)
         outer = turn[..., None, :] * np.conj(turn[..., :, None])  # [j, k] = exp(i (q_k - q_j))
-        inner = (
-            machine.lengths[:, None] * machine.outward
-        ) * outer  # l_j exp(...) for k > j: what row j sees
+        inner = (machine.lengths[:, None] * machine.outward) * outer  # l_j exp(...) for k > j: what row j sees
         qd_j, qd_k = moving.qd[..., :, None], moving.qd[..., None, :]
         momentum, kinetic = inner * qd_k, 1j * inner * (qd_j * qd_k)
         own = np.sum(inner * qd_j, axis=-2)  # sum_{i<k} l_i exp(i (q_k - q_i)) qd_i, in row k itself

@@ -21,9 +21,7 @@ class Slew:
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """J, D_excess, E [kg m^2]; X, Z [kg m]."""
         units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"), ("D_excess", "kg m^2"), ("E", "kg m^2"))
-        return tuple(
-            Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units
-        )
+        return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (..., N, 5N)."""

@@ -59,10 +59,8 @@ class FourBar:
     """A cylinder that drives a joint through a rocker and a link (bucket linkage, dogbone, Z-bar).
 
     The rocker turns about `rocker_pin`; the link joins its end to `link_pin` on the driven body; the eye of the
-    cylinder
-    sits on the rocker at `eye` times the vector from rocker pin to rocker end (1: at the common pin). `side` = +1 when
-    the rocker's end lies to the left of the direction rocker pin -> link pin, -1 to the right.
-    """
+    cylinder sits on the rocker at `eye` times the vector from rocker pin to rocker end (1: at the common pin). `side`
+    = +1 when the rocker's end lies to the left of the direction rocker pin -> link pin, -1 to the right."""
 
     foot: Pin
     rocker_pin: Pin

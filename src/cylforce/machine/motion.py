@@ -14,11 +14,9 @@ class Motion(NamedTuple):
     """N links, C cylinders; leading axes are samples.
 
     `a` (..., N): link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal; `qd` (..., N)
-    [rad/s]; `g` (...,): in-plane gravity g cos(roll) [m/s^2]; `slew` (...,): house rate [rad/s]; `length` (..., C) [m],
-    `lever` (..., C, N) [m/rad], `transmission` (..., C); `speed` (..., C): d(length)/dt [m/s]; `force` (..., C):
-    measured
-    cylinder forces [N], NaN where not measured.
-    """
+    [rad/s]; `g` (...,): in-plane gravity g cos(roll) [m/s^2]; `slew` (...,): house rate [rad/s]; `length` (..., C)
+    [m], `lever` (..., C, N) [m/rad], `transmission` (..., C); `speed` (..., C): d(length)/dt [m/s]; `force` (..., C):
+    measured cylinder forces [N], NaN where not measured."""
 
     a: Array
     q: Array

@@ -53,11 +53,11 @@ def identify(
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
     from cylforce.edges.settings import load
-    from cylforce.programs.identify import machine_file_of, model_of, run_identify, show
+    from cylforce.programs.identify import machine_file_of, run_identify, show
 
     machine, recordings = machine_file_of(files)
     loaded = load(machine)
-    show(run_identify(loaded, recordings, output), model_of(loaded), Console())
+    show(run_identify(loaded, recordings, output), Console())
 
 
 @app.command()

@@ -1,6 +1,5 @@
 """`cylforce demo`: the main job from end to end. Moves of the empty simulated machine, identification, digging cycles
-on a
-bus with the real clock, booked weights and tip forces beside the simulator's truth."""
+on a bus with the real clock, booked weights and tip forces beside the simulator's truth."""
 
 import asyncio
 import json

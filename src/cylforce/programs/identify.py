@@ -67,12 +67,13 @@ def run_identify(loaded: Loaded, recordings: Sequence[Path], output: Path) -> Id
     model = model_of(loaded)
     segments = [segment for path in recordings for segment in recorded_segments(loaded, path)]
     found = identify(model, segments)
-    write_identified(output, found, model, loaded, [(p.name, file_sha256(p)) for p in recordings])
+    write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
 
 
-def show(found: Identification, model: Model, console: Console) -> None:
+def show(found: Identification, console: Console) -> None:
     """A table of the parameters, the prior beside them, and what the recording does not tell."""
+    model = found.model
     text = Text(title=f"{found.seconds:.0f} s of motion")
     for column in ("parameter", "unit", "data sheet", "identified", "standard error", ""):
         text.add_column(column, justify="left" if column in ("parameter", "unit", "") else "right")
@@ -85,3 +86,5 @@ def show(found: Identification, model: Model, console: Console) -> None:
     names = [model.machine.links[j].name for j in model.machine.rows]
     left = ", ".join(f"{n} {e:.0f} N m" for n, e in zip(names, found.tares.row_error, strict=True))
     console.print(f"unexplained torque (rms): {left}")
+    tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
+    console.print(f"friction: {', '.join(model.friction)} (mean squared error held out: {tried})")

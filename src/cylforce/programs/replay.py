@@ -34,8 +34,7 @@ class Replayed(NamedTuple):
 
 def make_core(loaded: Loaded, identified: Path | None) -> Core:
     """The core of a machine file with its identified tares, or with the data sheet's."""
-    model = model_of(loaded)
-    tares = model.data_sheet if identified is None else read_identified(identified, model, loaded)
+    tares = model_of(loaded).data_sheet if identified is None else read_identified(identified, loaded)
     return Core(loaded.service, tares)
 
 

@@ -25,10 +25,9 @@ class CycleScore(NamedTuple):
 
 
 class ForceScore(NamedTuple):
-    """Tip force while digging, above 10 kN: `rms_n` of the error vector; 95th percentiles of the error vector over the
-    magnitude, of the magnitude's own error over the magnitude, of the angle between the vectors; share of the samples
-    for
-    which a force was published."""
+    """Tip force while digging, above 10 kN: `rms_n` of the error vector; 95th percentiles of the error vector over
+    the magnitude, of the magnitude's own error over the magnitude, of the angle between the vectors; share of the
+    samples for which a force was published."""
 
     rms_n: float
     p95_relative: float

@@ -1,105 +1,156 @@
-"""Batch least squares: weighted, with a prior, with standard errors that hold for autocorrelated residuals, and with
-the
-names of what the recording does not tell."""
+"""Batch least squares on a recording's factors: weighted, with a prior, robust against spoilt blocks, with standard
+errors that hold for correlated residuals, and with the names of what the recording does not tell."""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
 
+from cylforce.regression.blocks import Factors, residual_squares, scores, stacked_triangle
 from cylforce.words.estimate import Array
+
+RANK = 1e-6  # singular value, as a share of the largest, below which a direction of the scaled parameters is not told
+SPOILT = 16.0  # times the usual mean square of a row's residual: from there on a block counts down
+ROUNDS = 4
 
 
 class Fit(NamedTuple):
-    """`values` (P,), `covariance` (P, P), `row_error` (R,): rms of the residual per row, `excited` (P,): whether the
-    data
-    alone tell the parameter, `weakest` (P, K): unit vectors (in scaled parameters) that the data do not tell."""
+    """`values` (K,), `covariance` (K, K), `row_error` (R,): rms of the residual per row, `excited` (K,): whether the
+    data alone tell the parameter, `weakest` (K, D): directions of the scaled parameters that the data do not tell,
+    `trust` (B, R): 1 for a block that counts in full, `memory`: residuals of so many samples say the same."""
 
     values: Array
     covariance: Array
     row_error: Array
     excited: Array
     weakest: Array
+    trust: Array
+    memory: float
 
 
 class Prior(NamedTuple):
-    """What is known before: `mean` (P,) and `covariance` (P, P)."""
+    """What is known before: `mean` (K,) and `covariance` (K, K)."""
 
     mean: Array
     covariance: Array
 
 
-def least_squares(columns: Array, torque: Array, row_error: Array, prior: Prior | None, blocks: Array) -> Fit:
-    """Fit torque (T, R) = columns (T, R, P) @ values; rows weighted by 1/row_error (R,).
+def least_squares(held: Factors, row_error: Array, prior: Prior | None) -> Fit:
+    """Fit observed = columns @ values; rows weighted by 1/row_error (R,), blocks by how much they fit the others.
 
-    `blocks` (T,) numbers the blocks within which residuals may be correlated (longer than their memory): standard
-    errors
-    are the sandwich over blocks. NaN rows are left out. Raises ValueError when nothing remains."""
-    good = np.isfinite(torque) & np.all(np.isfinite(columns), axis=-1)
-    if not np.any(good):
+    Raises ValueError when there is nothing to fit."""
+    if not np.any(held.samples):
         raise ValueError("no usable rows: nothing to fit")
-    a = (columns / row_error[:, None])[good]
-    b = (torque / row_error)[good]
-    of_row = np.broadcast_to(blocks[:, None], torque.shape)[good]
-    root, rhs = _prior_rows(prior, a.shape[1])
-    scale = _scale(a, prior)
-    memory = _memory(b - a @ (linalg.lstsq(a / scale, b)[0] / scale), of_row)
-    stacked = np.concatenate([a / np.sqrt(memory), root])
-    values = linalg.lstsq(stacked / scale, np.concatenate([b / np.sqrt(memory), rhs]))[0] / scale
-    residual = b - a @ values
-    excited, weakest = _excitation(a, scale)
-    covariance = _sandwich(a, residual, of_row, memory, root)
-    return Fit(values, covariance, _row_rms(columns, torque, values, good), excited, weakest)
+    root = _prior_rows(prior, held.triangle.shape[-1] - 1)
+    found = _round(held, row_error, root, np.ones_like(held.samples), 1.0)
+    for _ in range(ROUNDS):
+        found = _round(held, row_error, root, found.trust, found.next_memory)
+    middle = found.meat / found.memory**2 + root[:, :-1].T @ root[:, :-1]
+    excited, weakest = _excitation(found.triangle[:, :-1], _scale(found.triangle, prior))
+    covariance = found.bread @ middle @ found.bread
+    return Fit(
+        found.values, covariance, _row_rms(held, found.values, found.trust), excited, weakest, found.trust, found.memory
+    )
 
 
-def _prior_rows(prior: Prior | None, size: int) -> tuple[Array, Array]:
-    """The prior as rows of a least-squares problem: root @ values = rhs with unit errors."""
+def predicted(held: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
+    """Mean squared residual per sample, in units of row_error, of each block in `out` (B,) bool, predicted from the
+    others alone (B_out,)."""
+    weight = np.where(out[:, None], 0.0, 1.0 / row_error) / np.sqrt(memory)
+    triangle = stacked_triangle(held, weight * np.ones_like(held.samples))
+    values = _solved(np.concatenate([triangle, _prior_rows(prior, triangle.shape[1] - 1)]))
+    squares = np.sum(residual_squares(held, values)[out] / row_error**2, axis=1)
+    return np.asarray(squares / np.maximum(np.sum(held.samples[out], axis=1), 1.0))
+
+
+class _Round(NamedTuple):
+    """One pass: the solution, what it rests on, and the weights that follow from it."""
+
+    values: Array
+    triangle: Array
+    bread: Array
+    meat: Array
+    memory: float
+    next_memory: float
+    trust: Array
+
+
+def _round(held: Factors, row_error: Array, root: Array, trust: Array, memory: float) -> _Round:
+    weight = trust / row_error
+    triangle = stacked_triangle(held, weight / np.sqrt(memory))
+    values = _solved(np.concatenate([triangle, root]))
+    meat = _spread(held, values, weight**2)
+    longer = max(1.0, _inflation(triangle * np.sqrt(memory), meat))
+    return _Round(values, triangle, _inverse(triangle, root), meat, memory, longer, _trust(held, values))
+
+
+def _prior_rows(prior: Prior | None, size: int) -> Array:
+    """The prior as rows [columns | observed] with unit errors."""
     if prior is None:
-        return np.zeros((0, size)), np.zeros(0)
+        return np.zeros((0, size + 1))
     spread = np.sqrt(np.diag(prior.covariance))
     values, vectors = linalg.eigh(prior.covariance / np.outer(spread, spread))
     root = (vectors / np.sqrt(np.maximum(values, 1e-9))).T / spread
-    return root, root @ prior.mean
+    return np.asarray(np.column_stack([root, root @ prior.mean]))
 
 
-def _scale(a: Array, prior: Prior | None) -> Array:
-    """Column scaling: the prior's standard errors, else the columns' norms."""
+def _solved(rows: Array) -> Array:
+    scale = linalg.norm(rows[:, :-1], axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return np.asarray(linalg.lstsq(rows[:, :-1] / scale, rows[:, -1])[0] / scale)
+
+
+def _inverse(triangle: Array, root: Array) -> Array:
+    """(R'R + L'L)^-1 of the parameters' part, scaled so that it does not lose digits."""
+    rows = np.concatenate([triangle[:-1, :-1], root[:, :-1]])
+    scale = linalg.norm(rows, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    inverse = linalg.pinv(rows / scale)
+    return np.asarray((inverse @ inverse.T) / np.outer(scale, scale))
+
+
+def _spread(held: Factors, values: Array, weight: Array) -> Array:
+    """Sum over blocks of s s', s = sum over rows of A' e: the scores' own scatter, correlated as it may be."""
+    pull = np.sum(scores(held, values) * weight[..., None], axis=1)
+    return np.asarray(pull.T @ pull)
+
+
+def _inflation(triangle: Array, meat: Array) -> float:
+    """By how much the scores scatter more than those of independent residuals of unit variance, on average over the
+    directions that the data tell."""
+    scale = linalg.norm(triangle[:, :-1], axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    _, singular, vectors = linalg.svd(triangle[:-1, :-1] / scale)
+    good = singular > RANK * singular[0]
+    across = (vectors[good] / scale) @ meat @ (vectors[good] / scale).T
+    return float(np.mean(np.diag(across) / singular[good] ** 2))
+
+
+def _trust(held: Factors, values: Array) -> Array:
+    """A block whose residual is far larger than the row's median counts down: weight^2 * square stays bounded."""
+    mean = residual_squares(held, values) / np.maximum(held.samples, 1.0)
+    usual = np.array(
+        [np.median(m[n > 0]) if np.any(n > 0) else 1.0 for m, n in zip(mean.T, held.samples.T, strict=True)]
+    )
+    return np.asarray(np.sqrt(np.minimum(1.0, SPOILT * usual / np.maximum(mean, 1e-300))))
+
+
+def _scale(triangle: Array, prior: Prior | None) -> Array:
+    """One unit of a parameter: the prior's standard error, else what the columns' norms suggest."""
     if prior is not None:
-        return np.asarray(1.0 / np.sqrt(np.diag(prior.covariance)))
-    norm = linalg.norm(a, axis=0)
-    return np.where(norm > 0, norm, 1.0)
+        return np.sqrt(np.diag(prior.covariance))
+    norm = linalg.norm(triangle[:, :-1], axis=0)
+    return np.where(norm > 0, 1.0 / np.where(norm > 0, norm, 1.0), 1.0)
 
 
-def _memory(residual: Array, block: Array) -> float:
-    """By how much the sum of residuals over a block varies more than that of independent ones (>= 1)."""
-    number = block - block.min()
-    count = np.bincount(number)
-    total = np.bincount(number, residual)
-    return float(max(1.0, np.sum(total**2) / np.sum(residual**2))) if count.size > 1 else 1.0
-
-
-def _sandwich(a: Array, residual: Array, block: Array, memory: float, root: Array) -> Array:
-    """(A'A/c + L'L)^-1 (sum_b s_b s_b' + L'L) (...)^-1, s_b = sum of A' e over block b, scaled as the fit was."""
-    bread = linalg.inv(a.T @ a / memory + root.T @ root)
-    number = np.unique(block, return_inverse=True)[1]
-    scores = np.zeros((number.max() + 1, a.shape[1]))
-    np.add.at(scores, number, a * (residual / memory)[:, None])
-    return np.asarray(bread @ (scores.T @ scores + root.T @ root) @ bread)
-
-
-def _excitation(a: Array, scale: Array) -> tuple[Array, Array]:
-    """What the data tell: directions of scaled parameters with a singular value below RANK of the largest are lost."""
-    _, singular, vectors = linalg.svd(linalg.qr(a / scale, mode="r")[0][: a.shape[1]])
-    lost = np.zeros(a.shape[1], dtype=bool)
+def _excitation(triangle: Array, scale: Array) -> tuple[Array, Array]:
+    _, singular, vectors = linalg.svd(triangle * scale)
+    lost = np.ones(triangle.shape[1], dtype=bool)
     lost[: singular.size] = singular < RANK * max(singular[0], 1e-300)
-    lost[singular.size :] = True
     weakest = vectors[lost].T
     return np.linalg.norm(weakest, axis=1) < 0.5, weakest
 
 
-def _row_rms(columns: Array, torque: Array, values: Array, good: Array) -> Array:
-    residual = np.where(good, torque - np.where(good[..., None], columns, 0.0) @ values, 0.0)
-    return np.asarray(np.sqrt(np.sum(residual**2, axis=0) / np.maximum(np.sum(good, axis=0), 1)))
-
-
-RANK = 1e-6
+def _row_rms(held: Factors, values: Array, trust: Array) -> Array:
+    squares = np.sum(residual_squares(held, values) * trust**2, axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(np.sum(held.samples * trust**2, axis=0), 1.0)))

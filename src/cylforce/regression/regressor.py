@@ -1,6 +1,5 @@
 """The regressor: a Machine and an ordered tuple of effects, their columns side by side, filtered so that no
-acceleration
-is needed (PHYSICS section 5)."""
+acceleration is needed (PHYSICS section 5)."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -49,8 +49,7 @@ class Reason(IntEnum):
 
 class Sample(NamedTuple):
     """What is known at a tick: SI values `(S,)` in the order of the machine's signals, the reason for which each
-    cannot be
-    believed, and the reason for which the last values are held (NONE: all are fresh)."""
+    cannot be believed, and the reason for which the last values are held (NONE: all are fresh)."""
 
     t_us: int
     values: Array
