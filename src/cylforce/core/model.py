@@ -10,6 +10,7 @@ import numpy as np
 from cylforce.core.motion import Channels
 from cylforce.core.service import Filters
 from cylforce.effects.friction import AtRest, Coulomb, Directional, LoadDependent, Viscous
+from cylforce.effects.pressure_zero import PressureZero
 from cylforce.effects.rigid import Rigid
 from cylforce.effects.slew import Slew, slew_parameters
 from cylforce.effects.tip_force import TipForce
@@ -42,7 +43,8 @@ class Tares(NamedTuple):
 
 @dataclass(frozen=True)
 class Model:
-    """Columns of the empty machine (P), then the tool's force and moment (3), then the unknown friction at rest (C)."""
+    """Columns of the empty machine (P), then the tool's force and moment (3), then the unknown friction at rest (C)
+    and the pressures' zero errors (C)."""
 
     machine: Machine
     filters: Filters
@@ -67,7 +69,7 @@ class Model:
     @cached_property
     def filtered(self) -> FilteredRegressor:
         """All columns, filtered."""
-        effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed))
+        effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
@@ -89,7 +91,13 @@ class Model:
     @property
     def at_rest(self) -> slice:
         """The columns of the unknown friction."""
-        return slice(len(self.parameters) + 3, None)
+        first = len(self.parameters) + 3
+        return slice(first, first + len(self.machine.cylinders))
+
+    @property
+    def zero(self) -> slice:
+        """The columns of the pressures' zero errors."""
+        return slice(len(self.parameters) + 3 + len(self.machine.cylinders), None)
 
     @cached_property
     def coulomb(self) -> list[int]:

@@ -50,4 +50,5 @@ class Service(NamedTuple):
     heartbeat_s: float
     filters: Filters
     health: Health
-    effects: tuple[str, ...]  # friction models in the regressor, by name
+    effects: tuple[str, ...]  # friction laws to choose from, by name
+    adapt: bool = False  # friction and zero follow temperature and wear in service

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core import commands
+from cylforce.core.adaptation import Adapter, Drift
 from cylforce.core.assembler import Assembler, Inputs
 from cylforce.core.force import ForceSensor
 from cylforce.core.model import Model, Tares
@@ -55,6 +56,7 @@ class State(NamedTuple):
     inputs: Inputs
     pipe: Pipe | None
     weighing: Weighing
+    drift: Drift
     scale: Scale
     sampled_us: int
     estimate: Estimate
@@ -98,6 +100,11 @@ class Core:
         return Weigher(self.model, self.tares)
 
     @cached_property
+    def adapter(self) -> Adapter:
+        """Empty returns to drift."""
+        return Adapter(self.model, self.tares)
+
+    @cached_property
     def force_sensor(self) -> ForceSensor:
         """Rows to force."""
         return ForceSensor(self.model, self.tares, self.limits[MAGNITUDE][1])
@@ -116,7 +123,7 @@ class Core:
         """The state of a service that has seen nothing."""
         nothing = _nothing(0, Reason.STARTING, None)
         still = (False,) * len(self.service.machine.signals)
-        return State(self.assembler.begin(), None, self.weigher.begin(), scale, 0, nothing, still)
+        return State(self.assembler.begin(), None, self.weigher.begin(), self.adapter.begin(), scale, 0, nothing, still)
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
@@ -184,16 +191,20 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
 
 
 def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> State:
-    left = residual(core.model, core.tares, rows)
+    drift = state.drift
+    left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ drift.values)
     usable = pipe.waiting == 0
     weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
+    if core.service.adapt and core.tares.identified and core.weigher.is_empty(weighing):
+        known = np.logical_and(usable, left.rest < left.variance)
+        drift = core.adapter.step(drift, rows, left.torque, np.where(known, left.variance, np.inf))
     force = core.force_sensor.estimate(rows, left, usable)
     gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
     net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], core.service.machine.rated_payload)
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         gross, net, force = _degrade(gross), _degrade(net), _each(force, _degrade)
     estimate = Estimate(t_us, load, gross, net, force, weighing.booking)
-    return state._replace(weighing=weighing, estimate=estimate)
+    return state._replace(weighing=weighing, estimate=estimate, drift=drift)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:

@@ -17,6 +17,7 @@ PATIENCE_S = 0.3  # a lift ends when samples have not belonged to it for so long
 MIN_SECONDS = 1.0  # of consistent samples before a weight is shown
 GOOD_ENOUGH = 0.01  # standard error, as a share of rated payload, to be shown as OK and to be booked
 SMALLEST = 0.05  # share of rated payload below which the bucket counts as empty
+EMPTY = 0.03  # share of rated payload below which tares may adapt to what is left
 FARTHEST = 1.5  # times the declared reach of the load's centre: farther out no material can lie
 FORGET_SECONDS = 30.0
 RELATIVE = 0.01  # what the model leaves unexplained grows with the load: friction, elasticity
@@ -33,11 +34,11 @@ class Residual(NamedTuple):
     columns: Array
 
 
-def residual(model: Model, tares: Tares, rows: Rows) -> Residual:
-    """r = torque - W Phi of one instant, and how well it is known."""
+def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
+    """r = torque - W Phi - drift of one instant, and how well it is known; `drift` (R,) [N m]."""
     size = len(model.parameters)
     columns = rows.columns[..., :size]
-    torque = rows.torque - columns @ tares.values
+    torque = rows.torque - columns @ tares.values - drift
     coulomb = np.abs(tares.values[model.coulomb])
     rest = (rows.columns[..., model.at_rest] @ coulomb) ** 2 if coulomb.size else np.zeros_like(torque)
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
@@ -125,6 +126,12 @@ class Weigher:
             lift = self._fresh  # what the lift showed stays a candidate until the bucket is seen empty
         weight = self._conclude(lift)
         return self._note(state._replace(lift=lift), weight, t_us), self._judge(lift, weight)
+
+    def is_empty(self, state: Weighing) -> bool:
+        """Whether the bucket is known to hang empty in the air."""
+        weight = self._conclude(state.lift)
+        small = abs(weight.mass) < EMPTY * self.model.machine.rated_payload
+        return small and self._doubt(state.lift, weight) is None
 
     def _advance(self, lift: Lift, left: Residual, usable: Array) -> Lift:
         columns = left.columns @ self.model.load
