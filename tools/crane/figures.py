@@ -19,7 +19,7 @@ from rich.table import Table
 from cylforce.core.model import Model
 from cylforce.edges.files import RecordingError
 from cylforce.edges.settings import Loaded, load
-from cylforce.programs.identify import model_of, recorded_segments, run_identify
+from cylforce.programs.identify import recorded_segments, run_identify
 from cylforce.programs.replay import run_replay
 
 FITTED = "Dual1SineRun"
@@ -48,8 +48,9 @@ def figures(folder: Path, work: Path) -> Figures:
     machine_file, tares_file = work / "crane.toml", work / "identified.toml"
     machine_file.write_text(text(crane(folder)))
     loaded = load(machine_file)
-    model, paths = model_of(loaded), recordings(folder)
-    tares = run_identify(loaded, [paths[FITTED]], tares_file).tares.values
+    paths = recordings(folder)
+    found = run_identify(loaded, [paths[FITTED]], tares_file)
+    model, tares = found.model, found.tares.values
     runs = {name: measured(model, samples(loaded, path)) for name, path in paths.items()}
     others = [run for name, run in runs.items() if name != FITTED]
     by_run = {name: unexplained([run], tares) for name, run in runs.items()}
