@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +25,12 @@ FASTEST = {
 
 
 class Channel(NamedTuple):
-    """One signal's last believed value, when it came, what was wrong last, good values since, equal values in
-    motion."""
+    """One signal: its last believed value (while it proves itself: its last), when that came, when anything came last,
+    what was wrong last, good values since, equal values in motion, leaps in a row."""
 
     value: float
     t_us: int
+    seen_us: int
     reason: Reason
     good: int
     equal: int
@@ -72,7 +73,7 @@ class Assembler:
 
     def begin(self) -> Inputs:
         """Nothing received yet."""
-        empty = Channel(float("nan"), NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
+        empty = Channel(float("nan"), NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
         return Inputs((empty,) * len(self.service.machine.signals), Counters(), NEVER)
 
     def receive(self, inputs: Inputs, frame: Frame, moving: tuple[bool, ...]) -> Inputs:
@@ -109,24 +110,29 @@ class Assembler:
         )
 
     def _judge(self, old: Channel, slot: Slot, value: float, t_us: int, moving: bool) -> Channel:
+        hold_us = 1e6 * self.service.health.hold_s
         if not isfinite(value):
-            return old._replace(reason=Reason.NOT_A_NUMBER, good=0)
+            return old._replace(reason=Reason.NOT_A_NUMBER, seen_us=t_us, good=0)
         if not slot.low <= value <= slot.high:
-            return old._replace(reason=Reason.OUT_OF_RANGE, good=0)
-        signal = self.service.machine.signals[slot.signal]
-        limit = FASTEST.get(signal.kind)
-        if limit is not None and old.t_us != NEVER and old.jumps < JUMPS_BELIEVED:
-            room = limit * max((t_us - old.t_us) * 1e-6, signal.period_s) + 6.0 * signal.standard_error
-            if abs(value - old.value) > room + 2.0 * slot.scale:
-                return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, good=0, jumps=old.jumps + 1)
+            return old._replace(reason=Reason.OUT_OF_RANGE, seen_us=t_us, good=0)
+        if old.jumps < JUMPS_BELIEVED and abs(value - old.value) > self._room(old, slot, t_us):
+            return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, seen_us=t_us, good=0, jumps=old.jumps + 1)
         equal = 0 if value != old.value else old.equal + moving
         if equal >= self.service.health.frozen_samples and self._noisy(slot.signal):
-            return old._replace(reason=Reason.FROZEN, good=0, equal=equal)
-        good = old.good + 1
-        glitch = old.t_us != NEVER and t_us - old.t_us <= 1e6 * self.service.health.hold_s
-        if glitch or good >= self.service.health.good_frames:
-            return Channel(value, t_us, Reason.NONE, good, equal, 0)
-        return old._replace(value=value, good=good, equal=equal, jumps=0)
+            return old._replace(reason=Reason.FROZEN, seen_us=t_us, good=0, equal=equal)
+        good = old.good + 1 if t_us - old.seen_us <= hold_us else 1
+        if t_us - old.t_us <= hold_us or good >= self.service.health.good_frames:
+            return Channel(value, t_us, t_us, Reason.NONE, good, equal, 0)
+        return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0)
+
+    def _room(self, old: Channel, slot: Slot, t_us: int) -> float:
+        """How far the next value may lie from the last. Time in which a sensor leapt, or was still to prove itself, is
+        no excuse: nobody believes that the joint moved meanwhile."""
+        signal = self.service.machine.signals[slot.signal]
+        proving = t_us - old.t_us > 1e6 * self.service.health.hold_s and old.good > 0
+        since_us = old.seen_us if old.jumps or proving else old.t_us
+        room = FASTEST.get(signal.kind, inf) * max((t_us - since_us) * 1e-6, signal.period_s)
+        return room + 6.0 * signal.standard_error + 2.0 * slot.scale
 
     def _noisy(self, k: int) -> bool:
         """Whether a working sensor's own noise keeps its last digit moving."""
@@ -135,7 +141,7 @@ class Assembler:
     def restart(self, inputs: Inputs, node_id: int) -> Inputs:
         """A sensor node booted: nothing that it said before counts, and it must prove itself anew."""
         mine = {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}
-        lost = Channel(float("nan"), NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
+        lost = Channel(float("nan"), NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
         return inputs._replace(channels=tuple(lost if k in mine else c for k, c in enumerate(inputs.channels)))
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
