@@ -46,6 +46,6 @@ def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: fl
 
 def booted(frame: Frame) -> int | None:
     """The node whose boot-up message this is."""
-    if 0x700 < frame.can_id < 0x780 and frame.data[:1] == b"\0":
+    if 0x700 < frame.can_id < 0x780 and frame.data == b"\0":
         return frame.can_id - 0x700
     return None
