@@ -199,10 +199,10 @@ def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> St
         known = np.logical_and(usable, left.rest < left.variance)
         drift = core.adapter.step(drift, rows, left.torque, np.where(known, left.variance, np.inf))
     force = core.force_sensor.estimate(rows, left, usable)
+    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
+        load, force = Load(*(_degrade(q) for q in load)), _each(force, _degrade)
     gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
     net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], core.service.machine.rated_payload)
-    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
-        gross, net, force = _degrade(gross), _degrade(net), _each(force, _degrade)
     estimate = Estimate(t_us, load, gross, net, force, weighing.booking)
     return state._replace(weighing=weighing, estimate=estimate, drift=drift)
 
