@@ -1,8 +1,8 @@
 """Slow adaptation in service: friction and zero follow temperature and wear, from empty returns only.
 
-What was identified at commissioning stays the reference; this is the drift on top of it. Recursive least squares forgets
-only what the present motion shows (parked, nothing is forgotten and nothing moves), is bounded to what is physically
-possible, and says what the drift amounts to in kilograms."""
+What was identified at commissioning stays the reference; this is the drift on top of it. Recursive least squares
+forgets only what the present motion shows (parked, nothing is forgotten and nothing moves), is bounded to what is
+physically possible, and says what the drift amounts to in kilograms."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,8 +24,8 @@ SHOWN = 0.02  # share by which each update moves the drift that is shown
 
 
 class Drift(NamedTuple):
-    """`values` (D,) on top of the tares (friction laws of speed, then pressure zeros), their `root`, steps since the last
-    update, number of updates, `mass` [kg] that the empty bucket would show without adaptation."""
+    """`values` (D,) on top of the tares (friction laws of speed, then pressure zeros), their `root`, steps since the
+    last update, number of updates, `mass` [kg] that the empty bucket would show without adaptation."""
 
     root: Root
     values: Array
@@ -72,8 +72,8 @@ class Adapter:
         return np.concatenate([rows.columns[..., self._friction], rows.columns[..., self.model.zero]], axis=-1)
 
     def step(self, drift: Drift, rows: Rows, torque: Array, variance: Array) -> Drift:
-        """Take in what is unexplained, the drift so far taken off, of an instant at which the bucket is known to be empty
-        and in the air: `torque` (R,) with `variance` (R,), infinite where a row does not count."""
+        """Take in what is unexplained, the drift so far taken off, of an instant at which the bucket is known to be
+        empty and in the air: `torque` (R,) with `variance` (R,), infinite where a row does not count."""
         if drift.waited + 1 < EVERY:
             return drift._replace(waited=drift.waited + 1)
         columns = self.columns(rows)

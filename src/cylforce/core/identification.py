@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.core.consistency import consistent, violations
 from cylforce.core.model import FRICTION, Model, Tares
 from cylforce.core.observation import observed_factors
 from cylforce.regression.batch import Fit, Prior, least_squares, predicted
-from cylforce.regression.blocks import Factors, chosen
+from cylforce.regression.blocks import Factors, chosen, settled
 from cylforce.words.estimate import Array
 
 MIN_SECONDS = 20.0
@@ -20,7 +21,7 @@ TOLD = 0.5  # of the prior's standard error: a parameter above it is not told by
 class Identification(NamedTuple):
     """The `model` with the friction laws that were chosen, its `tares`, the fit, names of what the recording does not
     tell, seconds of usable motion, and per friction law tried the mean squared prediction error held out (1: the
-    row's own noise)."""
+    row's own noise); sentences for the physical laws that the fit breaks."""
 
     model: Model
     tares: Tares
@@ -28,11 +29,15 @@ class Identification(NamedTuple):
     not_identified: tuple[str, ...]
     seconds: float
     held_out: dict[str, float]
+    violations: tuple[str, ...]
 
 
-def identify(model: Model, segments: Iterable[Array]) -> Identification:
+def identify(
+    model: Model, segments: Iterable[Array], *, two_steps: bool = False, enforce: bool = False
+) -> Identification:
     """Tares from gapless segments of samples (T, S). `model.friction` are the laws to choose from; the first always
-    stays.
+    stays. `two_steps`: the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once.
+    `enforce`: the nearest physically consistent tares.
 
     Raises ValueError, in a sentence, when the recording is too short or does not move."""
     held = observed_factors(model, segments)
@@ -46,11 +51,40 @@ def identify(model: Model, segments: Iterable[Array]) -> Identification:
     noise = row_noise(held, model.prior)
     laws, errors = _choose(model, held, noise)
     best = Model(model.machine, model.filters, laws)
-    part = _of(model, best)
-    fit = least_squares(chosen(held, part), noise, best.prior)
+    fewer = chosen(held, _of(model, best))
+    fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
     names = tuple(p.name for p in best.parameters)
     tares = Tares(laws, names, fit.values, fit.covariance, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), True)
-    return Identification(best, tares, fit, _not_told(best, fit), seconds, errors)
+    return Identification(
+        best,
+        consistent(best, tares) if enforce else tares,
+        fit,
+        _not_told(best, fit),
+        seconds,
+        errors,
+        violations(best, fit.values),
+    )
+
+
+def _two_steps(model: Model, held: Factors, noise: Array) -> Fit:
+    """Static parameters from the slower half of the blocks, inertia and viscous friction as the data sheet has them;
+    then those two from all blocks with the static ones settled (paper, section 6)."""
+    dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
+    static = [k for k in range(len(model.parameters)) if k not in dynamic]
+    speed = held.mark[:, model.machine.size :].max(axis=1)
+    slow = Factors(*(part[speed <= np.median(speed)] for part in held))
+    first = least_squares(settled(slow, dynamic, model.prior.mean[dynamic]), noise, _marginal(model.prior, static))
+    second = least_squares(settled(held, static, first.values), noise, _marginal(model.prior, dynamic))
+    values, covariance = np.zeros(len(model.parameters)), np.zeros((len(model.parameters),) * 2)
+    excited = np.zeros(len(model.parameters), dtype=bool)
+    for part, fit in ((static, first), (dynamic, second)):
+        values[part], excited[part] = fit.values, fit.excited
+        covariance[np.ix_(part, part)] = fit.covariance
+    return second._replace(values=values, covariance=covariance, excited=excited)
+
+
+def _marginal(prior: Prior, part: list[int]) -> Prior:
+    return Prior(prior.mean[part], prior.covariance[np.ix_(part, part)])
 
 
 def row_noise(held: Factors, prior: Prior) -> Array:

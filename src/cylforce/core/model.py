@@ -31,7 +31,8 @@ SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.03, "directional"
 class Tares(NamedTuple):
     """The dynamic tares: `friction` laws of the model, `values` (P,) of its parameters, `covariance` (P, P),
     `row_error` (R,) [N m] of what it leaves unexplained on the empty machine, `identified`: from a recording, else
-    from the data sheet."""
+    from the data sheet. What remains is multiplied by `scale`, which a lift of known weight tells (levers, areas,
+    gains)."""
 
     friction: tuple[str, ...]
     names: tuple[str, ...]
@@ -39,6 +40,8 @@ class Tares(NamedTuple):
     covariance: Array
     row_error: Array
     identified: bool
+    scale: float = 1.0
+    scale_error: float = 0.0
 
 
 @dataclass(frozen=True)

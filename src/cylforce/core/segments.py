@@ -1,6 +1,6 @@
 """Recordings as gapless stretches of samples: what identification works on."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +9,26 @@ from cylforce.core.assembler import Assembler
 from cylforce.words.estimate import Array, Reason
 from cylforce.words.events import Event, Frame
 
+PIECE = 30_000  # rows that are held at once
 LONGEST_JUMP = 1000  # periods of silence that are kept as missing rows; a longer one, or one back, only separates
 
 
-def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Array:
-    """One row (T, S) of SI values per tick; NaN where something was missing or could not be believed."""
+def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
+    """One row of SI values per tick, in pieces (T, S) of some minutes; NaN where something was missing or could not be
+    believed."""
+    rows: list[Array] = []
+    for row in _rows(assembler, events, period_us):
+        rows.append(row)
+        if len(rows) == PIECE:
+            yield np.array(rows)
+            rows.clear()
+    if rows:
+        yield np.array(rows)
+
+
+def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
     inputs, still = assembler.begin(), (False,) * len(assembler.service.machine.signals)
     missing = np.full(len(assembler.service.machine.signals), np.nan)
-    rows: list[Array] = []
     last_us: int | None = None
     for event in events:
         if isinstance(event, Frame):
@@ -24,11 +36,11 @@ def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Ar
             continue
         sample = assembler.sample(inputs, event.t_us)
         skipped = 0 if last_us is None else round((event.t_us - last_us) / period_us) - 1
-        rows.extend([missing] * (min(skipped, LONGEST_JUMP) if skipped >= 0 else LONGEST_JUMP))
+        for _ in range(min(skipped, LONGEST_JUMP) if skipped >= 0 else LONGEST_JUMP):
+            yield missing
         good = sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)
-        rows.append(sample.values if good else missing)
+        yield sample.values if good else missing
         last_us = event.t_us
-    return np.array(rows) if rows else np.zeros((0, missing.size))
 
 
 def gapless(values: Array, longest: int) -> list[Array]:

@@ -38,7 +38,7 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     """r = torque - W Phi - drift of one instant, and how well it is known; `drift` (R,) [N m]."""
     size = len(model.parameters)
     columns = rows.columns[..., :size]
-    torque = rows.torque - columns @ tares.values - drift
+    torque = tares.scale * (rows.torque - columns @ tares.values - drift)
     coulomb = np.abs(tares.values[model.coulomb])
     rest = (rows.columns[..., model.at_rest] @ coulomb) ** 2 if coulomb.size else np.zeros_like(torque)
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
@@ -161,8 +161,8 @@ class Weigher:
     def _conclude(self, lift: Lift) -> Weight:
         """The mass with its standard error (with that of the tares), the centre of the load."""
         gain = lift.covariance[0] @ lift.gram
-        variance = lift.covariance[0, 0] + gain @ self.tares.covariance @ gain
         mass = float(lift.values[0])
+        variance = lift.covariance[0, 0] + gain @ self.tares.covariance @ gain + (mass * self.tares.scale_error) ** 2
         scale = mass if abs(mass) > 1.0 else 1.0
         centre = complex(lift.values[1], lift.values[2]) / scale
         along = np.array([[-centre.real, 1.0, 0.0, 0.0], [-centre.imag, 0.0, 1.0, 0.0]]) / scale

@@ -51,6 +51,8 @@ class IdentifiedFile(_Strict):
 
     provenance: Provenance
     friction: tuple[str, ...]
+    scale: Number
+    scale_standard_error: Number
     unexplained_torque_n_m: tuple[Number, ...]
     parameters: tuple[IdentifiedParameter, ...]
     covariance: tuple[tuple[Number, ...], ...]
@@ -70,6 +72,8 @@ def write_identified(path: Path, found: Identification, loaded: Loaded, recordin
         ),
         unexplained_torque_n_m=tuple(found.tares.row_error.tolist()),
         friction=found.model.friction,
+        scale=found.tares.scale,
+        scale_standard_error=found.tares.scale_error,
         parameters=_parameters(found),
         covariance=tuple(tuple(row) for row in found.tares.covariance.tolist()),
     )
@@ -112,7 +116,8 @@ def read_identified(path: Path, loaded: Loaded) -> Tares:
     _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
     names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
     left = np.array(file.unexplained_torque_n_m)
-    return Tares(file.friction, names, values, np.array(file.covariance), left, True)
+    scale = (file.scale, file.scale_standard_error)
+    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *scale)
 
 
 def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
@@ -134,6 +139,8 @@ def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
         raise SettingsError(f"{path}: parameters: are not those of {model.machine.name}; identify again")
     if len(file.unexplained_torque_n_m) != rows or min(file.unexplained_torque_n_m) <= 0.0:
         raise SettingsError(f"{path}: unexplained_torque_n_m: must be {rows} positive numbers; identify again")
+    if not 0.8 <= file.scale <= 1.25 or not 0.0 <= file.scale_standard_error < 0.1:
+        raise SettingsError(f"{path}: scale: {file.scale:g} is no scale of a sound machine; identify again")
     if len(file.covariance) != size or any(len(row) != size for row in file.covariance):
         raise SettingsError(f"{path}: covariance: is not {size} x {size}; identify again")
     covariance = np.array(file.covariance)

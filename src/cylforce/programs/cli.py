@@ -50,14 +50,20 @@ def run(
 def identify(
     files: Annotated[list[Path], typer.Argument(metavar="[MACHINE.toml] RECORDING...")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The file to write.")],
+    two_steps: Annotated[
+        bool, typer.Option(help="Static parameters from slow moves first, then dynamic ones.")
+    ] = False,
+    enforce: Annotated[bool, typer.Option(help="The nearest physically consistent tares.")] = False,
+    lift: Annotated[Path | None, typer.Option(help="A recording of a lift of a known weight: the scale.")] = None,
+    known_kg: Annotated[float | None, typer.Option(help="That weight.")] = None,
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
     from cylforce.edges.settings import load
-    from cylforce.programs.identify import machine_file_of, run_identify, show
+    from cylforce.programs.identify import How, machine_file_of, run_identify, show
 
     machine, recordings = machine_file_of(files)
     loaded = load(machine)
-    show(run_identify(loaded, recordings, output), Console())
+    show(run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg)), Console())
 
 
 @app.command()

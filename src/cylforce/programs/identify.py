@@ -1,7 +1,9 @@
 """`cylforce identify`: the dynamic tares from recordings of the empty machine."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -42,15 +44,17 @@ def model_of(loaded: Loaded) -> Model:
     return Model(service.machine, service.filters, service.effects)
 
 
-def recorded_segments(loaded: Loaded, path: Path) -> list[Array]:
-    """A recording's gapless stretches of samples (T, S), SI."""
+def recorded_segments(loaded: Loaded, path: Path) -> Iterator[Array]:
+    """A recording's gapless stretches of samples (T, S), SI, as they are read."""
     service = loaded.service
     recording = open_recording(path, service, loaded.columns)
     longest = int(service.health.hold_s * service.filters.rate_hz)
     if isinstance(recording, Table):
-        return gapless(_ordered(recording, loaded, path), longest)
+        yield from gapless(_ordered(recording, loaded, path), longest)
+        return
     events = (e for e in recording.events if isinstance(e, Frame | Tick))
-    return gapless(samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)), longest)
+    for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
+        yield from gapless(piece, longest)
 
 
 def _ordered(table: Table, loaded: Loaded, path: Path) -> Array:
@@ -62,11 +66,28 @@ def _ordered(table: Table, loaded: Loaded, path: Path) -> Array:
     return table.values[:, [place[s.name] for s in loaded.service.machine.signals]]
 
 
-def run_identify(loaded: Loaded, recordings: Sequence[Path], output: Path) -> Identification:
+class How(NamedTuple):
+    """How to identify: in the paper's two steps, with physical laws enforced, with a lift of a known weight [kg]."""
+
+    two_steps: bool = False
+    enforce: bool = False
+    lift: Path | None = None
+    known_kg: float | None = None
+
+
+JOINTLY = How()
+
+
+def run_identify(loaded: Loaded, recordings: Sequence[Path], output: Path, how: How = JOINTLY) -> Identification:
     """Identify, write `output`, and return what was found. Raises RecordingError or ValueError with a sentence."""
-    model = model_of(loaded)
-    segments = [segment for path in recordings for segment in recorded_segments(loaded, path)]
-    found = identify(model, segments)
+    if (how.lift is None) != (how.known_kg is None):
+        raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
+    segments = chain.from_iterable(recorded_segments(loaded, path) for path in recordings)
+    found = identify(model_of(loaded), segments, two_steps=how.two_steps, enforce=how.enforce)
+    if how.lift is not None and how.known_kg is not None:
+        from cylforce.programs.replay import calibrated
+
+        found = calibrated(loaded, found, how.lift, how.known_kg)
     write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
 
@@ -88,3 +109,7 @@ def show(found: Identification, console: Console) -> None:
     console.print(f"unexplained torque (rms): {left}")
     tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
     console.print(f"friction: {', '.join(model.friction)} (mean squared error held out: {tried})")
+    if found.tares.scale != 1.0:
+        console.print(f"scale from the known weight: {found.tares.scale:.4f} +- {found.tares.scale_error:.4f}")
+    for sentence in found.violations:
+        console.print(f"[bold]not physical:[/bold] {sentence}; --enforce finds the nearest tares that are")

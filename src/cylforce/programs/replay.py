@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
+from cylforce.core.identification import Identification
 from cylforce.core.publication import published
 from cylforce.core.step import Core, State, step
 from cylforce.edges.candump import Sent
-from cylforce.edges.files import replacing, warn
+from cylforce.edges.files import RecordingError, replacing, warn
 from cylforce.edges.identified import read_identified
 from cylforce.edges.logfile import Header, file_sha256, mismatches, running_versions
-from cylforce.edges.logreader import with_ticks
+from cylforce.edges.logreader import log_header, with_ticks
 from cylforce.edges.recording import Events, open_recording, sensor_frames
 from cylforce.edges.settings import Loaded
 from cylforce.programs.identify import model_of
@@ -38,6 +39,20 @@ def make_core(loaded: Loaded, identified: Path | None) -> Core:
     return Core(loaded.service, tares)
 
 
+def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
+    """The same with the scale that a lift of a known weight tells. Raises RecordingError when the lift was not
+    booked."""
+    booked = replay_through(Core(loaded.service, found.tares), loaded, lift, warn).bookings
+    if not booked:
+        raise RecordingError(
+            f"{lift}: no lift was booked: lift the known weight clear of the ground, move it, set it down"
+        )
+    mass = float(np.mean([b.mass for b in booked]))
+    error = float(np.mean([b.standard_error for b in booked])) / mass / float(np.sqrt(len(booked)))
+    scale = found.tares.scale * known_kg / mass
+    return found._replace(tares=found.tares._replace(scale=scale, scale_error=scale * error))
+
+
 def header_of(loaded: Loaded, identified: Path | None, bus: str, zero: float, tare: float) -> Header:
     """What a log of this service begins with."""
     return Header(
@@ -55,14 +70,20 @@ def run_replay(
     loaded: Loaded, recording: Path, identified: Path | None = None, tell: Callable[[str], None] = warn
 ) -> Replayed:
     """Play a recording through the core. Raises RecordingError or SettingsError, one sentence each."""
-    core = make_core(loaded, identified)
+    found = replay_through(make_core(loaded, identified), loaded, recording, tell)
+    if found.different:
+        header = log_header(recording)
+        now = header_of(loaded, identified, "", 0.0, 0.0)
+        for sentence in mismatches(recording, header, now) if header else ():
+            tell(sentence)
+    return found
+
+
+def replay_through(core: Core, loaded: Loaded, recording: Path, tell: Callable[[str], None]) -> Replayed:
+    """Play a recording through a core."""
     source = open_recording(recording, loaded.service, loaded.columns, tell=tell)
     if isinstance(source, Events):
-        found = replay(core, source.events)
-        if source.header is not None and found.different:
-            for sentence in mismatches(recording, source.header, header_of(loaded, identified, "", 0.0, 0.0)):
-                tell(sentence)
-        return found
+        return replay(core, source.events)
     return replay(core, with_ticks(sensor_frames(source, loaded.service), core.period_us, tell))
 
 

@@ -84,6 +84,15 @@ def chosen(held: Factors, columns: list[int]) -> Factors:
     return held._replace(triangle=upper(held.triangle[..., keep]))
 
 
+def settled(held: Factors, columns: list[int], values: Array) -> Factors:
+    """Without `columns`, whose parameters are known to be `values`: what they explain is taken off the observed
+    value."""
+    rest = [k for k in range(held.triangle.shape[-1] - 1) if k not in set(columns)]
+    triangle = held.triangle.copy()
+    triangle[..., -1] -= triangle[..., columns] @ values
+    return chosen(held._replace(triangle=triangle), rest)
+
+
 def stacked_triangle(held: Factors, weight: Array) -> Array:
     """The triangle (K+1, K+1) of all rows, those of block b and row r multiplied by `weight` (B, R)."""
     rows = held.triangle * weight[..., None, None]
