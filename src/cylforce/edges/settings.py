@@ -67,7 +67,7 @@ def _text(path: Path) -> str:
 def _parsed(path: Path, text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # of TOML, of an endless number, of endless brackets
         raise SettingsError(f"{path}: is not TOML: {error}; correct that line") from error
 
 
@@ -105,6 +105,7 @@ def _service(file: MachineFile, folder: Path) -> Service:
         filters=_filters(file.filter),
         health=_health(file.health),
         effects=tuple(dict.fromkeys(file.friction.effects)),
+        adapt=file.friction.adapt,
     )
 
 

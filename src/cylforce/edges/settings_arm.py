@@ -5,10 +5,13 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from cylforce.edges.settings_units import HUGE
+
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,39}$")]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-XZ = Annotated[tuple[float, float], Field(strict=False)]
+Positive = Annotated[float, Field(gt=0, lt=HUGE)]
+NotNegative = Annotated[float, Field(ge=0, lt=HUGE)]
+Number = Annotated[float, Field(gt=-HUGE, lt=HUGE)]
+XZ = Annotated[tuple[Number, Number], Field(strict=False)]
 
 
 def _rising(value: object) -> object:
@@ -19,7 +22,7 @@ def _rising(value: object) -> object:
     return value
 
 
-Range = Annotated[tuple[float, float], BeforeValidator(_rising), Field(strict=False)]
+Range = Annotated[tuple[Number, Number], BeforeValidator(_rising), Field(strict=False)]
 
 
 class Table(BaseModel):
@@ -34,7 +37,7 @@ class MachineTable(Table):
 
     name: str = Field(min_length=1)
     rated_payload_kg: Positive
-    slew_axis_m: float = 0.0
+    slew_axis_m: Number = 0.0
     payload_reach_m: Positive | None = None
 
 

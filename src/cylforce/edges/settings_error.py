@@ -7,6 +7,8 @@ from pathlib import Path
 
 from pydantic_core import ErrorDetails
 
+from cylforce.edges.settings_units import shown
+
 Key = tuple[str | int, ...]
 TAGS = (
     "triangle",
@@ -40,13 +42,20 @@ def line_of(text: str, key: Key) -> int:
         if isinstance(part, int):
             continue
         after = key[k + 1] if k + 1 < len(key) else 0
-        count = after + 1 if isinstance(after, int) else 1
-        pattern = re.compile(rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]|(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
-        hits = [n for n in range(at, len(lines)) if pattern.match(lines[n].split("#")[0])]
-        if len(hits) < count:
+        header = rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]"
+        hits = _matches(lines, at, header)
+        if isinstance(after, int) and after < len(hits):
+            at = hits[after]  # the n-th of several tables; else the n-th of an array's values, which is on its line
+            continue
+        hits = hits or _matches(lines, at, rf"(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
+        if not hits:
             break
-        at = hits[count - 1]
+        at = hits[0]
     return at + 1
+
+
+def _matches(lines: list[str], start: int, pattern: str) -> list[int]:
+    return [n for n in range(start, len(lines)) if re.match(pattern, lines[n].split("#")[0])]
 
 
 def dotted(raw: object, key: Key) -> str:
@@ -79,9 +88,4 @@ def fault(error: ErrorDetails, known: Sequence[str]) -> FaultError:
     if kind == "value_error":
         return FaultError(key, str(error["msg"]).removeprefix("Value error, "))
     problem = str(error["msg"]).replace("Input should be", "must be").replace("Input should have", "must have")
-    return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {_shown(error['input'])}: correct the value")
-
-
-def _shown(value: object) -> str:
-    shown = repr(value)
-    return shown if len(shown) <= 40 else shown[:37] + "..."
+    return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {shown(error['input'])}: correct the value")

@@ -145,9 +145,10 @@ class PublicationTable(Table):
 
 
 class FrictionTable(Table):
-    """[friction]: the friction models in the regressor."""
+    """[friction]: the friction laws to choose from; `adapt`: friction and zero follow temperature and wear."""
 
     effects: tuple[str, ...] = Field(default=("coulomb", "viscous", "load_dependent", "directional"), strict=False)
+    adapt: bool = False
 
 
 class TimeColumn(Table):

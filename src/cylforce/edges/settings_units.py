@@ -1,7 +1,6 @@
 """Units in the keys of a machine file: `scale_bar`, `range_deg`, ... become `scale`, `range`, ... in SI."""
 
 from collections.abc import Mapping
-from math import isfinite
 
 from cylforce.words.signals import UNIT, Kind
 from cylforce.words.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, ZERO_CELSIUS
@@ -17,6 +16,7 @@ SUFFIXES: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": MILLIMETRE, "us": MICROSECOND},
 }
 ZERO = {"degc": ZERO_CELSIUS}
+HUGE = 1e12  # beyond this nothing is a measurement, and squares overflow
 WORDS = ("scale", "offset", "range", "standard_error")
 
 
@@ -31,9 +31,8 @@ def in_si(raw: Mapping[str, object], unit: str, words: tuple[str, ...] = WORDS) 
 
     Raises ValueError with a sentence that names the key."""
     suffixes, used, out = SUFFIXES[unit], set(), dict(raw)
+    _check_units(raw, suffixes, words)
     for word in words:
-        if word in out:
-            raise ValueError(f"has {word} without a unit: write {' or '.join(f'{word}_{s}' for s in suffixes)}")
         for suffix, size in suffixes.items():
             key = f"{word}_{suffix}"
             if key in out:
@@ -47,9 +46,31 @@ def in_si(raw: Mapping[str, object], unit: str, words: tuple[str, ...] = WORDS) 
     return out
 
 
+def _check_units(raw: Mapping[str, object], suffixes: Mapping[str, float], words: tuple[str, ...]) -> None:
+    """Refuses keys without a unit and with another quantity's, and a range that is not given at all."""
+    foreign = {suffix for table in SUFFIXES.values() for suffix in table} - set(suffixes)
+    for word in words:
+        here = " or ".join(f"{word}_{suffix}" for suffix in suffixes)
+        if word in raw:
+            raise ValueError(f"has {word} without a unit: write {here}")
+        for suffix in foreign & {key.removeprefix(f"{word}_") for key in raw if key.startswith(f"{word}_")}:
+            raise ValueError(f"has {word}_{suffix}, the unit of another quantity: write {here}")
+        if word == "range" and not any(f"range_{suffix}" in raw for suffix in suffixes):
+            raise ValueError(f"lacks the values that are believed: add {here} = [low, high]")
+
+
 def _si(key: str, value: object, size: float, zero: float) -> object:
     if isinstance(value, list):
         return tuple(_si(key, one, size, zero) for one in value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise ValueError(f"has {key} = {value!r}: it must be a finite number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -HUGE < value < HUGE:
+        raise ValueError(f"has {key} = {shown(value)}: it must be a finite number")
     return value * size + zero
+
+
+def shown(value: object) -> str:
+    """A value of the file for a message, cut short."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of more digits than Python prints
+        return "a number of thousands of digits"
+    return text if len(text) <= 40 else text[:37] + "..."
