@@ -89,7 +89,7 @@ def _prepare(machine: Path, files: Files, seed: int, console: Console) -> None:
 
 
 def _cylforce(*arguments: object) -> None:
-    words = [sys.executable, "-m", "cylforce", *(str(a) for a in arguments)]
+    words = [sys.executable, "-m", "cylforce.programs.cli", *(str(a) for a in arguments)]
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)  # noqa: S603  # our own program
 
 
@@ -122,7 +122,8 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
     words = ("sim", str(loaded.path), "--scenario", "cycles", "--cycles", str(cycles), "--seed", str(seed))
     quiet = asyncio.subprocess.DEVNULL
     machine = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "cylforce", *words, "--bus", bus, "--truth", str(files.truth)), stdout=quiet
+        *(sys.executable, "-m", "cylforce.programs.cli", *words, "--bus", bus, "--truth", str(files.truth)),
+        stdout=quiet,
     )
     until = asyncio.Event()
     ended = asyncio.create_task(_set_when_ended(machine, until))

@@ -1,5 +1,0 @@
-"""`python -m cylforce`."""
-
-from cylforce.programs.cli import main
-
-main()
