@@ -1,0 +1,128 @@
+"""Simulated machines at work as lists of events, for tests that then spoil those events."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from cylforce.core.codec import decode
+from cylforce.core.identification import identify
+from cylforce.core.layout import CODES
+from cylforce.core.sensing import run, sensors
+from cylforce.core.sensor_bus import bus_events
+from cylforce.core.simulator import draw_truth
+from cylforce.core.soil import Dig
+from cylforce.core.step import step
+from cylforce.core.trajectory import Course, Phase, Scene, Step
+from cylforce.programs.identify import model_of
+from cylforce.programs.sim import START_US, prepare
+from cylforce.words.events import Tick
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+EXCAVATOR = CONFIG / "excavator_20t.toml"
+SEED = 3
+
+
+def moved(loaded, seed=SEED, seconds=60.0):
+    """Samples (T, S) of the empty machine's moves."""
+    return np.concatenate([r.values for r in prepare(loaded, "moves", seed, 0.1, amount=seconds).records])
+
+
+def identified(loaded, seed=SEED, seconds=60.0):
+    """Tares from such moves."""
+    return identify(model_of(loaded), [moved(loaded, seed, seconds)]).tares
+
+
+def cycles(loaded, seed=SEED, count=2):
+    """Events of digging cycles, and the masses dug."""
+    play = prepare(loaded, "cycles", seed, 0.1, amount=count)
+    records = list(play.records)
+    rng = np.random.default_rng((seed, 3))
+    return list(bus_events(play.service, play.made, records, START_US, rng)), [
+        float(record.physics.load.mass.max()) for record in records[1:]
+    ]
+
+
+def truth_of(loaded, seed=SEED):
+    """The machine that all of a seed's runs are of."""
+    return draw_truth(loaded.service.machine, np.random.default_rng((seed, 0)), 0.1)
+
+
+def carried(mass):
+    """A load that hangs in the bucket from beginning to end."""
+    return Dig(-2.0, -1.0, 1e6, 2e6, mass, (0.7, 0.1), (0.0, 0.0), np.zeros((0, 3)))
+
+
+def scene(begin, strokes, seconds, mass=0.0):
+    """Joints at angles `begin` [rad] that make `strokes`: (joint, start [s], stop [s], rise [rad])."""
+    courses = tuple(
+        Course(angle, tuple(Step(*stroke) for joint, *stroke in strokes if joint == j)) for j, angle in enumerate(begin)
+    )
+    return Scene(seconds, courses, Course(0.0), ((0.0, Phase.AIR),), carried(mass) if mass else None)
+
+
+def played(loaded, scenes, seed=SEED):
+    """Events of scenes."""
+    service = loaded.service
+    made = sensors(service.machine, service.nodes)
+    rng = np.random.default_rng((seed, 2))
+    records = run(service.machine, truth_of(loaded, seed), made, scenes, dt=1.0 / service.filters.rate_hz, rng=rng)
+    return list(bus_events(service, made, records, START_US, np.random.default_rng((seed, 3))))
+
+
+def seconds(event):
+    """From the start of the run."""
+    return (event.t_us - START_US) * 1e-6
+
+
+def pdo_of(service, signal):
+    """The PDO that carries a signal."""
+    pdos = (pdo for node in service.nodes for pdo in node.pdos)
+    return next(p for p in pdos if any(f.signal == signal for f in p.fields))
+
+
+def with_pdo(events, pdo, change, begin=0.0, end=np.inf):
+    """The events with one PDO's frames from `begin` to `end` [s] replaced by what `change(frame)` gives: a frame, or
+    None for none."""
+    of_pdo = (
+        change(e) if not isinstance(e, Tick) and e.can_id == pdo.can_id and begin <= seconds(e) < end else e
+        for e in events
+    )
+    return [event for event in of_pdo if event is not None]
+
+
+def with_raw(data, pdo, signal, raw):
+    """A PDO's data with one field's raw value set, whatever the field's range."""
+    at = 0
+    for field in pdo.fields:
+        size = CODES[field.code]
+        if field.signal == signal:
+            return data[:at] + struct.pack("<" + field.code, raw) + data[at + size :]
+        at += size
+    raise AssertionError(signal)
+
+
+def with_value(events, service, signal, change, begin=0.0, end=np.inf):
+    """The events with one signal's SI values replaced: `change(seconds, value)`."""
+    pdo = pdo_of(service, signal)
+    field = next(f for f in pdo.fields if f.signal == signal)
+
+    def edited(frame):
+        wanted = change(seconds(frame), decode(pdo, frame.data)[signal])
+        raw = (wanted - field.offset) / field.scale
+        return frame._replace(data=with_raw(frame.data, pdo, signal, raw if field.code == "f" else round(raw)))
+
+    return with_pdo(events, pdo, edited, begin, end)
+
+
+def through(core, events, state=None):
+    """The service over events: (final state, estimates of all ticks, verdicts on commands)."""
+    state = core.begin() if state is None else state
+    estimates, verdicts = [], []
+    for event in events:
+        state, out = step(core, state, event)
+        if out.estimate is not None:
+            estimates.append(out.estimate)
+        if out.verdict is not None:
+            verdicts.append(out.verdict)
+    return state, estimates, verdicts
