@@ -14,7 +14,7 @@ from cylforce.core.layout import CODES, Pdo
 from cylforce.core.service import SensorNode
 from cylforce.edges.heartbeat import BOOTED, OPERATIONAL, PRE_OPERATIONAL, STOPPED
 from cylforce.edges.network import Network
-from cylforce.edges.sdo_client import AbortedError, Client, NoAnswerError, SdoError
+from cylforce.edges.sdo_client import TIMEOUT_S, AbortedError, Client, NoAnswerError, SdoError
 
 FIRST_DELAY_S, LAST_DELAY_S = 0.25, 5.0  # between attempts
 STARTS = 3  # NMT start commands to a node that stays pre-operational
@@ -114,7 +114,7 @@ class Commissioner:
             delay_s = min(2.0 * delay_s, LAST_DELAY_S)
 
     async def _attempt(self, node: SensorNode) -> Outcome:
-        client = Client(self._network, node.node_id)
+        client = Client(self._network, node.node_id, TIMEOUT_S)
         try:
             await commission(node, client)
             return await self._started(node)
