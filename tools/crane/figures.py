@@ -71,7 +71,7 @@ def recordings(folder: Path) -> dict[str, Path]:
 
 def samples(loaded: Loaded, path: Path) -> np.ndarray:
     """A run's samples (T, S). Raises RecordingError where it has a gap."""
-    parts = recorded_segments(loaded, path)
+    parts = list(recorded_segments(loaded, path))
     if len(parts) != 1:
         raise RecordingError(f"{path}: falls into {len(parts)} parts; a low-pass forward and back needs one")
     return parts[0]
