@@ -1,0 +1,195 @@
+"""Microseconds of one step, part by part, on a simulated digging cycle; the share of one core that it takes; and the
+memory of identification from an hour."""
+
+import argparse
+import contextlib
+import io
+import json
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator, Sequence
+from itertools import repeat
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from cylforce.core import step as stepping
+from cylforce.core.assembler import Assembler
+from cylforce.core.force import ForceSensor
+from cylforce.core.identification import identify
+from cylforce.core.motion import Channels
+from cylforce.core.pipeline import Pipeline
+from cylforce.core.step import Core, step
+from cylforce.core.weighing import Weigher
+from cylforce.edges.recording import Events, open_recording
+from cylforce.edges.settings import Loaded, load
+from cylforce.programs.identify import model_of, recorded_segments
+from cylforce.programs.sim import run_sim
+from cylforce.words.events import Event, Frame, Tick
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIGS = ("excavator_20t.toml", "excavator_stick_bucket.toml")
+# Each part of a step is what these functions take; none of them calls another.
+PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
+    "decode": ((Assembler, "receive"),),
+    "sample": ((Assembler, "sample"),),
+    "regressor": ((Channels, "read"), (Pipeline, "advance")),
+    "recursion": ((stepping, "residual"), (Weigher, "step")),
+    "force": ((ForceSensor, "estimate"),),
+    "encode": ((stepping, "frames"),),
+}
+WORDS = {
+    "decode": "frames to signals",
+    "sample": "signals to a sample",
+    "regressor": "channels, columns, filters",
+    "recursion": "residual, weight",
+    "force": "force at the tool",
+    "encode": "our PDOs",
+    "rest": "everything else",
+}
+HOUR_S = 3600
+
+
+class Measured(NamedTuple):
+    """What was measured for a machine file: microseconds by part and of a whole step, the rate of steps, the largest
+    memory [bytes] that identification from an hour took."""
+
+    parts_us: dict[str, float]
+    step_us: float
+    rate_hz: float
+    identify_bytes: int | None
+
+
+def measure(config: Path, rounds: int, memory: bool) -> Measured:
+    """Simulate, identify, then step through the same digging cycle again and again."""
+    loaded = load(config)
+    with TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        moves, cycle = Path(folder) / "moves.log", Path(folder) / "cycle.log"
+        run_sim(config, scenario="moves", seed=1, log=moves)
+        run_sim(config, scenario="cycles", cycles=1, seed=1, log=cycle)
+        segments = list(recorded_segments(loaded, moves))
+        events = list(recorded_events(loaded, cycle))
+    core = Core(loaded.service, identify(model_of(loaded), segments).tares)
+    total = statistics.median(step_us(core, events) for _ in range(rounds))
+    shares = [part_shares(core, events) for _ in range(rounds)]
+    parts = {name: total * statistics.median(share[name] for share in shares) for name in PARTS}
+    peak = identify_peak(loaded, segments) if memory else None
+    return Measured(parts | {"rest": total - sum(parts.values())}, total, loaded.service.filters.rate_hz, peak)
+
+
+def recorded_events(loaded: Loaded, log: Path) -> Iterator[Event]:
+    """The log's frames and ticks."""
+    recording = open_recording(log, loaded.service)
+    assert isinstance(recording, Events)
+    return (event for event in recording.events if isinstance(event, Frame | Tick))
+
+
+def steps(events: Sequence[Event]) -> int:
+    """How many ticks there are."""
+    return sum(isinstance(event, Tick) for event in events)
+
+
+def step_us(core: Core, events: Sequence[Event]) -> float:
+    """Processor time of a step with its frames."""
+    state, start = core.begin(), time.process_time()
+    for event in events:
+        state, _ = step(core, state, event)
+    return (time.process_time() - start) / steps(events) * 1e6
+
+
+def part_shares(core: Core, events: Sequence[Event]) -> dict[str, float]:
+    """The share of each part in a step."""
+    with stopwatches() as took:
+        start = time.perf_counter_ns()
+        step_us(core, events)
+        whole = time.perf_counter_ns() - start
+    return {name: ns / whole for name, ns in took.items()}
+
+
+@contextlib.contextmanager
+def stopwatches() -> Iterator[dict[str, int]]:
+    """Nanoseconds spent in each part while this context lasts: real time, which is cheaper to ask for than the
+    processor's, but good for shares only where other programs run beside."""
+    took, kept = dict.fromkeys(PARTS, 0), []
+    for part, functions in PARTS.items():
+        for owner, name in functions:
+            kept.append((owner, name, getattr(owner, name)))
+            setattr(owner, name, watched(kept[-1][2], part, took))
+    try:
+        yield took
+    finally:
+        for owner, name, function in kept:
+            setattr(owner, name, function)
+
+
+def watched(function: Callable[..., Any], part: str, took: dict[str, int]) -> Callable[..., Any]:
+    """The function; its time is added to its part's."""
+    now = time.perf_counter_ns
+
+    def timed(*arguments: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
+        start = now()
+        result = function(*arguments)
+        took[part] += now() - start
+        return result
+
+    return timed
+
+
+def identify_peak(loaded: Loaded, segments: Sequence[np.ndarray]) -> int:
+    """Largest memory [bytes] in use while an hour, the same minutes again and again, is identified piece by piece."""
+    seconds = sum(len(segment) for segment in segments) / loaded.service.filters.rate_hz
+    hour = (segment.copy() for again in repeat(segments, round(HOUR_S / seconds)) for segment in again)
+    tracemalloc.start()
+    try:
+        identify(model_of(loaded), hour)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def table(found: dict[str, Measured]) -> Table:
+    """Parts by row, machine files by column."""
+    text = Table(title="One step, in microseconds")
+    text.add_column("")
+    for name in found:
+        text.add_column(name, justify="right")
+    for part, words in WORDS.items():
+        text.add_row(f"{part}: {words}", *(f"{m.parts_us[part]:.0f}" for m in found.values()))
+    text.add_section()
+    text.add_row("step, all in all", *(f"{m.step_us:.0f}" for m in found.values()))
+    text.add_row("steps per second", *(f"{1e6 / m.step_us:.0f}" for m in found.values()))
+    text.add_row("share of one core", *(f"{share(m):.1%} at {m.rate_hz:.0f} Hz" for m in found.values()))
+    if any(m.identify_bytes for m in found.values()):
+        peaks = (f"{m.identify_bytes / 1e6:.0f} MB" if m.identify_bytes else "-" for m in found.values())
+        text.add_row("identification from an hour, memory", *peaks)
+    return text
+
+
+def share(measured: Measured) -> float:
+    """Of one core."""
+    return measured.step_us * measured.rate_hz * 1e-6
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="bench", description=__doc__)
+    parser.add_argument("configs", nargs="*", type=Path, metavar="MACHINE.toml", help="default: those in config/")
+    parser.add_argument("--rounds", type=int, default=5, help="of which the median is taken")
+    parser.add_argument("--memory", action="store_true", help="identify from an hour, too")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there, too")
+    options = parser.parse_args()
+    configs = options.configs or [ROOT / "config" / name for name in CONFIGS]
+    found = {config.stem: measure(config, options.rounds, options.memory) for config in configs}
+    Console(highlight=False).print(table(found))
+    if options.json:
+        figures = {name: m._asdict() | {"share_of_core": share(m)} for name, m in found.items()}
+        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
