@@ -74,7 +74,9 @@ class Bench:
 
 def aborted(answer):
     assert answer[0] == 0x80
-    return int.from_bytes(answer[4:8], "little")
+    code = int.from_bytes(answer[4:8], "little")
+    assert code
+    return code
 
 
 @pytest.fixture
@@ -196,7 +198,7 @@ class TestSdo:
             (0x9130, 1, 4, 0x06010002),
             (0x1017, 0, 4, 0x06070010),  # length
             (0x1017, 0, 1, 0x06070010),
-            (0x1003, 0, 1, 0x06090031),  # only 0 may be written
+            (0x1003, 0, 1, 0x06090030),  # only 0 may be written
         ],
     )
     def test_what_cannot_be_written(self, bench, ours, index, sub, size, code):

@@ -10,12 +10,13 @@ from collections.abc import Iterable
 import canopen.network
 from canopen.nmt import NmtSlave
 from canopen.objectdictionary import ObjectDictionary
+from canopen.sdo.exceptions import SdoAbortedError
 
 from cylforce.core.layout import CODES, Pdo
 from cylforce.edges.emergency import Emergencies
 from cylforce.edges.heartbeat import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Heartbeats, OnPeer
 from cylforce.edges.network import Network
-from cylforce.edges.objects import NO_COMMANDS, Commands, Objects
+from cylforce.edges.objects import NO_COMMANDS, RANGE, Commands, Objects
 from cylforce.edges.sdo_server import SdoServer
 from cylforce.edges.tpdo import Tpdo
 
@@ -142,10 +143,12 @@ class Node(Objects):
         """See Objects; PDO parameters have rules of their own, 1003h is cleared."""
         if 0x1800 <= index < 0x1C00:
             self._tpdos[(index & 0x1FF) + 1].check(index, sub, int.from_bytes(data, "little"))
-        if index == 0x1003:
+        if index != 0x1003:
+            super().write(index, sub, data)
+        elif data == b"\0":
             self.emergencies.clear()
         else:
-            super().write(index, sub, data)
+            raise SdoAbortedError(RANGE)
 
     def store(self, number: int, data: bytes) -> None:
         """Write a TPDO's data into the objects that it carries by its layout."""

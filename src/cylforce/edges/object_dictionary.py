@@ -109,7 +109,7 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
         variable(0x1001, "Error register", "B", "ro", 0),
         first_entry(
             group(0x1003, "Pre-defined error field", ARRAY, errors),
-            Entry(0, "Number of errors", "B", "rw", 0, low=0, high=0),
+            Entry(0, "Number of errors", "B", "rw", 0),
         ),
         variable(0x1005, "COB-ID SYNC", "I", "ro", sync),
         variable(0x1008, "Manufacturer device name", TEXT, "const", name),

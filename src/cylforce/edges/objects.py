@@ -83,7 +83,7 @@ class Objects(canopen.LocalNode):
             length = size
         if (index, sub) in self._commands.objects:
             refusal = self._commands.verdict()
-            if refusal is not None:
+            if refusal:
                 raise SdoAbortedError(refusal)
             return
         check_limits(variable, data[:length])
