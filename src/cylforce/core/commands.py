@@ -6,7 +6,7 @@ from cylforce.words.estimate import Quantity, Status
 from cylforce.words.events import Frame
 
 ZERO, TARE = 0x6125, 0x6139  # CiA 404: auto-zero, auto-tare
-SIGNATURES = {ZERO: b"zero", TARE: b"tare"}
+SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # drivers in the field write either tare
 NOT_NOW = 0x08000022  # SDO abort: refused because of the present device state
 TOO_FAR = 0x06090030  # SDO abort: value range exceeded
 WRONG_VALUE = 0x06090030
@@ -29,7 +29,7 @@ def read(frame: Frame, node_id: int) -> Command | None:
     index = frame.data[1] | frame.data[2] << 8
     if index not in SIGNATURES or frame.data[3] != 1:
         return None
-    return Command("zero" if index == ZERO else "tare", frame.data[4:8] == SIGNATURES[index])
+    return Command("zero" if index == ZERO else "tare", frame.data[4:8] in SIGNATURES[index])
 
 
 def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: float) -> tuple[tuple[float, float], int]:
@@ -42,6 +42,14 @@ def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: fl
     if command.what == "tare":
         return (zero, mass.value - zero), 0
     return (scale, TOO_FAR) if abs(mass.value) > ZERO_RANGE * rated else ((mass.value, 0.0), 0)
+
+
+def stopped(frame: Frame, node_id: int) -> bool | None:
+    """Whether an NMT command stops our node (its SDO server is then mute, and no command is obeyed) or starts or resets
+    it; None for any other frame."""
+    if frame.can_id != 0 or len(frame.data) != 2 or frame.data[1] not in (0, node_id):
+        return None
+    return {1: False, 2: True, 128: False, 129: False, 130: False}.get(frame.data[0])
 
 
 def booted(frame: Frame) -> int | None:

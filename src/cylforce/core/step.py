@@ -61,6 +61,7 @@ class State(NamedTuple):
     sampled_us: int
     estimate: Estimate
     moving: tuple[bool, ...]
+    stopped: bool = False
 
 
 class Output(NamedTuple):
@@ -135,8 +136,11 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
 
 
 def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
+    stopped = commands.stopped(frame, core.service.node_id)
+    if stopped is not None:
+        return state._replace(stopped=stopped), Output()
     command = commands.read(frame, core.service.node_id)
-    if command is not None:
+    if command is not None and not state.stopped:
         scale, verdict = commands.obey(
             command, state.scale, state.estimate.load.mass, core.service.machine.rated_payload
         )

@@ -24,7 +24,6 @@ from cylforce.programs.replay import header_of, make_core
 from cylforce.words.estimate import Booking, Estimate, Quantity, Reason, Status
 from cylforce.words.events import Event, Frame, Tick
 
-BOOTED = 0
 OVERRUN = 0xFF31  # EMCY codes (manufacturer's): the loop was late
 MISSING = 0x8250  # a sensor's PDOs stopped
 
@@ -131,8 +130,7 @@ class Daemon:
 
     def _on_peer(self, node_id: int, state: int | None) -> None:
         self._tell.info("node", node=node_id, state="silent" if state is None else state)
-        if state == BOOTED:
-            self.commissioner.begin(node_id)
+        self.commissioner.on_peer(node_id, state)
 
     def _commissioned(self, outcome: Outcome) -> None:
         say = self._tell.info if outcome.stage is Stage.OPERATIONAL else self._tell.warning
