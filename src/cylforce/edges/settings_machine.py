@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.edges.settings_arm import CylinderTable, Dogbone, FourBar, LinkTable, Pin, Triangle
 from cylforce.edges.settings_error import FaultError, Key
 from cylforce.edges.settings_model import MachineFile
-from cylforce.machine import linkages
+from cylforce.machine import chain, linkages
 from cylforce.machine.linkages import Linkage
 from cylforce.machine.machine import Cylinder, Link, Machine
 from cylforce.words.signals import Signal
@@ -126,7 +126,7 @@ def _four_bar(file: MachineFile, key: Key, shape: FourBar) -> Linkage:
     )
 
 
-def _pin(file: MachineFile, key: Key, name: str, pin: Pin) -> linkages.Pin:
+def _pin(file: MachineFile, key: Key, name: str, pin: Pin) -> chain.Pin:
     bodies = (CHASSIS, *(link.name for link in file.links))
     if pin.body not in bodies:
         raise FaultError((*key, name, "body"), f"is {pin.body!r}, which is no link: write one of {', '.join(bodies)}")

@@ -4,6 +4,7 @@ A turn by the angle q is the factor exp(i q); the derivative of a point with res
 the vector from that joint's pin to the point. Every function broadcasts over leading axes.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cylforce.words.estimate import Array
 
 Complex = NDArray[np.complex128]
+Pin = tuple[int, complex]
 
 
 class Pose(NamedTuple):
@@ -31,21 +33,40 @@ class Point(NamedTuple):
     gradient: Complex
 
 
+class Pins(NamedTuple):
+    """K points fixed to bodies: `body` (K,) and place `local` (K,) [m] in its frame; `moved` (K, N): i for the joints
+    that move them, 0 for those beyond their bodies."""
+
+    body: NDArray[np.intp]
+    local: Complex
+    moved: Complex
+
+
+@lru_cache
+def fixed(pins: tuple[Pin, ...], joints: int) -> Pins:
+    """Pins of a chain of N = `joints` links."""
+    body = np.array([body for body, _ in pins], dtype=np.intp)
+    moved = np.where(np.arange(joints) < body[:, None], 1j, 0.0)
+    return Pins(body, np.array([local for _, local in pins], dtype=np.complex128), moved)
+
+
 def pose(lengths: Array, theta: ArrayLike) -> Pose:
     """Pose of a chain with pin-to-pin `lengths` (N,) [m] at joint angles `theta` (..., N) [rad]."""
-    angles = np.asarray(theta, dtype=np.float64)
-    links = np.exp(1j * np.cumsum(angles, axis=-1))
-    ends = np.cumsum(lengths * links, axis=-1)
-    zero = np.zeros((*angles.shape[:-1], 1), dtype=np.complex128)
-    return Pose(
-        turn=np.concatenate([zero + 1.0, links], axis=-1),
-        origin=np.concatenate([zero, zero, ends[..., :-1]], axis=-1),
-    )
+    angles = np.asarray(theta, dtype=np.float64).cumsum(axis=-1)
+    turn = np.ones((*angles.shape[:-1], angles.shape[-1] + 1), dtype=np.complex128)
+    origin = np.zeros_like(turn)
+    np.exp(1j * angles, out=turn[..., 1:])
+    np.cumsum(lengths[:-1] * turn[..., 1:-1], axis=-1, out=origin[..., 2:])
+    return Pose(turn, origin)
+
+
+def points(at: Pose, pins: Pins) -> Point:
+    """All pins: `place` (..., K) and `gradient` (..., K, N)."""
+    place = at.origin[..., pins.body] + at.turn[..., pins.body] * pins.local
+    return Point(place, pins.moved * (place[..., None] - at.origin[..., None, 1:]))
 
 
 def point(at: Pose, body: int, local: complex) -> Point:
     """The point `local` [m] of a body (0: chassis) and its derivatives; zero for joints beyond that body."""
-    place = at.origin[..., body] + at.turn[..., body] * local
-    gradient = np.zeros((*place.shape, at.turn.shape[-1] - 1), dtype=np.complex128)
-    gradient[..., :body] = 1j * (place[..., None] - at.origin[..., 1 : body + 1])
-    return Point(place, gradient)
+    found = points(at, fixed(((body, local),), at.turn.shape[-1] - 1))
+    return Point(found.place[..., 0], found.gradient[..., 0, :])

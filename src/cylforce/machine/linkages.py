@@ -5,14 +5,14 @@ may reach over several joints (a loader's tilt cylinder), so every gradient has 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from cylforce.machine.chain import Complex, Point, Pose, point
+from cylforce.machine.chain import Complex, Pin, Point, Pose, fixed, points
 from cylforce.words.estimate import Array
-
-Pin = tuple[int, complex]
 
 
 class Stretch(NamedTuple):
@@ -24,38 +24,91 @@ class Stretch(NamedTuple):
     transmission: Array
 
 
-class Linkage(Protocol):
-    """Anything that gives a cylinder's length and its gradient at a pose."""
+class Eye(NamedTuple):
+    """Where a cylinder's eye is, `place` (...,) [m], its `gradient` (..., N) [m/rad], and `transmission` (...,)."""
 
-    def stretch(self, at: Pose) -> Stretch:
-        """Length, gradient and transmission at a pose; NaN where the linkage cannot be closed."""
-        ...
+    place: Complex
+    gradient: Complex
+    transmission: Array | float
+
+
+class Linkage(Protocol):
+    """Anything that moves a cylinder's eye."""
 
     @property
     def pins(self) -> tuple[Pin, ...]:
-        """The pins that hold the linkage."""
+        """The K pins that hold cylinder and linkage, the cylinder's foot first."""
         ...
+
+    def driven(self, pins: Point) -> Eye:
+        """The eye from where the pins are, (..., K); NaN where the linkage cannot be closed."""
+        ...
+
+    def stretch(self, at: Pose) -> Stretch:
+        """Length, gradient and transmission at a pose; NaN where the linkage cannot be closed."""
+        found = Linkages((self,)).stretch(at)
+        return Stretch(found.length[..., 0], found.gradient[..., 0, :], found.transmission[..., 0])
+
+
+@dataclass(frozen=True)
+class Linkages:
+    """The linkages of C cylinders, evaluated together."""
+
+    each: tuple[Linkage, ...]
+
+    @cached_property
+    def _pins(self) -> tuple[Pin, ...]:
+        return tuple(pin for linkage in self.each for pin in linkage.pins)
+
+    @cached_property
+    def _own(self) -> tuple[slice, ...]:
+        """The pins of each linkage among all."""
+        ends = accumulate((len(linkage.pins) for linkage in self.each), initial=0)
+        return tuple(slice(*ends) for ends in pairwise(ends))
+
+    @cached_property
+    def _feet(self) -> list[int]:
+        return [own.start for own in self._own]
+
+    def stretch(self, at: Pose) -> Stretch:
+        """Lengths (..., C), gradients (..., C, N) and transmissions (..., C) at a pose."""
+        pins = points(at, fixed(self._pins, at.turn.shape[-1] - 1))
+        with np.errstate(divide="ignore", invalid="ignore"):  # infinite or NaN at and beyond a dead point
+            eye, transmission = self._driven(pins)
+            line = eye.place - pins.place[..., self._feet]
+            length = np.abs(line)
+            gradient = _dot(line[..., None], eye.gradient - pins.gradient[..., self._feet, :]) / length[..., None]
+        return Stretch(length, gradient, transmission)
+
+    def _driven(self, pins: Point) -> tuple[Point, Array]:
+        """Eyes (..., C) and transmissions (..., C)."""
+        shape, joints = (*pins.place.shape[:-1], len(self.each)), pins.gradient.shape[-1]
+        eye, transmission = Point(np.empty(shape, complex), np.empty((*shape, joints), complex)), np.empty(shape)
+        for c, (linkage, own) in enumerate(zip(self.each, self._own, strict=True)):
+            found = linkage.driven(Point(pins.place[..., own], pins.gradient[..., own, :]))
+            eye.place[..., c], eye.gradient[..., c, :], transmission[..., c] = found
+        return eye, transmission
 
 
 @dataclass(frozen=True, slots=True)
-class Triangle:
+class Triangle(Linkage):
     """A cylinder straight between two pins: with one joint between them ell^2 = L2^2 + f^2 - 2 L2 f cos t'."""
 
     foot: Pin
     eye: Pin
-
-    def stretch(self, at: Pose) -> Stretch:
-        """Distance of the two pins and its gradient."""
-        return _span(point(at, *self.eye), point(at, *self.foot), None)
 
     @property
     def pins(self) -> tuple[Pin, ...]:
         """Foot and eye."""
         return (self.foot, self.eye)
 
+    def driven(self, pins: Point) -> Eye:
+        """The second pin."""
+        return Eye(pins.place[..., 1], pins.gradient[..., 1, :], 1.0)
+
 
 @dataclass(frozen=True, slots=True)
-class FourBar:
+class FourBar(Linkage):
     """A cylinder that drives a joint through a rocker and a link (bucket linkage, dogbone, Z-bar).
 
     The rocker turns about `rocker_pin`; the link joins its end to `link_pin` on the driven body; the eye of the
@@ -70,42 +123,30 @@ class FourBar:
     side: int
     eye: complex = 1.0 + 0.0j
 
-    def stretch(self, at: Pose) -> Stretch:
-        """Length of the cylinder; the rocker's end is the intersection of two circles, its motion follows from both."""
-        rocker, link = point(at, *self.rocker_pin), point(at, *self.link_pin)
-        base = link.place - rocker.place
-        arm = self._arm(base)
-        bar = arm - base  # link pin -> rocker end
-        sine = _cross(arm, bar) / (self.rocker_length * self.link_length)
-        # both lengths are constant: end' = rocker' + i arm spin, and bar stays perpendicular to end' - link'
-        with np.errstate(divide="ignore", invalid="ignore"):
-            spin = _dot(bar[..., None], link.gradient - rocker.gradient) / _cross(arm, bar)[..., None]
-        eye = Point(
-            rocker.place + self.eye * arm,
-            rocker.gradient + 1j * self.eye * arm[..., None] * spin,
-        )
-        return _span(eye, point(at, *self.foot), np.abs(sine))
-
-    def _arm(self, base: Complex) -> Complex:
-        """Rocker pin -> rocker end, from rocker pin -> link pin; NaN where the two circles do not meet."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            span = np.abs(base)
-            along = (span**2 + self.rocker_length**2 - self.link_length**2) / (2.0 * span)
-            height = np.sqrt(np.maximum(self.rocker_length**2 - along**2, 0.0))
-            meet = np.abs(along) <= self.rocker_length
-            return np.asarray(np.where(meet, base / span * (along + 1j * self.side * height), np.nan))
-
     @property
     def pins(self) -> tuple[Pin, ...]:
         """Foot, rocker pin, link pin."""
         return (self.foot, self.rocker_pin, self.link_pin)
 
+    def driven(self, pins: Point) -> Eye:
+        """The rocker's end is the intersection of two circles, its motion follows from both."""
+        rocker, link = pins.place[..., 1], pins.place[..., 2]
+        apart = pins.gradient[..., 2, :] - pins.gradient[..., 1, :]
+        arm = self._arm(link - rocker)
+        bar = arm - (link - rocker)  # link pin -> rocker end
+        sine = _cross(arm, bar)
+        # both lengths are constant: end' = rocker' + i arm spin, and bar stays perpendicular to end' - link'
+        spin = _dot(bar[..., None], apart) / sine[..., None]
+        eye = self.eye * arm
+        gradient = pins.gradient[..., 1, :] + 1j * eye[..., None] * spin
+        return Eye(rocker + eye, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
 
-def _span(eye: Point, foot: Point, transmission: Array | None) -> Stretch:
-    line = eye.place - foot.place
-    length = np.abs(line)
-    gradient = _dot(line[..., None], eye.gradient - foot.gradient) / length[..., None]
-    return Stretch(length, gradient, np.ones_like(length) if transmission is None else transmission)
+    def _arm(self, base: Complex) -> Complex:
+        """Rocker pin -> rocker end, from rocker pin -> link pin; NaN where the two circles do not meet."""
+        span = np.abs(base)
+        along = (span * span + (self.rocker_length**2 - self.link_length**2)) / (2.0 * span)
+        height = np.sqrt(self.rocker_length**2 - along * along)
+        return np.asarray(base / span * (along + 1j * self.side * height))
 
 
 def _dot(a: Complex, b: Complex) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cylforce.machine.chain import Point, Pose, point, pose
-from cylforce.machine.linkages import Linkage
+from cylforce.machine.linkages import Linkage, Linkages
 from cylforce.words.estimate import Array
 from cylforce.words.signals import Kind, Signal
 
@@ -99,15 +99,11 @@ class Machine:
 
     def geometry(self, theta: ArrayLike) -> Geometry:
         """Lengths and levers of all cylinders at joint angles (..., N) [rad]."""
-        at = self.pose(theta)
-        if not self.cylinders:
-            return _no_cylinders(at)
-        stretches = [cylinder.linkage.stretch(at) for cylinder in self.cylinders]
-        return Geometry(
-            np.stack([s.length for s in stretches], axis=-1),
-            np.stack([s.gradient for s in stretches], axis=-2),
-            np.stack([s.transmission for s in stretches], axis=-1),
-        )
+        return Geometry(*self._linkages.stretch(self.pose(theta)))
+
+    @cached_property
+    def _linkages(self) -> Linkages:
+        return Linkages(tuple(cylinder.linkage for cylinder in self.cylinders))
 
     def tool_point(self, theta: ArrayLike) -> Point:
         """The tooth line's place in chassis axes [m] and its derivatives (..., N) [m/rad]."""
@@ -166,11 +162,6 @@ class Machine:
         """F = p_head A_head - p_rod A_rod [N], positive when it pushes, from pressures [Pa]."""
         cylinder = self.cylinders[c]
         return np.asarray(head) * cylinder.area_head - np.asarray(rod) * cylinder.area_rod
-
-
-def _no_cylinders(at: Pose) -> Geometry:
-    shape, joints = at.turn.shape[:-1], at.turn.shape[-1] - 1
-    return Geometry(np.zeros((*shape, 0)), np.zeros((*shape, 0, joints)), np.zeros((*shape, 0)))
 
 
 TABLE = 1025
