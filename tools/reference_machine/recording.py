@@ -1,0 +1,78 @@
+"""A recording and its truth, and the files they become: tables, a bus log, the truth apart from both."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .machinefile import NODES, PDOS, machine_file
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What the sensors said, `t_s` (T,) and `values` (T, S) of `signals`, SI units; `truth` (T,) by name at the same
+    instants, and `header`, what the machine is; see `Machine.run`."""
+
+    name: str
+    t_s: Array
+    signals: tuple[str, ...]
+    values: Array
+    truth: dict[str, Array]
+    header: dict[str, object]
+
+    def column(self, signal: str) -> Array:
+        """The values (T,) of a signal."""
+        return np.asarray(self.values[:, self.signals.index(signal)])
+
+    def write(self, folder: Path | str, form: str = "parquet") -> Path:
+        """FOLDER/machine.toml, FOLDER/NAME.(parquet, csv or log) and, for scorers alone, FOLDER/truth/NAME.*; the
+        recording's path. Raises ValueError for another form."""
+        if form not in ("parquet", "csv", "log"):
+            raise ValueError(f"form is {form!r}: choose parquet, csv or log")
+        place = Path(folder)
+        (place / "truth").mkdir(parents=True, exist_ok=True)
+        path = place / f"{self.name}.{form}"
+        columns = dict(zip(("t_s", *self.signals), (self.t_s, *self.values.T), strict=True))
+        if form == "log":
+            path.write_text(self.candump())
+        else:
+            _write_table(path, columns)
+        table = "csv" if form == "csv" else "parquet"
+        _write_table(place / "truth" / f"{self.name}.{table}", {"t_s": self.t_s, **self.truth})
+        (place / "truth" / f"{self.name}.json").write_text(json.dumps(self.header, indent=1) + "\n")
+        (place / "machine.toml").write_text(machine_file(str(self.header["machine_name"])))
+        return path
+
+    def candump(self, channel: str = "can0") -> str:
+        """The recording as candump writes a bus: SYNC, then every node's TPDO1 0.3 ms after the one before."""
+        raw = {}
+        for name, scale, offset, size, signed in (field for fields in PDOS.values() for field in fields):
+            count = np.round((self.column(name) - offset) / scale).astype(np.int64)
+            low, high = (-(2 ** (8 * size - 1)), 2 ** (8 * size - 1) - 1) if signed else (0, 2 ** (8 * size) - 1)
+            raw[name] = [
+                int(c).to_bytes(size, "little", signed=signed).hex().upper() for c in np.clip(count, low, high)
+            ]
+        lines = []
+        for k, t in enumerate(self.t_s.tolist()):
+            lines.append(f"({t:.6f}) {channel} 080#")
+            for n, (node, fields) in enumerate(PDOS.items()):
+                data = "".join(raw[field[0]][k] for field in fields)
+                lines.append(f"({t + 0.0003 * (n + 1):.6f}) {channel} {0x180 + NODES[node]:03X}#{data}")
+        return "\n".join(lines) + "\n"
+
+
+def _write_table(path: Path, columns: dict[str, Array]) -> None:
+    if path.suffix == ".parquet":
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        pq.write_table(pa.table(columns), path)
+        return
+    rows = np.column_stack(list(columns.values()))
+    with path.open("w", encoding="utf-8") as file:
+        file.write(",".join(columns) + "\n")
+        file.writelines(",".join(map(repr, row)) + "\n" for row in rows.tolist())
