@@ -132,7 +132,8 @@ def _trust(held: Factors, values: Array) -> Array:
     usual = np.array(
         [np.median(m[n > 0]) if np.any(n > 0) else 1.0 for m, n in zip(mean.T, held.samples.T, strict=True)]
     )
-    return np.asarray(np.sqrt(np.minimum(1.0, SPOILT * usual / np.maximum(mean, 1e-300))))
+    bound = np.maximum(SPOILT * usual, 1e-300)
+    return np.asarray(np.sqrt(bound / np.maximum(mean, bound)))
 
 
 def _scale(triangle: Array, prior: Prior | None) -> Array:
