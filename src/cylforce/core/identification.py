@@ -14,6 +14,7 @@ from cylforce.regression.blocks import Factors, chosen, settled
 from cylforce.words.estimate import Array
 
 MIN_SECONDS = 20.0
+ONE_WAY, ONE_WAY_SECONDS = 0.05, 2.0  # share of a cylinder's motion below which a way was not moved; motion that counts
 FOLDS = 5
 TOLD = 0.5  # of the prior's standard error: a parameter above it is not told by the recording
 
@@ -39,7 +40,8 @@ def identify(
     stays. `two_steps`: the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once.
     `enforce`: the nearest physically consistent tares.
 
-    Raises ValueError, in a sentence, when the recording is too short or does not move."""
+    Raises ValueError, in a sentence, when the recording is too short, does not move, or moves a cylinder one way
+    only."""
     held = observed_factors(model, segments)
     seconds = float(np.max(np.sum(held.samples, axis=0)) / model.filters.rate_hz)
     if not np.any(held.samples):
@@ -48,6 +50,7 @@ def identify(
         raise ValueError(
             f"only {seconds:.0f} s of usable motion; move the empty machine for at least {MIN_SECONDS:.0f} s"
         )
+    _check_both_ways(model, held)
     noise = row_noise(held, model.prior)
     laws, errors = _choose(model, held, noise)
     best = Model(model.machine, model.filters, laws)
@@ -66,12 +69,26 @@ def identify(
     )
 
 
+def _check_both_ways(model: Model, held: Factors) -> None:
+    """What runs one way only has a friction that looks like weight. Raises ValueError."""
+    n, c = model.machine.size, len(model.machine.cylinders)
+    weight = np.max(held.samples, axis=1) / model.filters.rate_hz
+    ways = weight @ held.mark[:, n + c :]
+    for cylinder, out, into in zip(model.machine.cylinders, ways[:c], ways[c:], strict=True):
+        if max(out, into) > ONE_WAY_SECONDS and min(out, into) < ONE_WAY * (out + into):
+            raise ValueError(
+                f"the {cylinder.name} cylinder moves {'out' if out > into else 'in'} only, so that its friction cannot "
+                "be told from weight: move it both ways"
+            )
+
+
 def _two_steps(model: Model, held: Factors, noise: Array) -> Fit:
     """Static parameters from the slower half of the blocks, inertia and viscous friction as the data sheet has them;
     then those two from all blocks with the static ones settled (paper, section 6)."""
     dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
     static = [k for k in range(len(model.parameters)) if k not in dynamic]
-    speed = held.mark[:, model.machine.size :].max(axis=1)
+    n = model.machine.size
+    speed = held.mark[:, n : n + len(model.machine.cylinders)].max(axis=1)
     slow = Factors(*(part[speed <= np.median(speed)] for part in held))
     first = least_squares(settled(slow, dynamic, model.prior.mean[dynamic]), noise, _marginal(model.prior, static))
     second = least_squares(settled(held, static, first.values), noise, _marginal(model.prior, dynamic))

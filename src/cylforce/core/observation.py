@@ -12,6 +12,7 @@ from cylforce.words.estimate import Array
 BLOCK_SECONDS = 2.0  # longer than the memory of filters and friction residuals
 CHUNK_SECONDS = 60.0  # of a recording that are worked on at once
 MOST_BLOCKS = 256  # kept apart; beyond, neighbours merge
+MOVING = 0.005  # m/s of a cylinder
 REST_SHARE = 0.1  # of the lever: above it a row hardly tells the direction of friction
 
 
@@ -63,13 +64,19 @@ def _moving(model: Model, columns: Array) -> Array:
     return np.asarray(unknown < REST_SHARE * (lever + unknown))
 
 
+def _marks(seen: Observed) -> Array:
+    ways = (seen.speed > MOVING, seen.speed < -MOVING)
+    return np.concatenate([seen.posture, np.abs(seen.speed), *ways], axis=1, dtype=np.float64)
+
+
 def observed_factors(model: Model, segments: Iterable[Array]) -> Factors:
-    """Factors of a recording; marks are the posture (N) and the mean speed of the cylinders (C).
+    """Factors of a recording; marks are the posture (N), of the cylinders (C) the mean speed, the share of time in
+    which they run out, and that in which they run in.
 
     Raises ValueError, in a sentence, when no stretch is long enough."""
     block = int(BLOCK_SECONDS * model.filters.rate_hz)
     seen = (observe(model, piece) for piece in chunks(model, segments))
-    parts = (factors(s.columns, s.torque, np.concatenate([s.posture, np.abs(s.speed)], axis=1), block) for s in seen)
+    parts = (factors(s.columns, s.torque, _marks(s), block) for s in seen)
     try:
         return joined(parts, MOST_BLOCKS)
     except ValueError:
