@@ -15,6 +15,7 @@ from cylforce.core.identification import Identification
 from cylforce.core.model import FRICTION, Model, Tares
 from cylforce.edges.files import replacing
 from cylforce.edges.settings import Loaded, SettingsError
+from cylforce.words.estimate import Array
 
 Number = Annotated[float, AllowInfNan(False)]
 FORMAT = 1
@@ -129,8 +130,10 @@ def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
             f"{path}: was identified with another machine file ({said.machine!r}, sha256 {said.machine_sha256[:12]}…) "
             f"than {loaded.path} ({loaded.sha256[:12]}…); identify again with this one"
         )
-    if not set(file.friction) <= set(FRICTION):
-        raise SettingsError(f"{path}: friction: knows other laws than {', '.join(FRICTION)}; identify again")
+    if not {FRICTION[0]} <= set(file.friction) <= set(FRICTION):
+        raise SettingsError(
+            f"{path}: friction: needs {FRICTION[0]} and knows no other laws than {', '.join(FRICTION)}; identify again"
+        )
 
 
 def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
@@ -143,6 +146,13 @@ def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
         raise SettingsError(f"{path}: scale: {file.scale:g} is no scale of a sound machine; identify again")
     if len(file.covariance) != size or any(len(row) != size for row in file.covariance):
         raise SettingsError(f"{path}: covariance: is not {size} x {size}; identify again")
-    covariance = np.array(file.covariance)
-    if np.any(np.linalg.eigvalsh(covariance) < -1e-6 * np.abs(covariance).max()):
-        raise SettingsError(f"{path}: covariance: is not positive; identify again")
+    if not _is_covariance(np.array(file.covariance)):
+        raise SettingsError(f"{path}: covariance: is not symmetric and positive; identify again")
+
+
+def _is_covariance(matrix: Array) -> bool:
+    variance = np.diag(matrix)
+    if not np.all(variance > 0.0):
+        return False
+    correlation = matrix / np.sqrt(np.outer(variance, variance))
+    return bool(np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation)[0] > -1e-6)

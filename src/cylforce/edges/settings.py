@@ -92,6 +92,9 @@ def _service(file: MachineFile, folder: Path) -> Service:
     for law in file.friction.effects:
         if law not in FRICTION:
             raise FaultError(("friction", "effects"), f"name {law!r}: choose among {', '.join(FRICTION)}")
+    if FRICTION[0] not in file.friction.effects:
+        problem = f"lack {FRICTION[0]!r}, without which a weight at rest has no honest error: add it"
+        raise FaultError(("friction", "effects"), problem)
     sensor_nodes = nodes(file, folder)
     built = machine(file, signals(file))
     check_enough(file, built)
@@ -104,7 +107,7 @@ def _service(file: MachineFile, folder: Path) -> Service:
         heartbeat_s=file.publication.heartbeat_ms * MILLIMETRE,
         filters=_filters(file.filter),
         health=_health(file.health),
-        effects=tuple(dict.fromkeys(file.friction.effects)),
+        effects=tuple(sorted(set(file.friction.effects), key=FRICTION.index)),
         adapt=file.friction.adapt,
     )
 
