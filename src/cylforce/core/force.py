@@ -64,9 +64,9 @@ class ForceSensor:
         )
 
     def _bounded(self, value: float, error: float) -> Quantity:
-        if error > BLIND * self.rated_force:
+        if not error <= BLIND * self.rated_force:
             return invalid(Reason.SINGULAR)
-        if abs(value) > self.rated_force:
+        if not abs(value) <= self.rated_force:  # NaN is not: parameters that cannot be may overflow
             return invalid(Reason.OUT_OF_DECLARED_RANGE)
         return self._quantity(value, error)
 
