@@ -15,7 +15,7 @@ from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array
 
 WEIGHED_S = 3.0
-CROSSING_S = 15.0  # the arm's cylinders move so that they would cross their stroke in this time
+CROSSING_S = 15.0  # all cylinders move so that they would cross their stroke in this time
 POINTS = 7  # at which the motion is looked at
 CURLED = 0.15  # of its range: how the tool holds its load
 GRID = 16  # postures along a joint's range
@@ -52,7 +52,8 @@ def postures(machine: Machine) -> Postures:
 
 def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
     """What weighing a rated payload during three seconds of motion about postures `theta` (..., N) [rad] will give.
-    What no recording of the empty machine tells, the scale of the forces (bores, levers, gains), is not in it."""
+    The scale of the forces (bores, levers, gains), of which no recording of the empty machine tells, counts with the
+    error that the tares carry of it: none before a known weight was lifted."""
     left = _residual(model, tares, theta)
     columns = left.columns @ model.load
     weight = _weight(model, left)
@@ -61,6 +62,7 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
     covariance = np.linalg.inv(information)
     gain = (covariance[..., :1, :] @ np.sum(weighed @ left.columns, axis=0))[..., 0, :]
     noise, tared = covariance[..., 0, 0], np.sum((gain @ tares.covariance) * gain, axis=-1)
+    tared = tared + (tares.scale_error * model.machine.rated_payload) ** 2
     told = np.sqrt(noise) < model.machine.rated_payload
     total, own = (np.where(told, np.sqrt(square), np.nan) for square in (noise + tared, noise))
     return Expected(total, own, gain)
@@ -116,14 +118,12 @@ def _payload(machine: Machine) -> Array:
 
 
 def _path(machine: Machine, theta: Array) -> tuple[Array, Array]:
-    """Angles and rates (POINTS, ..., N) of three seconds about `theta`: the arm lifts or reaches, the tool holds still
-    where anything else moves."""
-    moving = driven(machine)[:-1] or driven(machine)
+    """Angles and rates (POINTS, ..., N) of three seconds about `theta`: the arm lifts and reaches, the tool curls."""
     rate = np.zeros_like(theta)
     lever = np.abs(machine.geometry(theta).lever)
-    for j in moving:
+    for j in driven(machine):
         speeds = [_speed(machine, c) / np.maximum(lever[..., c, j], 0.1) for c in _acting(machine, j)]
-        rate[..., j] = np.min(speeds, axis=0)
+        rate[..., j] = np.min(speeds, axis=0) * (-1.0 if 0 < j == machine.size - 1 else 1.0)
     t = np.linspace(-0.5, 0.5, POINTS).reshape(-1, *[1] * theta.ndim) * WEIGHED_S
     low, high = (np.array([getattr(link, key) for link in machine.links]) for key in ("angle_low", "angle_high"))
     return np.clip(theta + rate * t, low, high), np.broadcast_to(rate, (POINTS, *theta.shape))
