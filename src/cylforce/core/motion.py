@@ -60,7 +60,10 @@ class Channels:
         force = [self._force(values, c, zero) for c in range(len(self.machine.cylinders))]
         roll = self._value(values, Kind.ROLL, 0, zero)
         slew = self._value(values, Kind.SLEW_RATE, 0, self._value(values, Kind.SLEW_ANGLE, 0, zero))
-        return np.stack([*theta, *force, pitch, roll, slew], axis=-1)
+        channels = np.empty((*values.shape[:-1], len(theta) + len(force) + 3))
+        for k, channel in enumerate((*theta, *force, pitch, roll, slew)):
+            channels[..., k] = channel
+        return channels
 
     def _value(self, values: Array, kind: Kind, index: int, default: Array) -> Array:
         k = self._where.get((kind, index))
@@ -118,7 +121,7 @@ class Channels:
 
     def _usable(self, moving: Motion) -> Array:
         low, high = self._stops
-        lever = np.max(np.abs(moving.lever), axis=-1)
+        lever = np.abs(moving.lever).max(axis=-1)
         clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)
         return np.asarray(clear & (moving.length > low) & (moving.length < high))
 

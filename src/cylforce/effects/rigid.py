@@ -22,20 +22,17 @@ class Rigid:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (..., N, 3N)."""
-        turn = np.exp(1j * moving.q)
-        outer = turn[..., None, :] * np.conj(turn[..., :, None])  # [j, k] = exp(i (q_k - q_j))
-        inner = (machine.lengths[:, None] * machine.outward) * outer  # l_j exp(...) for k > j: what row j sees
-        qd_j, qd_k = moving.qd[..., :, None], moving.qd[..., None, :]
-        momentum, kinetic = inner * qd_k, 1j * inner * (qd_j * qd_k)
-        own = np.sum(inner * qd_j, axis=-2)  # sum_{i<k} l_i exp(i (q_k - q_i)) qd_i, in row k itself
-        weight = moving.g[..., None] * turn - np.sum(kinetic, axis=-2)
-        n = machine.size
-        diagonal = np.arange(n)
-        momentum[..., diagonal, diagonal] = own
-        kinetic[..., diagonal, diagonal] = weight
-        columns = np.zeros((*qd_j.shape[:-2], 2, n, n, 3))
-        columns[..., 0, diagonal, diagonal, 0] = moving.qd
-        columns[..., 0, :, :, 1], columns[..., 0, :, :, 2] = momentum.real, -momentum.imag
-        columns[..., 1, :, :, 1], columns[..., 1, :, :, 2] = kinetic.real, -kinetic.imag
-        rows = machine.sum_outward @ columns.reshape(*columns.shape[:-2], 3 * n)
+        n, turn, qd = machine.size, np.exp(1j * moving.q), moving.qd
+        outer = turn[..., None, :] * np.conj(turn)[..., :, None]  # [j, k] = exp(i (q_k - q_j))
+        beyond = machine.reach * outer  # l_j exp(...) for k > j: what row j sees
+        momentum = beyond * qd[..., None, :]
+        own = (qd[..., None, :] @ beyond)[..., 0, :]  # sum_{i<k} l_i exp(i (q_k - q_i)) qd_i, in row k itself
+        weight = moving.g[..., None] * turn - 1j * qd * own
+        columns = np.zeros((*qd.shape[:-1], 2, n, n, 3))
+        columns[..., 0, :, :, 0] = machine.identity * qd[..., None, :]
+        # c = X + i Z: Re(c u) has the columns Re(u) and -Im(u)
+        pairs = columns[..., 1:].view(np.complex128)[..., 0]
+        pairs[..., 0, :, :] = np.conj(momentum + machine.identity * own[..., None, :])
+        pairs[..., 1, :, :] = np.conj(1j * qd[..., :, None] * momentum + machine.identity * weight[..., None, :])
+        rows = machine.sum_outward @ columns.reshape(*qd.shape[:-1], 2, n, 3 * n)
         return Halves(rows[..., 0, :, :], rows[..., 1, :, :])

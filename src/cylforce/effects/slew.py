@@ -26,13 +26,12 @@ class Slew:
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (..., N, 5N)."""
         n, lengths, turn = machine.size, machine.lengths, np.exp(1j * moving.a)
-        reach = np.cumsum(lengths * turn.real, axis=-1)
-        rho = machine.slew_axis + np.concatenate([np.zeros_like(reach[..., :1]), reach[..., :-1]], axis=-1)
-        # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has columns (u.real, -u.imag)
-        pair = machine.outward * ((lengths * turn.imag)[..., :, None] * turn[..., None, :])
+        rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
+        # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has the columns Re(u) and -Im(u)
+        pair = machine.reach * turn.imag[..., :, None] * turn[..., None, :]
         diagonal = np.arange(n)
         pair[..., diagonal, diagonal] = -1j * rho * turn
-        double = turn**2
+        double = turn * turn
         columns = np.zeros((*pair.shape, 5))
         columns[..., 1], columns[..., 2] = pair.real, -pair.imag
         columns[..., diagonal, diagonal, 0] = columns[..., diagonal, diagonal, 3] = double.imag / 2.0

@@ -20,7 +20,7 @@ class TipForce:
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (..., N, 3): the torque that the cylinders supply against each."""
         # links seen from the true horizontal; the vector from joint j to the tool is the sum of what lies beyond
-        arms = np.exp(1j * moving.q) * np.append(machine.lengths[:-1], machine.tool)
-        beyond = np.cumsum(arms[..., ::-1], axis=-1)[..., ::-1]
-        moment = -np.ones_like(beyond.real)
-        return Halves(None, np.stack([beyond.imag, -beyond.real, moment], axis=-1))
+        beyond = (np.exp(1j * moving.q) * machine.arms) @ machine.sum_outward.T
+        columns = np.empty((*beyond.shape, 3))
+        columns[..., 0], columns[..., 1], columns[..., 2] = beyond.imag, -beyond.real, -1.0
+        return Halves(None, columns)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cylforce.machine.chain import Point, Pose, point, pose
+from cylforce.machine.chain import Complex, Point, Pose, point, pose
 from cylforce.machine.linkages import Linkage, Linkages
 from cylforce.words.estimate import Array
 from cylforce.words.signals import Kind, Signal
@@ -87,6 +87,21 @@ class Machine:
     def outward(self) -> Array:
         """(N, N) ones above the diagonal: what row j sees of the links beyond it."""
         return np.triu(np.ones((self.size, self.size)), 1)
+
+    @cached_property
+    def identity(self) -> Array:
+        """(N, N)."""
+        return np.eye(self.size)
+
+    @cached_property
+    def reach(self) -> Array:
+        """(N, N) l_j for k > j [m]: how far row j is from the links beyond it."""
+        return self.lengths[:, None] * self.outward
+
+    @cached_property
+    def arms(self) -> Complex:
+        """(N,) from each link's inner pin to its outer one, from the last one's to the tool, in its own frame [m]."""
+        return np.append(self.lengths[:-1], self.tool)
 
     @cached_property
     def sum_outward(self) -> Array:

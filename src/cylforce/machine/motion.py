@@ -49,14 +49,14 @@ def motion(
     """Motion from joint angles and rates (..., N) and cylinder forces (..., C)."""
     angles, rates = np.asarray(theta, dtype=np.float64), np.asarray(thetad, dtype=np.float64)
     geometry = machine.geometry(angles)
-    a = np.cumsum(angles, axis=-1)
-    shape = a.shape[:-1]
+    a = angles.cumsum(axis=-1)
+    each = np.zeros(a.shape[:-1])  # what one number says of all samples
     return Motion(
         a=a,
         q=a + np.asarray(attitude.pitch)[..., None],
-        qd=np.cumsum(rates, axis=-1) + np.asarray(attitude.pitch_rate)[..., None],
-        g=np.broadcast_to(STANDARD_GRAVITY * np.cos(attitude.roll), shape),
-        slew=np.broadcast_to(np.asarray(attitude.slew, dtype=np.float64), shape),
+        qd=rates.cumsum(axis=-1) + np.asarray(attitude.pitch_rate)[..., None],
+        g=STANDARD_GRAVITY * np.cos(np.asarray(attitude.roll, dtype=np.float64)) + each,
+        slew=np.asarray(attitude.slew, dtype=np.float64) + each,
         length=geometry.length,
         lever=geometry.lever,
         transmission=geometry.transmission,

@@ -38,6 +38,12 @@ class Regressor:
         return tuple(_compact([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
 
     @cached_property
+    def _shared(self) -> tuple[bool, ...]:
+        """For each effect whether an earlier one has a parameter of it."""
+        named = [set(e.parameters(self.machine)) for e in self.effects]
+        return tuple(bool(own & set().union(*named[:k])) for k, own in enumerate(named))
+
+    @cached_property
     def _rows(self) -> tuple[int, ...] | slice:
         rows = self.machine.rows
         return slice(None) if rows == tuple(range(self.machine.size)) else rows
@@ -46,9 +52,12 @@ class Regressor:
         """Momentum and static columns, each (..., R, P)."""
         shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
         momentum, static = np.zeros(shape), np.zeros(shape)
-        for effect, places in zip(self.effects, self._places, strict=True):
+        for effect, places, shared in zip(self.effects, self._places, self._shared, strict=True):
             part = effect.halves(self.machine, moving)
-            static[..., places] += part.static
+            if shared:
+                static[..., places] += part.static
+            else:
+                static[..., places] = part.static
             if part.momentum is not None:
                 momentum[..., places] += part.momentum
         return momentum[..., self._rows, :], static[..., self._rows, :]
