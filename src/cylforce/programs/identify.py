@@ -1,7 +1,6 @@
 """`cylforce identify`: the dynamic tares from recordings of the empty machine."""
 
 from collections.abc import Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ from cylforce.edges.logreader import log_header
 from cylforce.edges.recording import open_recording
 from cylforce.edges.settings import Loaded
 from cylforce.edges.tables import Table
+from cylforce.programs.progress import Watch, silent, watched
 from cylforce.words.estimate import Array
 from cylforce.words.events import Frame, Tick
 
@@ -44,7 +44,7 @@ def model_of(loaded: Loaded) -> Model:
     return Model(service.machine, service.filters, service.effects)
 
 
-def recorded_segments(loaded: Loaded, path: Path) -> Iterator[Array]:
+def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent) -> Iterator[Array]:
     """A recording's gapless stretches of samples (T, S), SI, as they are read."""
     service = loaded.service
     recording = open_recording(path, service, loaded.columns)
@@ -52,9 +52,14 @@ def recorded_segments(loaded: Loaded, path: Path) -> Iterator[Array]:
     if isinstance(recording, Table):
         yield from gapless(_ordered(recording, loaded, path), longest)
         return
-    events = (e for e in recording.events if isinstance(e, Frame | Tick))
+    events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
     for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
         yield from gapless(piece, longest)
+
+
+def named_segments(loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent) -> Iterator[tuple[str, Array]]:
+    """The gapless stretches of all recordings, each with the recording's name."""
+    return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch))
 
 
 def _ordered(table: Table, loaded: Loaded, path: Path) -> Array:
@@ -78,18 +83,27 @@ class How(NamedTuple):
 JOINTLY = How()
 
 
-def run_identify(loaded: Loaded, recordings: Sequence[Path], output: Path, how: How = JOINTLY) -> Identification:
+def run_identify(
+    loaded: Loaded, recordings: Sequence[Path], output: Path, how: How = JOINTLY, watch: Watch = silent
+) -> Identification:
     """Identify, write `output`, and return what was found. Raises RecordingError or ValueError with a sentence."""
     if (how.lift is None) != (how.known_kg is None):
         raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
-    segments = chain.from_iterable(recorded_segments(loaded, path) for path in recordings)
-    found = identify(model_of(loaded), segments, two_steps=how.two_steps, enforce=how.enforce)
+    found = identify(
+        model_of(loaded), _then_fit(loaded, recordings, watch), two_steps=how.two_steps, enforce=how.enforce
+    )
     if how.lift is not None and how.known_kg is not None:
         from cylforce.programs.replay import calibrated
 
         found = calibrated(loaded, found, how.lift, how.known_kg)
     write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
+
+
+def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch) -> Iterator[Array]:
+    for _, segment in named_segments(loaded, recordings, watch):
+        yield segment
+    watch("fitting, choosing friction laws", None)
 
 
 def show(found: Identification, console: Console) -> None:

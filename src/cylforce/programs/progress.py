@@ -1,0 +1,54 @@
+"""How far a long command is: a bar on the terminal, nothing where there is none."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from cylforce.words.events import Event
+
+Watch = Callable[[str, float | None], None]  # what is being done; its share done (0..1), None where nobody knows
+
+EVERY = 5000  # events
+HEAD_BYTES = 1 << 16
+
+
+def silent(doing: str, share: float | None) -> None:
+    """Watch nothing."""
+
+
+@contextmanager
+def progress_bar() -> Iterator[Watch]:
+    """A bar on the standard error's terminal; it is gone when the work is done."""
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None)
+
+        def watch(doing: str, share: float | None) -> None:
+            if share is None:
+                bar.reset(task, description=doing, total=None)
+            else:
+                bar.update(task, description=doing, total=1.0, completed=min(share, 1.0))
+
+        yield watch
+
+
+def watched(path: Path, events: Iterable[Event], watch: Watch) -> Iterator[Event]:
+    """The events of a recording, telling how much of it has been read."""
+    expected = _expected(path)
+    for k, event in enumerate(events):
+        if k % EVERY == 0:
+            watch(f"reading {path.name}", None if expected is None else k / expected)
+        yield event
+
+
+def _expected(path: Path) -> float | None:
+    """About how many lines a text has, judged by its beginning; None where lines say nothing."""
+    if path.suffix.lower() != ".log":
+        return None
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    return path.stat().st_size * head.count(b"\n") / len(head) if b"\n" in head else None
