@@ -56,14 +56,23 @@ def identify(
     enforce: Annotated[bool, typer.Option(help="The nearest physically consistent tares.")] = False,
     lift: Annotated[Path | None, typer.Option(help="A recording of a lift of a known weight: the scale.")] = None,
     known_kg: Annotated[float | None, typer.Option(help="That weight.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
     from cylforce.edges.settings import load
-    from cylforce.programs.identify import How, machine_file_of, run_identify, show
+    from cylforce.programs.identify import How, machine_file_of, named_segments, run_identify, show
+    from cylforce.programs.progress import progress_bar
+    from cylforce.programs.report import check_extra, write_report
 
+    if report is not None:
+        check_extra()
     machine, recordings = machine_file_of(files)
     loaded = load(machine)
-    show(run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg)), Console())
+    with progress_bar() as watch:
+        found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg), watch)
+        if report is not None:
+            write_report(report, found, named_segments(loaded, recordings, watch), output, watch)
+    show(found, Console())
 
 
 @app.command()

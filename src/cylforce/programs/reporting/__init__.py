@@ -1,0 +1,1 @@
+"""The report of an identification: what is shown (evidence, findings), and how (figures, page)."""

@@ -1,0 +1,217 @@
+"""The report of an identification: every section, for both shipped machines; one file that loads nothing; refusals
+as `cylforce identify` makes them, with nothing half-written."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cylforce.core import scenario
+from cylforce.core.model import Model
+from cylforce.edges.files import RecordingError
+from cylforce.edges.logfile import file_sha256
+from cylforce.edges.settings import load
+from cylforce.edges.tables import read_table, write_table
+from cylforce.programs import report
+from cylforce.programs.cli import app
+from cylforce.programs.identify import model_of, named_segments, run_identify
+from cylforce.programs.progress import progress_bar, watched
+from cylforce.programs.reporting import evidence as evidences
+from cylforce.programs.reporting.evidence import evidence, friction, push
+from cylforce.programs.reporting.findings import findings
+from cylforce.programs.sim import run_sim
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+MACHINES = sorted(CONFIG.glob("excavator*.toml"))
+SECTIONS = ("next", "torques", "residuals", "coverage", "weighing", "parameters", "laws", "untold", "provenance")
+FIGURES = ("torques", "residuals", "coverage", "weighing", "parameters", "laws")
+
+
+class Page(HTMLParser):
+    """What a browser would see: text and figures by section, and every address."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.sections, self.figures, self.addresses, self.text = [], set(), [], {}
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        fields = dict(attrs)
+        if tag == "section" and "id" in fields:
+            self.sections.append(fields["id"])
+        if tag == "svg":
+            self.figures.add(self.sections[-1])
+        self.addresses += [v for k, v in attrs if k in ("src", "href", "xlink:href", "srcset", "action", "data")]
+        self.addresses += [a for v in fields.values() if v for a in re.findall(r"url\(([^)]*)\)", v)]
+
+    def handle_data(self, data):
+        if self.sections:
+            self.text[self.sections[-1]] = self.text.get(self.sections[-1], "") + data
+
+
+def moved(folder, machine, *, joints=None, duration=40.0):
+    """A recording of empty moves, of some joints only."""
+    path = folder / f"{machine.stem}.csv"
+    with pytest.MonkeyPatch.context() as patch:
+        if joints is not None:
+            patch.setattr(scenario, "driven", lambda _: joints)
+        run_sim(machine, scenario="moves", duration=duration, seed=3, table=path)
+    return path
+
+
+@pytest.fixture(scope="module", params=MACHINES, ids=lambda path: path.stem)
+def made(request, tmp_path_factory):
+    """(machine file, recording, identified.toml, report) as the command line makes them."""
+    folder = tmp_path_factory.mktemp("report")
+    recording, identified, html = moved(folder, request.param), folder / "identified.toml", folder / "report.html"
+    command = ["identify", request.param, recording, "-o", identified, "--report", html]
+    done = CliRunner().invoke(app, list(map(str, command)))
+    assert done.exit_code == 0, done.output
+    return request.param, recording, identified, html
+
+
+def test_every_section_is_there_with_its_figure(made):
+    page = Page(made[-1].read_text(encoding="utf-8"))
+    assert tuple(page.sections) == SECTIONS
+    assert page.figures == set(FIGURES)
+    assert all(page.text[name].strip() for name in SECTIONS)
+
+
+def test_it_is_one_file_that_loads_nothing(made):
+    text = made[-1].read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.addresses
+    assert [a for a in page.addresses if not a.strip("'\"").startswith(("#", "data:image/png;base64,"))] == []
+    plain = re.sub(r"base64,[^\"]*", "", text)
+    assert re.findall(r"https?:|//[a-z]|@import|<script|<link|<iframe", plain) == []
+    # clip paths and markers of one figure must not be taken for another's
+    used = {a.strip("'\"")[1:] for a in page.addresses if a.startswith("#")}
+    found = re.findall(r'\bid="([^"]+)"', text)
+    assert used <= set(found)
+    assert sorted(name for name in used if found.count(name) > 1) == []
+
+
+def test_it_says_where_it_comes_from(made):
+    machine, recording, identified, html = made
+    said = Page(html.read_text(encoding="utf-8")).text["provenance"]
+    assert load(machine).service.machine.name in said
+    assert recording.name in said
+    for path in (machine, recording, identified):
+        assert file_sha256(path) in said
+
+
+def test_it_says_what_was_found(made, tmp_path):
+    """The same numbers as the identification's: parameters, rows, what is not told, with its cure."""
+    machine, recording, _, html = made
+    loaded = load(machine)
+    found = run_identify(loaded, [recording], tmp_path / "identified.toml")
+    text = Page(html.read_text(encoding="utf-8")).text
+    for name, value in zip(found.tares.names, found.tares.values, strict=True):
+        assert name in text["parameters"]
+        assert f"{value:.5g}" in text["parameters"]
+    for error in found.tares.row_error:
+        assert f"{error:.0f} N m" in text["torques"]
+    for name in found.not_identified:
+        assert name in text["untold"]
+    for law in found.held_out:
+        assert law.replace("_", " ") in text["laws"]
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    """(loaded, identification, evidence) of an excavator whose boom never moved."""
+    folder, machine = tmp_path_factory.mktemp("still"), CONFIG / "excavator_20t.toml"
+    loaded, recording = load(machine), moved(folder, machine, joints=(1, 2))
+    found = run_identify(loaded, [recording], folder / "identified.toml")
+    return loaded, found, evidence(found.model, found.tares, named_segments(loaded, [recording]))
+
+
+def test_a_joint_that_never_moved_is_named_with_its_cure(still):
+    _, found, shown = still
+    told = findings(found, shown)
+    lost = {u.name: u for u in told.untold}
+    assert {"boom.X", "boom.coulomb"} <= lost.keys()
+    assert lost["boom.coulomb"].cure == "move the boom cylinder slowly, both ways"
+    assert told.untold[0].name == "boom.coulomb"  # the costliest first
+    assert any("boom.coulomb" in line for step in told.steps for line in step.details)
+    assert any(gap.startswith("boom from") and "extending (0.0 of 6.0 s)" in gap for gap in told.gaps)
+    assert not told.cards[0].good
+    assert next(row for row in told.rows if row.joint == "boom").largest == 0.0
+    assert np.all(shown.seconds[0] == 0.0)
+
+
+def test_evidence_is_what_the_model_predicts(still):
+    """Thinned points: residuals as large as the fit says, rows at rest left out, friction on the law."""
+    _, found, shown = still
+    left = shown.points.measured - shown.points.predicted
+    assert np.all(np.isnan(left[:, 0]))
+    np.testing.assert_allclose(np.sqrt(np.nanmean(left[:, 1:] ** 2, axis=0)), found.tares.row_error[1:], rtol=0.2)
+    assert 0 < len(left) <= evidences.MOST_POINTS
+    force = push(found.model, shown.points, 1, 1)
+    good = np.isfinite(force)
+    np.testing.assert_allclose((force * shown.points.lever[:, 1])[good], left[good, 1])
+    k = found.tares.names.index("stick.coulomb")
+    dry = Model(found.model.machine, found.model.filters, ("coulomb",))
+    law, error = friction(dry, found.tares, 1, np.array([-0.1, 0.0, 0.1]), np.zeros(3))
+    np.testing.assert_allclose(law, found.tares.values[k] * np.array([-1.0, 0.0, 1.0]))
+    np.testing.assert_allclose(error[[0, 2]], np.sqrt(found.tares.covariance[k, k]))
+
+
+def test_long_recordings_are_thinned_evenly(monkeypatch, made, tmp_path):
+    machine, recording, *_ = made
+    loaded = load(machine)
+    monkeypatch.setattr(evidences, "MOST_POINTS", 500)
+    model = model_of(loaded)
+    names = [signal.name for signal in loaded.service.machine.signals]
+    values = read_table(recording, names).values
+    shown = evidence(model, model.data_sheet, [("once", values), ("again", values)])
+    assert 250 <= len(shown.points.speed) <= 500
+    alone = evidence(model, model.data_sheet, [("once", values)])
+    np.testing.assert_allclose(shown.seconds, 2 * alone.seconds)
+    assert shown.stretch.recording == "once"
+
+
+def refused(machine, recording, folder):
+    command = ["identify", machine, recording, "-o", folder / "i.toml", "--report", folder / "r.html"]
+    done = CliRunner().invoke(app, list(map(str, command)))
+    assert done.exit_code != 0
+    assert sorted(path.name for path in folder.iterdir()) == []
+    return str(done.exception)
+
+
+def test_it_refuses_as_identify_does(tmp_path, made):
+    """Too short a recording, a machine that stands still: the sentence of identify, and no file."""
+    machine, recording, *_ = made
+    names = [signal.name for signal in load(machine).service.machine.signals]
+    table = read_table(recording, names)
+    short, rest, folder = tmp_path / "short.csv", tmp_path / "rest.csv", tmp_path / "out"
+    folder.mkdir()
+    write_table(short, table._replace(t_s=table.t_s[:1500], values=table.values[:1500]))
+    write_table(rest, table._replace(values=np.tile(table.values[0], (len(table.t_s), 1))))
+    assert "move the empty machine for at least 20 s" in refused(machine, short, folder)
+    assert "no cylinder moves" in refused(machine, rest, folder)
+
+
+def test_without_the_extra_it_says_which_to_install(monkeypatch, tmp_path, made):
+    monkeypatch.setattr(report, "find_spec", lambda name: None)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    assert "pip install 'cylforce[report]'" in refused(*made[:2], folder)
+    with pytest.raises(RecordingError, match="matplotlib and jinja2"):
+        report.check_extra()
+
+
+def test_the_bar_knows_how_far_a_text_has_been_read(tmp_path):
+    log, table, told = tmp_path / "a.log", tmp_path / "a.csv", []
+    log.write_text(("x" * 63 + "\n") * 12_000)
+    table.write_text("1\n")
+    assert len(list(watched(log, range(12_000), lambda doing, share: told.append((doing, share))))) == 12_000
+    assert told == [("reading a.log", k * 5000 / 12_000) for k in range(3)]
+    assert list(watched(table, [1], lambda doing, share: told.append(share))) == [1]
+    assert told[-1] is None
+    with progress_bar() as watch:  # no terminal: nothing is drawn
+        watch("reading", 0.5)
+        watch("fitting", None)
