@@ -42,13 +42,15 @@ def make_core(loaded: Loaded, identified: Path | None) -> Core:
 def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
     """The same with the scale that a lift of a known weight tells. Raises RecordingError when the lift was not
     booked."""
-    booked = replay_through(Core(loaded.service, found.tares), loaded, lift, warn).bookings
+    played = replay_through(Core(loaded.service, found.tares), loaded, lift, warn)
+    held = played.state.weighing.candidate  # the weight may still hang when the recording ends
+    booked = [(b.mass, b.standard_error) for b in played.bookings] + ([held[:2]] if held else [])
     if not booked:
         raise RecordingError(
             f"{lift}: no lift was booked: lift the known weight clear of the ground, move it, set it down"
         )
-    mass = float(np.mean([b.mass for b in booked]))
-    error = float(np.mean([b.standard_error for b in booked])) / mass / float(np.sqrt(len(booked)))
+    mass, spread = np.mean(booked, axis=0).tolist()
+    error = spread / mass / float(np.sqrt(len(booked)))
     scale = found.tares.scale * known_kg / mass
     return found._replace(tares=found.tares._replace(scale=scale, scale_error=scale * error))
 
