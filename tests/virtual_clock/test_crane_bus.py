@@ -20,7 +20,6 @@ from cylforce.words.events import Frame, Tick
 
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "crane"
 SECONDS = 20
-ATTEMPTS = 3  # a machine that is too busy to keep 10 ms for so long tells nothing about the numbers
 COMMAND = (sys.executable, "-m", "cylforce.programs.cli")
 
 
@@ -91,9 +90,8 @@ def test_daemon_gives_the_numbers_of_a_replay(crane, tmp_path):
     loaded, tares, recording = crane
     core = make_core(loaded, tares)
     wanted = run_replay(loaded, recording, tares).estimates
-    tried = (played(steps(core.service, play(crane, tmp_path / f"{k}.log")), core.period_us) for k in range(ATTEMPTS))
-    found = next((part for part in tried if len(part) > len(wanted) / 2), None)
-    assert found is not None, f"in {ATTEMPTS} attempts the machine did not keep 10 ms for {SECONDS / 2} s"
+    found = played(steps(core.service, play(crane, tmp_path / "events.log")), core.period_us)
+    assert len(found) > 0.9 * len(wanted)
     begin = core.service.health.good_frames
     # a replay's first tick sees the second row, so does the first of these steps
     pairs = [(s.sent, dict(frames(core.service.publication, e))) for s, e in zip(found, wanted, strict=False)]
