@@ -38,14 +38,8 @@ MEANING = {
     "J": ("inertia about its pin", "start and stop {0} briskly, both ways"),
     "X": ("first moment along the link", "move {0} through more of its range, slowly, both ways"),
     "Z": ("first moment across the link", "move {0} through more of its range, slowly, both ways"),
-    "D_excess": (
-        "centrifugal term of slewing",
-        "swing the house both ways at working speed with the arm far out and close in",
-    ),
-    "E": (
-        "centrifugal term of slewing",
-        "swing the house both ways at working speed with the arm far out and close in",
-    ),
+    "D_excess": ("centrifugal term", "swing the house at working speed, with the arm out and in"),
+    "E": ("centrifugal term", "swing the house at working speed, with the arm out and in"),
     "coulomb": ("dry friction", "move the {0} cylinder slowly, both ways"),
     "viscous": ("friction with speed", "move the {0} cylinder both slowly and fast"),
     "load_dependent": ("friction with load", "move the {0} cylinder with the arm out and in"),

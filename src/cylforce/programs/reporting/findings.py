@@ -98,7 +98,7 @@ def _cards(found: Identification, shown: Evidence, expected: Expected, lost: tup
     rated, within = found.model.machine.rated_payload, usable_share(found.model.machine, expected)
     typical, covered, explained = middle(expected), share(shown.plan, shown.seconds), _explained(shown)
     matter = [u for u in lost if matters(found.model.machine, u)]
-    count, kept = len(found.tares.names), "the others do not matter" if lost and not matter else "by the recording"
+    count, kept = len(found.tares.names), "the others hardly matter" if lost and not matter else "by the recording"
     weight = f"{typical:.1f} kg" if np.isfinite(typical) else "no weight"
     return (
         Card(
