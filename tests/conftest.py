@@ -5,8 +5,14 @@ from pathlib import Path
 
 import pytest
 
+import cylforce  # before any test imports numpy: it sets the number of BLAS threads
+
 ROOT = Path(__file__).resolve().parents[1]
 ABSENT = "no shared data: "
+
+
+def pytest_report_header():
+    return f"cylforce {cylforce.__version__}, BLAS threads: {os.environ['OPENBLAS_NUM_THREADS']}"
 
 
 def pytest_addoption(parser):
