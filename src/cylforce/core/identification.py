@@ -57,7 +57,9 @@ def identify(
     fewer = chosen(held, _of(model, best))
     fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
     names = tuple(p.name for p in best.parameters)
-    tares = Tares(laws, names, fit.values, fit.covariance, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), True)
+    seen = np.sum(held.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
+    left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
+    tares = Tares(laws, names, fit.values, fit.covariance, left, True)
     return Identification(
         best,
         consistent(best, tares) if enforce else tares,
