@@ -97,7 +97,7 @@ class Assembler:
                 moving[slot.signal],
             )
         if len(frame.data) == found.struct.size:
-            return inputs._replace(channels=tuple(channels))
+            return Inputs(tuple(channels), inputs.counters, inputs.long_t_us)
         counters = inputs.counters._replace(long=inputs.counters.long + 1)
         return Inputs(tuple(channels), counters, frame.t_us)
 

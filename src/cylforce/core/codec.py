@@ -68,8 +68,15 @@ def _raw(field: Field, value: float) -> int | float:
         return not_available(field.code)
     if field.code == "f":
         return (value - field.offset) / field.scale
-    bits = 8 * CODES[field.code]
-    low = 0 if field.code.isupper() else 1 - (1 << (bits - 1))
-    high = (1 << bits) - 2 if field.code.isupper() else (1 << (bits - 1)) - 1
+    low, high = _RAW_RANGES[field.code]
     raw = round((value - field.offset) / field.scale)
     return raw if low <= raw <= high else not_available(field.code)
+
+
+def _raw_range(code: str) -> tuple[int, int]:
+    """Integers that carry a value: all but the one that says "no value"; of signed ones as many below 0 as above."""
+    bits = 8 * CODES[code]
+    return (0, (1 << bits) - 2) if code.isupper() else (1 - (1 << (bits - 1)), (1 << (bits - 1)) - 1)
+
+
+_RAW_RANGES = {code: _raw_range(code) for code in CODES if code != "f"}

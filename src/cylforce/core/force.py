@@ -37,7 +37,7 @@ class ForceSensor:
 
     def estimate(self, rows: Rows, left: Residual, usable: Array) -> Force:
         """The force of one instant; a component that cannot be sensed is INVALID."""
-        if not np.any(usable):
+        if not usable.any():
             return invalid_force(Reason.DEAD_POINT)
         tool = rows.columns[usable, self.model.tool][:, : len(self._prior)]
         columns = left.columns[usable]
@@ -49,18 +49,19 @@ class ForceSensor:
 
     def _force(self, x: float, z: float, spread: Array) -> Force:
         size = hypot(x, z)
-        unit = np.array([x, z]) / size if size > 0.0 else np.array([1.0, 0.0])
-        across = np.array([-unit[1], unit[0]])
-        along_error, across_error = sqrt(unit @ spread @ unit), sqrt(across @ spread @ across)
+        (xx, xz), (_, zz) = spread.tolist()
+        cos, sin = (x / size, z / size) if size > 0.0 else (1.0, 0.0)
+        along_error = sqrt(abs(cos * cos * xx + 2.0 * cos * sin * xz + sin * sin * zz))
+        across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
         certain = size > 3.0 * across_error
         turn = across_error / size if certain else float("nan")
         direction = self._quantity(atan2(z, x), turn) if certain else invalid(Reason.UNCERTAIN)
         return Force(
-            self._bounded(x, sqrt(spread[0, 0])),
-            self._bounded(z, sqrt(spread[1, 1])),
+            self._bounded(x, sqrt(xx)),
+            self._bounded(z, sqrt(zz)),
             self._bounded(size, along_error),
             direction,
-            (float(spread[0, 0]), float(spread[0, 1]), float(spread[1, 1])),
+            (xx, xz, zz),
         )
 
     def _bounded(self, value: float, error: float) -> Quantity:

@@ -73,6 +73,9 @@ class Output(NamedTuple):
     frames: tuple[tuple[int, bytes], ...] = ()
 
 
+NOTHING = Output()
+
+
 @dataclass(frozen=True)
 class Core:
     """A service, its tares, and what follows from them."""
@@ -148,7 +151,7 @@ def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
     booted = commands.booted(frame)
     if booted is not None:
         return state._replace(inputs=core.assembler.restart(state.inputs, booted)), Output()
-    return state._replace(inputs=core.assembler.receive(state.inputs, frame, state.moving)), Output()
+    return State(core.assembler.receive(state.inputs, frame, state.moving), *state[1:]), NOTHING
 
 
 def _tick(core: Core, state: State, t_us: int) -> State:
@@ -165,7 +168,7 @@ def _measure(core: Core, state: State, sample: Sample) -> State:
     if _tilted(core, sample):
         return _lose(core, state, sample.t_us, Reason.TILT)
     channels = core.model.channels.read(sample.values)
-    if not np.all(np.isfinite(channels)):
+    if not np.isfinite(channels).all():
         return _lose(core, state, sample.t_us, Reason.END_STOP)
     periods = (sample.t_us - state.sampled_us) / core.period_us
     if state.pipe is None:
@@ -215,8 +218,8 @@ def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
     """Per signal whether it should move, so that one which repeats itself must be frozen: a pressure while its own
     cylinder moves, all else while any cylinder does, for the whole machine then shakes."""
     moves = (np.abs(pipe.speed) > MOVING).tolist()
-    signals = core.service.machine.signals
-    return tuple(moves[s.index] if s.kind in PRESSURES else any(moves) for s in signals)
+    shaken = any(moves)
+    return tuple(moves[s.index] if s.kind in PRESSURES else shaken for s in core.service.machine.signals)
 
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)

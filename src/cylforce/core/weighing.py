@@ -136,18 +136,19 @@ class Weigher:
     def _advance(self, lift: Lift, left: Residual, usable: Array) -> Lift:
         columns = left.columns @ self.model.load
         expected = columns @ lift.values
-        variance = np.sum((columns @ lift.covariance) * columns, axis=1) + left.variance + left.rest
+        variance = ((columns @ lift.covariance) * columns).sum(axis=1) + left.variance + left.rest
         innovation = (left.torque - expected) ** 2 / variance
-        if not np.any(usable) or np.mean(innovation[usable]) > GATE:
+        if not usable.any() or innovation[usable].mean() > GATE:
             return lift._replace(refused=lift.refused + 1)
         at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
         rested = np.where(at_rest, lift.rested + 1, 0)
         telling = np.logical_and(usable, rested <= patience)
         variance = (self._memory * left.variance + patience * left.rest)[telling]
-        root, gram = self._faded(lift, columns[telling])
-        root = update(root, columns[telling], left.torque[telling], variance)
-        gram = gram + (columns[telling] / variance[:, None]).T @ left.columns[telling]
-        moving = lift.moving + bool(np.any(np.logical_and(usable, ~at_rest)))
+        told = columns[telling]
+        root, gram = self._faded(lift, told)
+        root = update(root, told, left.torque[telling], variance)
+        gram = gram + (told / variance[:, None]).T @ left.columns[telling]
+        moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
         return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested)
 
     def _faded(self, lift: Lift, columns: Array) -> tuple[Root, Array]:

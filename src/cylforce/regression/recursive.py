@@ -32,10 +32,11 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
     """Take in rows `observed` (R,) = columns (R, P) @ values with `variance` (R,); infinite variance: no
     information."""
     weight = 1.0 / np.sqrt(variance)
-    rows = np.concatenate([columns * weight[:, None], (observed * weight)[:, None]], axis=1)
-    stacked = np.concatenate([np.concatenate([root.factor, root.right[:, None]], axis=1), rows])
-    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     size = root.right.size
+    stacked = np.empty((size + weight.size, size + 1))
+    stacked[:size, :size], stacked[:size, size] = root.factor, root.right
+    stacked[size:, :size], stacked[size:, size] = columns * weight[:, None], observed * weight
+    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     return Root(triangle[:size, :size], triangle[:size, size])
 
 
