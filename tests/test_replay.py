@@ -1,0 +1,213 @@
+"""A run of the daemon on the real clock, its log, and the replay of that log: the same to the last bit; what has
+changed since is told."""
+
+import asyncio
+import json
+from itertools import count, pairwise
+
+import numpy as np
+import pytest
+
+from cylforce.core.codec import decode
+from cylforce.core.identification import identify
+from cylforce.core.publication import published
+from cylforce.core.step import Scale
+from cylforce.edges.bus import open_bus
+from cylforce.edges.candump import Sent, parsed
+from cylforce.edges.clock import now_us
+from cylforce.edges.identified import write_identified
+from cylforce.edges.logfile import LogWriter, file_sha256
+from cylforce.edges.logreader import log_header, read_events
+from cylforce.edges.settings import load
+from cylforce.programs.identify import model_of
+from cylforce.programs.replay import header_of, make_core, run_replay, write_estimates
+from cylforce.programs.run import Daemon
+from cylforce.programs.sim import prepare, run_sim
+from cylforce.programs.sim_bus import play_until
+from cylforce.words.estimate import Status
+from cylforce.words.events import Frame, Tick
+from scenarios import EXCAVATOR, moved
+
+SECONDS = 7.0
+SEED = 3
+channels = count()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("replay")
+
+
+@pytest.fixture(scope="module")
+def machine(folder):
+    """A machine file of its own, that publishes every step."""
+    path = folder / "machine.toml"
+    path.write_text(EXCAVATOR.read_text().replace("\nperiod_ms = 50\n", "\nperiod_ms = 10\n"))
+    loaded = load(path)
+    assert loaded.service.publication[0].period_s == 0.01
+    return loaded
+
+
+@pytest.fixture(scope="module")
+def tares(folder, machine):
+    """Its identified.toml."""
+    path = folder / "identified.toml"
+    write_identified(path, identify(model_of(machine), [moved(machine, SEED)]), machine, [])
+    return path
+
+
+@pytest.fixture(scope="module")
+def live(folder, machine, tares):
+    """The log of a daemon that ran for some seconds beside simulated sensors, and what it concluded."""
+    name, log = f"virtual:replay{next(channels)}", folder / "live.log"
+    estimates = []
+
+    async def main():
+        ours, theirs, stop = open_bus(name), open_bus(name), asyncio.Event()
+        writer = LogWriter(log, header_of(machine, tares, name, 0.0, 0.0), now_us(), "replay")
+        daemon = Daemon(machine, make_core(machine, tares), ours, writer, Scale())
+        daemon.on_estimate = estimates.append
+        loop = asyncio.get_running_loop()
+        daemon.start(loop)
+        play = prepare(machine, "cycles", SEED, 0.1, amount=1)
+        sensors = asyncio.create_task(play_until(play, theirs, folder / "truth.csv", stop))
+        await asyncio.sleep(SECONDS)
+        stop.set()
+        await sensors
+        await daemon.stop(loop)
+        theirs.close()
+
+    asyncio.run(main())
+    return log, estimates
+
+
+def test_every_frame_that_was_sent_comes_out_again(machine, tares, live):
+    """All TPDOs that the daemon sent, bit by bit, and every estimate; among them good ones."""
+    log, estimates = live
+    told = []
+    found = run_replay(machine, log, tares, told.append)
+    assert (found.different, told) == (0, [])
+    assert found.compared > 4 * 0.5 * 100 * SECONDS
+    assert [str(e) for e in found.estimates] == [str(e) for e in estimates]
+    good = [e.force.magnitude.status is Status.OK for e in estimates]
+    assert sum(good) > 100
+    assert any(e.gross.status is Status.OK for e in estimates)
+
+
+def test_what_was_sent_is_what_was_concluded(machine, live):
+    """The TPDOs in the log, decoded by their layout, are the estimates within the PDOs' resolution."""
+    log, estimates = live
+    layouts = {pdo.can_id: pdo for pdo in machine.service.publication}
+    by_time = {e.t_us: published(e) for e in estimates}
+    wanted, seen = None, 0
+    for event in read_events(log, 10_000)[1]:
+        if isinstance(event, Tick):
+            wanted = by_time[event.t_us]
+        elif isinstance(event, Sent) and event.can_id in layouts:
+            pdo, values = layouts[event.can_id], decode(layouts[event.can_id], event.data)
+            for field in pdo.fields:
+                np.testing.assert_allclose(values[field.signal], wanted[field.signal], atol=0.5001 * field.scale)
+            seen += 1
+    assert seen > 1000
+
+
+def test_the_log_begins_with_its_origin(machine, tares, live):
+    """Lines of the pseudo-channel "cylforce" spell the header: the machine file's hash, the tares' hash, versions, the
+    starting state; after them events in the order of their ticks."""
+    log, _ = live
+    lines = log.read_text().splitlines(keepends=True)
+    head = [parsed(line) for line in lines if parsed(line).channel == "cylforce"]
+    assert [parsed(line) for line in lines[: len(head)]] == head
+    said = json.loads(b"".join(line.data for line in head))
+    assert said["format"] == 1
+    assert said["machine_sha256"] == machine.sha256 == file_sha256(machine.path)
+    assert said["identified_sha256"] == file_sha256(tares)
+    assert said["state"] == {"zero": 0.0, "tare": 0.0}
+    assert {"cylforce", "python", "numpy", "scipy", "processor"} <= said["versions"].keys()
+    assert log_header(log).model_dump() == {k: v for k, v in said.items() if k != "format"}
+    ticks = [event.t_us for event in read_events(log, 10_000)[1] if isinstance(event, Tick)]
+    assert all(b > a and (b - a) % 10_000 == 0 for a, b in pairwise(ticks))
+
+
+def test_the_sensors_were_commissioned(machine, live):
+    """Each sensor node booted, was started, and answered every SYNC from then on."""
+    events = list(read_events(live[0], 10_000)[1])
+    sync = [e.t_us for e in events if isinstance(e, Sent) and e.can_id == 0x080]
+    for node in machine.service.nodes:
+        pdos = [e.t_us for e in events if isinstance(e, Frame) and e.can_id == node.pdos[0].can_id]
+        asked = [t for t in sync if t >= pdos[0] - 20_000]
+        assert abs(len(pdos) - len(asked)) < 0.05 * len(asked)
+        assert (Frame, 0x700 + node.node_id) in {(type(e), e.can_id) for e in events if not isinstance(e, Tick)}
+
+
+def replayed(machine, live, tares):
+    told = []
+    return run_replay(machine, live[0], tares, told.append), " ".join(told)
+
+
+def test_a_changed_machine_file_is_told(folder, machine, live):
+    """Another mass in the machine file: frames differ, and the sentence names both files."""
+    path = folder / "changed.toml"
+    path.write_text(machine.text.replace("channel_hz = 5", "channel_hz = 4"))
+    found, told = replayed(load(path), live, None)
+    assert found.different > 0
+    assert "recorded with another machine file" in told
+    assert str(machine.path) in told
+    assert str(path) in told
+
+
+def test_other_tares_are_told(folder, machine, live):
+    """Without the tares, or with others: told."""
+    found, told = replayed(machine, live, None)
+    assert found.different > 0
+    assert "no identified file" in told
+    other = folder / "other.toml"
+    write_identified(other, identify(model_of(machine), [moved(machine, SEED + 1)]), machine, [])
+    found, told = replayed(machine, live, other)
+    assert found.different > 0
+    assert f"the identified file of sha256 {file_sha256(other)[:12]}" in told
+
+
+def test_a_cut_log_replays_as_far_as_it_goes(folder, machine, tares, live):
+    """The machine lost power: the last line is cut off, told, all before it is there."""
+    text = live[0].read_bytes()
+    cut = folder / "cut.log"
+    cut.write_bytes(text[: 2 * len(text) // 3])
+    found, told = replayed(machine, (cut,), tares)
+    assert found.different == 0
+    assert found.compared > 1000
+    assert "cut off" in told or text[2 * len(text) // 3 - 1] == 10
+
+
+def test_a_table_gives_the_estimates_of_the_log(folder, machine, tares):
+    """The same simulated run as frames and as a table: the table's samples go through the sensors' PDOs as well, so the
+    estimates agree within the resolution of ours; only the place of the ticks between the samples differs."""
+    log, table = folder / "run.log", folder / "run.csv"
+    run_sim(machine.path, cycles=1, seed=SEED, log=log, table=table)
+    from_log, from_table = (run_replay(machine, path, tares).estimates for path in (log, table))
+    # the table's first tick, a period after its first row, has seen two rows; so has the log's third, for its samples
+    # come after the tick; the log's first ones are marked by boot-up messages
+    pairs = list(zip(from_log[2:], from_table, strict=False))[10:]
+    assert len(pairs) > 1000
+    resolution = {str(f.signal): f.scale for pdo in machine.service.publication for f in pdo.fields}
+    resolution |= {"payload_quality": 0.0, "force_quality": 0.0, "booked_count": 0.0}
+    for a, b in pairs:
+        one, other = published(a), published(b)
+        for name, step in resolution.items():
+            np.testing.assert_allclose(one[name], other[name], atol=step, err_msg=name)
+
+
+def test_estimates_are_written_as_a_table(folder, machine, tares, live):
+    """One row a tick, SI values, empty where there is none."""
+    path = folder / "estimates.csv"
+    estimates = live[1]
+    write_estimates(path, estimates)
+    head, *rows = path.read_text().splitlines()
+    names = head.split(",")
+    assert len(rows) == len(estimates)
+    for row, estimate in zip(rows, estimates, strict=True):
+        cells = dict(zip(names, row.split(","), strict=True))
+        assert int(cells["t_us"]) == estimate.t_us
+        gross = cells["payload_gross"]
+        assert (gross == "") == (estimate.gross.status is Status.INVALID)
+        assert gross == "" or float(gross) == estimate.gross.value
