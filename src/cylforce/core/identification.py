@@ -1,7 +1,7 @@
 """Identification of the dynamic tares from recordings of the empty machine: joint least squares with the data sheet as
 prior, and friction laws chosen by what they predict, not by habit."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +9,8 @@ import numpy as np
 from cylforce.core.consistency import consistent, violations
 from cylforce.core.model import FRICTION, Model, Tares
 from cylforce.core.observation import observed_factors
+from cylforce.core.suspicion import doubt
+from cylforce.core.wiring import Evidence, gathered, nothing
 from cylforce.regression.batch import Fit, Prior, least_squares, predicted
 from cylforce.regression.blocks import Factors, chosen, settled
 from cylforce.words.estimate import Array
@@ -34,24 +36,24 @@ class Identification(NamedTuple):
 
 
 def identify(
-    model: Model, segments: Iterable[Array], *, two_steps: bool = False, enforce: bool = False
+    model: Model, segments: Iterable[Array], *, two_steps: bool = False, enforce: bool = False, refuse: bool = True
 ) -> Identification:
     """Tares from gapless segments of samples (T, S). `model.friction` are the laws to choose from; the first always
     stays. `two_steps`: the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once.
-    `enforce`: the nearest physically consistent tares.
+    `enforce`: the nearest physically consistent tares. `refuse`: look for the signatures of a load, of contact, of dead
+    or misplaced sensors and of wrong piston areas.
 
-    Raises ValueError, in a sentence, when the recording is too short, does not move, or moves a cylinder one way
-    only."""
-    held = observed_factors(model, segments)
-    seconds = float(np.max(np.sum(held.samples, axis=0)) / model.filters.rate_hz)
-    if not np.any(held.samples):
-        raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
-    if seconds < MIN_SECONDS:
-        raise ValueError(
-            f"only {seconds:.0f} s of usable motion; move the empty machine for at least {MIN_SECONDS:.0f} s"
-        )
-    _check_both_ways(model, held)
+    Raises ValueError, in a sentence, when the recording is too short, does not move, moves a cylinder one way only, or
+    is refused."""
+    evidence = [nothing(model.machine)]
+    whole = observed_factors(model, _watched(model, segments, evidence))
+    held = chosen(whole, list(range(len(model.parameters))))
+    seconds = _enough(model, held)
     noise = row_noise(held, model.prior)
+    if refuse:
+        sentence = doubt(model, whole, noise, least_squares(held, noise, model.prior), evidence[0])
+        if sentence is not None:
+            raise ValueError(sentence)
     laws, errors = _choose(model, held, noise)
     best = Model(model.machine, model.filters, laws)
     fewer = chosen(held, _of(model, best))
@@ -69,6 +71,26 @@ def identify(
         errors,
         violations(best, fit.values),
     )
+
+
+def _watched(model: Model, segments: Iterable[Array], evidence: list[Evidence]) -> Iterator[Array]:
+    """The segments; what their raw samples tell is gathered in `evidence` as they pass."""
+    for segment in segments:
+        evidence[0] = gathered(model, evidence[0], segment, joins=False)
+        yield segment
+
+
+def _enough(model: Model, held: Factors) -> float:
+    """Seconds of usable motion. Raises ValueError, in a sentence, when there is too little."""
+    seconds = float(np.max(np.sum(held.samples, axis=0)) / model.filters.rate_hz)
+    if seconds == 0.0:
+        raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
+    if seconds < MIN_SECONDS:
+        raise ValueError(
+            f"only {seconds:.0f} s of usable motion; move the empty machine for at least {MIN_SECONDS:.0f} s"
+        )
+    _check_both_ways(model, held)
+    return seconds
 
 
 def _check_both_ways(model: Model, held: Factors) -> None:

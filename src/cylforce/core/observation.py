@@ -18,12 +18,13 @@ REST_SHARE = 0.1  # of the lever: above it a row hardly tells the direction of f
 
 class Observed(NamedTuple):
     """Filtered rows of a stretch: `columns` (T, R, P), `torque` (T, R) with NaN where not usable, `posture` (T, N)
-    joint angles and `speed` (T, C) of the cylinders."""
+    joint angles and `speed` (T, C) of the cylinders, `tool` (T, R, 3) columns of a force and moment there."""
 
     columns: Array
     torque: Array
     posture: Array
     speed: Array
+    tool: Array
 
 
 def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
@@ -47,7 +48,8 @@ def observe(model: Model, values: Array) -> Observed:
         torque[_stays(np.logical_not(np.all(moved.usable[:, acting], axis=1)), model.settle_steps), k] = np.nan
     torque[np.logical_not(_moving(model, rows.columns))] = np.nan
     posture = np.diff(moved.motion.a, axis=1, prepend=0.0)
-    whole = Observed(rows.columns[..., : len(model.parameters)], torque, posture, moved.motion.speed)
+    own, tool = rows.columns[..., : len(model.parameters)], rows.columns[..., model.tool]
+    whole = Observed(own, torque, posture, moved.motion.speed, tool)
     return Observed(*(part[model.settle_steps :] for part in whole))
 
 
@@ -64,19 +66,23 @@ def _moving(model: Model, columns: Array) -> Array:
     return np.asarray(unknown < REST_SHARE * (lever + unknown))
 
 
+def block_factors(model: Model, seen: Observed) -> Factors:
+    """Factors of a stretch; see `observed_factors`."""
+    columns = np.concatenate([seen.columns, seen.tool], axis=-1)
+    return factors(columns, seen.torque, _marks(seen), int(BLOCK_SECONDS * model.filters.rate_hz))
+
+
 def _marks(seen: Observed) -> Array:
     ways = (seen.speed > MOVING, seen.speed < -MOVING)
     return np.concatenate([seen.posture, np.abs(seen.speed), *ways], axis=1, dtype=np.float64)
 
 
 def observed_factors(model: Model, segments: Iterable[Array]) -> Factors:
-    """Factors of a recording; marks are the posture (N), of the cylinders (C) the mean speed, the share of time in
-    which they run out, and that in which they run in.
+    """Factors of a recording, the tool's columns last; marks are the posture (N), of the cylinders (C) the mean speed,
+    the share of time in which they run out, and that in which they run in.
 
     Raises ValueError, in a sentence, when no stretch is long enough."""
-    block = int(BLOCK_SECONDS * model.filters.rate_hz)
-    seen = (observe(model, piece) for piece in chunks(model, segments))
-    parts = (factors(s.columns, s.torque, _marks(s), block) for s in seen)
+    parts = (block_factors(model, observe(model, piece)) for piece in chunks(model, segments))
     try:
         return joined(parts, MOST_BLOCKS)
     except ValueError:

@@ -57,6 +57,9 @@ def identify(
     lift: Annotated[Path | None, typer.Option(help="A recording of a lift of a known weight: the scale.")] = None,
     known_kg: Annotated[float | None, typer.Option(help="That weight.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
+    refuse: Annotated[
+        bool, typer.Option(help="Refuse a loaded bucket, contact, dead or misplaced sensors, a wrong bore.")
+    ] = True,
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
     from cylforce.edges.settings import load
@@ -69,7 +72,7 @@ def identify(
     machine, recordings = machine_file_of(files)
     loaded = load(machine)
     with progress_bar() as watch:
-        found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg), watch)
+        found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg, refuse), watch)
         if report is not None:
             write_report(report, found, named_segments(loaded, recordings, watch), output, watch)
     show(found, Console())

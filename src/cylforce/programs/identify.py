@@ -72,12 +72,14 @@ def _ordered(table: Table, loaded: Loaded, path: Path) -> Array:
 
 
 class How(NamedTuple):
-    """How to identify: in the paper's two steps, with physical laws enforced, with a lift of a known weight [kg]."""
+    """How to identify: in the paper's two steps, with physical laws enforced, with a lift of a known weight [kg];
+    `refuse`: recordings that are not of the empty, free and well-wired machine."""
 
     two_steps: bool = False
     enforce: bool = False
     lift: Path | None = None
     known_kg: float | None = None
+    refuse: bool = True
 
 
 JOINTLY = How()
@@ -90,7 +92,11 @@ def run_identify(
     if (how.lift is None) != (how.known_kg is None):
         raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
     found = identify(
-        model_of(loaded), _then_fit(loaded, recordings, watch), two_steps=how.two_steps, enforce=how.enforce
+        model_of(loaded),
+        _then_fit(loaded, recordings, watch),
+        two_steps=how.two_steps,
+        enforce=how.enforce,
+        refuse=how.refuse,
     )
     if how.lift is not None and how.known_kg is not None:
         from cylforce.programs.replay import calibrated

@@ -53,6 +53,14 @@ def least_squares(held: Factors, row_error: Array, prior: Prior | None) -> Fit:
     )
 
 
+def best(held: Factors, weight: Array, prior: Prior | None) -> tuple[Array, float]:
+    """(values (K,), least sum of squares) of `held`, its blocks and rows multiplied by `weight` (B, R), and the prior.
+    At equal weights, models of the same data may be compared by it."""
+    rows = np.concatenate([stacked_triangle(held, weight), _prior_rows(prior, held.triangle.shape[-1] - 1)])
+    values = _solved(rows)
+    return values, float(np.sum((rows @ np.append(values, -1.0)) ** 2))
+
+
 def predicted(held: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
     """Mean squared residual per sample, in units of row_error, of each block in `out` (B,) bool, predicted from the
     others alone (B_out,)."""

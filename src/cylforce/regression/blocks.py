@@ -84,6 +84,12 @@ def chosen(held: Factors, columns: list[int]) -> Factors:
     return held._replace(triangle=upper(held.triangle[..., keep]))
 
 
+def beside(held: Factors, combinations: Array) -> Factors:
+    """The same with M more columns, each row's `combinations` (R, K, M) of those that are there."""
+    more = held.triangle[..., :-1] @ combinations
+    return held._replace(triangle=np.concatenate([held.triangle[..., :-1], more, held.triangle[..., -1:]], axis=-1))
+
+
 def settled(held: Factors, columns: list[int], values: Array) -> Factors:
     """Without `columns`, whose parameters are known to be `values`: what they explain is taken off the observed
     value."""

@@ -1,0 +1,18 @@
+"""Everything for which a recording of the empty machine is refused, in the order in which one error hides another."""
+
+from cylforce.core import emptiness, wiring
+from cylforce.core.model import Model
+from cylforce.core.wiring import Evidence
+from cylforce.regression.batch import Fit
+from cylforce.regression.blocks import Factors, chosen
+from cylforce.words.estimate import Array
+
+
+def doubt(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: Evidence) -> str | None:
+    """A sentence that says what is wrong and what to do, or None: a dead or misplaced sensor, a wrong piston area, a
+    touching tool, a load. `whole`: factors, the tool's columns last; `noise` (R,) and `fit` of the model's columns."""
+    sentence = wiring.frozen_pressure(model, evidence)
+    held = chosen(whole, list(range(len(model.parameters))))
+    if sentence is None and wiring.misfit(held, fit.row_error) > wiring.MISFIT:
+        sentence = wiring.miswired(model, evidence)
+    return sentence or emptiness.not_empty(model, whole, noise, fit)

@@ -1,0 +1,89 @@
+"""A recording of another machine than the empty, free, well-wired one is refused, with a sentence that says why; that
+of the right one is not. (Twenty machines each: tools/accuracy.)"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cylforce.core.identification import identify
+from cylforce.edges.settings import load
+from cylforce.programs.identify import model_of
+from scenarios import CONFIG, EXCAVATOR
+from spoilt import exchanged, samples, touching, with_bore
+
+SEEDS = range(60, 64)
+MACHINES = sorted(CONFIG.glob("excavator*.toml"))
+LOADED = load(EXCAVATOR)
+MODEL = model_of(LOADED)
+SIGNALS = [s.name for s in MODEL.machine.signals]
+
+
+@cache
+def empty():
+    """Moves of one good machine."""
+    return samples(LOADED, 60)
+
+
+def columns(*names):
+    return [SIGNALS.index(name) for name in names]
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_empty_machine_is_not_refused(machine, seed):
+    loaded = load(machine)
+    identify(model_of(loaded), [samples(loaded, seed)])
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(("seed", "kg"), [(60, 300.0), (61, 500.0), (62, 900.0), (63, 1500.0)])
+def test_a_load_is_refused(machine, seed, kg):
+    loaded = load(machine)
+    with pytest.raises(ValueError, match=r"the bucket is not empty: about \d+ \+- \d+ kg hang on the machine"):
+        identify(model_of(loaded), [samples(loaded, seed, kg)])
+
+
+@pytest.mark.parametrize(("share", "newtons"), [(0.05, 30e3), (0.1, 3e3), (0.3, 30e3)])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_tool_on_the_ground_is_refused(monkeypatch, seed, share, newtons):
+    touching(monkeypatch, share, newtons)
+    with pytest.raises(ValueError, match=r"the tool touched something for about \d+ s \(up to \d+ kN upwards\)"):
+        identify(MODEL, [samples(LOADED, seed)])
+
+
+@pytest.mark.parametrize("factor", [1.04, 0.96])
+@pytest.mark.parametrize("c", range(3))
+def test_a_wrong_bore_is_refused(c, factor):
+    name = MODEL.machine.cylinders[c].name
+    with pytest.raises(ValueError, match=f"the forces of {name} are .* check bore_mm and rod_mm of {name}"):
+        identify(with_bore(MODEL, c, factor), [empty()])
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (["boom_head_pressure"], ["boom_rod_pressure"]),
+        (["bucket_head_pressure"], ["bucket_rod_pressure"]),
+        (["stick_angle"], ["bucket_angle"]),
+        (["boom_angle"], ["stick_angle"]),
+        (["stick_head_pressure", "stick_rod_pressure"], ["bucket_head_pressure", "bucket_rod_pressure"]),
+    ],
+)
+def test_exchanged_sensors_are_named(first, second):
+    sentence = f"{' and '.join(first)} must change places with {' and '.join(second)}"
+    with pytest.raises(ValueError, match=sentence):
+        identify(MODEL, [exchanged(empty(), columns(*first), columns(*second))])
+
+
+@pytest.mark.parametrize("name", [n for n in SIGNALS if n.endswith(("head_pressure", "rod_pressure", "_angle"))])
+def test_a_frozen_sensor_is_named(name):
+    values = empty().copy()
+    values[len(values) // 2 :, columns(name)] = values[len(values) // 2, columns(name)]
+    with pytest.raises(ValueError, match=rf"{name} .*the sensor is frozen"):
+        identify(MODEL, [values])
+
+
+def test_whoever_knows_better_is_believed():
+    found = identify(MODEL, [samples(LOADED, 61, 500.0)], refuse=False)
+    assert np.isfinite(found.tares.values).all()
