@@ -1,0 +1,201 @@
+"""The command line: what users can mend is one sentence and exit code 2, never a traceback; the happy paths."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import cylforce
+from cylforce.edges.settings import load
+from cylforce.edges.tables import read_table
+from cylforce.programs import cli
+from scenarios import CONFIG, EXCAVATOR
+
+NO_WAY_OUT = "udp_multicast:239.74.163.2"  # never to be opened: it would leave the machine
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Good and bad files by name."""
+    folder = tmp_path_factory.mktemp("cli")
+    text = EXCAVATOR.read_text()
+    (folder / "folder.log").mkdir()
+    for name, content in {
+        "broken.toml": "[machine\nname = 1",
+        "unknown_key.toml": f"{text}\n[oops]\na = 1\n",
+        "no_rod.toml": text.replace("rod_mm = 85\n", "", 1),
+        "bad.log": "hello\n",
+        "empty.log": "",
+        "foreign.log": "(1700000000.000000) can0 1FF#0102\n",
+        "lacking.csv": "t_s,boom_head_pressure\n0,1e5\n0.01,2e5\n",
+        "words.csv": "t_s,boom_head_pressure\n0,one\n",
+        "effects.toml": '[[effects]]\nname = "glue"\nat = "boom"\nvalue = 1.0\n',
+        "junk.blf": "junk",
+        "junk.asc": "junk",
+        "junk.parquet": "junk",
+        "notes.txt": "junk",
+    }.items():
+        (folder / name).write_text(content)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(files):
+    """Moves of the empty machine and a cycle, simulated by the command line itself."""
+    cylforce_("sim", EXCAVATOR, "--scenario", "moves", "--duration", 60, "--seed", 3, "--log", files / "moves.log")
+    cylforce_("sim", EXCAVATOR, "--cycles", 1, "--seed", 3, "--log", files / "run.log", "--table", files / "run.csv")
+    return files
+
+
+def cylforce_(*words):
+    """The command in this process: its exit code."""
+    arguments, sys.argv = sys.argv, ["cylforce", *map(str, words)]
+    try:
+        cli.main()
+    except SystemExit as end:
+        return end.code or 0
+    finally:
+        sys.argv = arguments
+    return 0
+
+
+# "@" stands for the folder of files, "M" for the machine file.
+MENDABLE = [
+    ("run @/absent.toml --bus virtual:a", r"absent\.toml: cannot be read"),
+    ("run @/broken.toml --bus virtual:a", r"broken\.toml: is not TOML: .*line 1"),
+    ("run @/unknown_key.toml --bus virtual:a", r"unknown_key\.toml:\d+: oops is not a key"),
+    ("run @/no_rod.toml --bus virtual:a", r"no_rod\.toml:\d+: cylinders\.boom"),
+    ("run @ --bus virtual:a", "cannot be read"),
+    ("run M --bus vcan0", "has no channel"),
+    ("run M --bus virtual:", "has no channel"),
+    ("run M --bus :", "has no channel"),
+    ("run M --bus kvaser:0", "there is no interface 'kvaser'"),
+    (f"run M --bus {NO_WAY_OUT}", "would send frames out of this machine"),
+    ("run M --bus remote:10.0.0.1:54701", "frames stay on this machine"),
+    ("run M --bus remote:127.0.0.1:1", "no relay answers"),
+    ("run M --bus socketcan:absent0", "socketcan:absent0: "),
+    ("run M --bus virtual:a --identified @/absent.toml", r"run `cylforce identify` first"),
+    ("run M --bus virtual:a --identified M", r"provenance: .*identify` again"),
+    ("run M --bus virtual:a --log @/absent/a.log", r"a\.log: cannot be written"),
+    ("identify M -o @/o.toml", "name a recording of the empty machine after it"),
+    ("identify M @/absent.log -o @/o.toml", r"absent\.log: does not exist"),
+    ("identify @/foreign.log -o @/o.toml", "does not say which machine it is of"),
+    ("identify M @/foreign.log -o @/o.toml", "no gapless stretch"),
+    ("identify M @/lacking.csv -o @/o.toml", r"lacking\.csv: has no column .*boom_rod_pressure"),
+    ("identify M @/bad.log -o @/o.toml", r"bad\.log, line 1"),
+    ("identify M @/empty.log -o @/o.toml", r"empty\.log: holds no frame"),
+    ("identify M @/folder.log -o @/o.toml", r"folder\.log: cannot be read"),
+    ("identify M @/junk.blf -o @/o.toml", r"junk\.blf: "),
+    ("identify M @/junk.asc -o @/o.toml", r"junk\.asc: "),
+    ("identify M @/junk.parquet -o @/o.toml", r"junk\.parquet: is no Parquet file"),
+    ("identify M @/notes.txt -o @/o.toml", "is none of the recordings"),
+    ("identify M @/moves.log -o @/absent/o.toml", r"o\.toml: cannot be written"),
+    ("identify M @/moves.log -o @/o.toml --known-kg 500", "go together"),
+    ("identify M @/moves.log -o @/o.toml --known-kg 500 --lift @/moves.log", "no lift was booked"),
+    ("replay M @/absent.log", r"absent\.log: does not exist"),
+    ("replay M @/bad.log", r"bad\.log, line 1"),
+    ("replay M @/lacking.csv", r"lacking\.csv: has no column"),
+    ("replay M @/words.csv", r"words\.csv"),
+    ("replay M @/run.log --identified @/broken.toml", r"broken\.toml: is not TOML"),
+    ("replay M @/run.log -o @/absent/e.csv", r"e\.csv: cannot be written"),
+    ("replay M @/run.log --bus nonsense", "has no channel"),
+    (f"replay M @/run.log --bus {NO_WAY_OUT}", "would send frames out of this machine"),
+    ("replay M @/absent.log --bus virtual:a", r"absent\.log: does not exist"),
+    ("replay M @/lacking.csv --bus virtual:a", r"lacking\.csv: has no column"),
+    ("sim M --scenario dance", "choose moves or cycles"),
+    ("sim @/broken.toml", r"broken\.toml: is not TOML"),
+    ("sim M --mass-error nan", "is not a fraction"),
+    ("sim M --scenario moves --duration nan", "nothing to simulate"),
+    ("sim M --effects @/absent.toml", r"absent\.toml"),
+    ("sim M --effects @/effects.toml", "effect 'glue' is not known"),
+    ("sim M --cycles 1 --truth @/absent/t.csv", r"t\.csv: cannot be written"),
+    ("sim M --cycles 1 --log @/absent/t.log", r"t\.log: cannot be written"),
+    ("sim M --cycles 1 --table @/absent/t.csv", r"t\.csv: cannot be written"),
+    (f"sim M --bus {NO_WAY_OUT}", "would send frames out of this machine"),
+    ("demo --machine @/absent.toml", r"absent\.toml: cannot be read"),
+    ("describe @/no_rod.toml", r"no_rod\.toml:\d+: cylinders\.boom"),
+    ("describe M --eds @/absent/a.eds", r"a\.eds: cannot be written"),
+    ("describe M --dbc @", "cannot be written"),
+]
+
+
+@pytest.mark.parametrize(("words", "told"), MENDABLE, ids=[words for words, _ in MENDABLE])
+def test_what_users_can_mend_is_one_sentence(runs, capsys, words, told):
+    """One line on standard error that names what is wrong, exit code 2; no file is left half written."""
+    before = sorted(runs.iterdir())
+    line = words.replace("@", str(runs)).replace(" M", f" {EXCAVATOR}")
+    assert cylforce_(*line.split()) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith("cylforce: ")
+    assert said.err.count("\n") == 1
+    assert "Traceback" not in said.err + said.out
+    assert re.search(told, said.err), said.err
+    assert sorted(runs.iterdir()) == before
+
+
+@pytest.mark.parametrize("words", ["run", "nonsense", "describe", f"run {EXCAVATOR}", "sim x --cycles 0"])
+def test_wrong_usage_is_told(capsys, words):
+    """Missing and unknown arguments: how it is used, exit code 2."""
+    assert cylforce_(*words.split()) == 2
+    assert "Usage: " in capsys.readouterr().err
+
+
+def test_version_and_help(capsys):
+    assert cylforce_("--version") == 0
+    assert capsys.readouterr().out == f"cylforce {cylforce.__version__}\n"
+    assert cylforce_("--help") == 0
+    out = capsys.readouterr().out
+    for command in ("run", "identify", "replay", "sim", "demo", "describe"):
+        assert command in out
+
+
+@pytest.mark.parametrize("path", sorted(CONFIG.glob("*.toml")), ids=lambda path: path.stem)
+def test_describe(capsys, tmp_path, path):
+    """What the machine file says, and the EDS and DBC as they are shipped for it."""
+    assert cylforce_("describe", path, "--eds", tmp_path / "a.eds", "--dbc", tmp_path / "a.dbc") == 0
+    out = capsys.readouterr().out
+    machine = load(path).service.machine
+    assert machine.name in out
+    assert all(link.name in out for link in machine.links)
+    assert "payload_gross" in out
+    assert "[DeviceInfo]" in (tmp_path / "a.eds").read_text()
+    assert "BO_ " in (tmp_path / "a.dbc").read_text()
+
+
+def test_identify_and_replay(capsys, runs, tmp_path):
+    """Our own log names its machine file; the tares go into a replay, whose estimates go into a table."""
+    tares, table = tmp_path / "identified.toml", tmp_path / "estimates.csv"
+    assert cylforce_("identify", runs / "moves.log", "-o", tares) == 0
+    assert "boom.X" in capsys.readouterr().out
+    assert cylforce_("replay", EXCAVATOR, runs / "run.log", "--identified", tares, "-o", table) == 0
+    out = capsys.readouterr().out
+    assert "weight OK in" in out
+    found = read_table_of(table)
+    assert np.sum(np.isfinite(found[:, 1])) > 100
+    assert cylforce_("replay", EXCAVATOR, runs / "run.csv", "--identified", tares) == 0
+
+
+def read_table_of(path):
+    """Time and gross weight of an estimates table."""
+    lines = path.read_text().splitlines()
+    at = [lines[0].split(",").index(name) for name in ("t_us", "payload_gross")]
+    return np.array([[float(row.split(",")[k] or "nan") for k in at] for row in lines[1:]])
+
+
+def test_a_simulated_table_has_all_signals(runs):
+    names = [s.name for s in load(EXCAVATOR).service.machine.signals]
+    assert np.all(np.isfinite(read_table(runs / "run.csv", names).values))
+
+
+def test_as_a_module():
+    """`python -m cylforce.programs.cli` is the same command."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cylforce.programs.cli", "run", "absent.toml", "--bus", "virtual:a"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("cylforce: absent.toml: cannot be read")
+    assert done.stderr.count("\n") == 1
