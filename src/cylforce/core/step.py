@@ -139,9 +139,17 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
 
 
 def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
+    obeyed = None if frame.can_id in core.assembler.decoders else _obey(core, state, frame)
+    if obeyed is not None:
+        return obeyed
+    return State(core.assembler.receive(state.inputs, frame, state.moving), *state[1:]), NOTHING
+
+
+def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
+    """What a command or a boot-up message does; None for any other frame."""
     stopped = commands.stopped(frame, core.service.node_id)
     if stopped is not None:
-        return state._replace(stopped=stopped), Output()
+        return state._replace(stopped=stopped), NOTHING
     command = commands.read(frame, core.service.node_id)
     if command is not None and not state.stopped:
         scale, verdict = commands.obey(
@@ -150,8 +158,8 @@ def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
         return state._replace(scale=Scale(*scale)), Output(verdict)
     booted = commands.booted(frame)
     if booted is not None:
-        return state._replace(inputs=core.assembler.restart(state.inputs, booted)), Output()
-    return State(core.assembler.receive(state.inputs, frame, state.moving), *state[1:]), NOTHING
+        return state._replace(inputs=core.assembler.restart(state.inputs, booted)), NOTHING
+    return None
 
 
 def _tick(core: Core, state: State, t_us: int) -> State:
