@@ -9,6 +9,7 @@ import numpy as np
 
 from cylforce.core.motion import Channels
 from cylforce.core.service import Filters
+from cylforce.effects.delay import Delay
 from cylforce.effects.friction import AtRest, Coulomb, Directional, LoadDependent, Viscous
 from cylforce.effects.pressure_zero import PressureZero
 from cylforce.effects.rigid import Rigid
@@ -21,11 +22,12 @@ from cylforce.regression.regressor import FilteredRegressor, Regressor
 from cylforce.words.estimate import Array
 from cylforce.words.signals import Kind
 
-FRICTION = ("coulomb", "viscous", "load_dependent", "directional")
-
+# Laws of friction, and the delay of the angles, which on an empty machine looks like one.
+FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 
 # Standard errors of what nobody measured yet: as shares of the largest force, of it per m/s, or of the force itself.
-SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.03, "directional": 0.01}
+SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.03, "directional": 0.01, "delay": 0.01}
+ABSOLUTE = ("load_dependent", "delay")  # do not grow with the cylinder
 
 
 class Tares(NamedTuple):
@@ -61,6 +63,7 @@ class Model:
             "viscous": Viscous(),
             "load_dependent": LoadDependent(self.filters.direction_speed),
             "directional": Directional(self.filters.direction_speed),
+            "delay": Delay(),
         }
         turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
         return Regressor(self.machine, (Rigid(), *turning, *(laws[name] for name in self.friction)))
@@ -156,7 +159,7 @@ class Model:
         for law in self.friction:
             for c in self.machine.cylinders:
                 largest = 300e5 * c.area_head  # the force at a usual relief pressure
-                guesses.append((f"{c.name}.{law}", 0.0, SPREAD[law] * (1.0 if law == "load_dependent" else largest)))
+                guesses.append((f"{c.name}.{law}", 0.0, SPREAD[law] * (1.0 if law in ABSOLUTE else largest)))
         return guesses
 
     @cached_property

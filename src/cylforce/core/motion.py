@@ -111,7 +111,7 @@ class Channels:
         found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., n : n + c], attitude)
         good = self._usable(found)
         lever, speed = np.where(good[..., None], found.lever, 0.0), np.where(good, found.speed, 0.0)
-        return Moved(found._replace(lever=lever, speed=speed), good)
+        return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., n : n + c]), good)
 
     @cached_property
     def _stops(self) -> tuple[Array, Array]:

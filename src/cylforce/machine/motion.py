@@ -10,13 +10,17 @@ from cylforce.words.estimate import Array
 from cylforce.words.units import STANDARD_GRAVITY
 
 
+UNKNOWN = np.zeros(0)
+
+
 class Motion(NamedTuple):
     """N links, C cylinders; leading axes are samples.
 
     `a` (..., N): link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal; `qd` (..., N)
     [rad/s]; `g` (...,): in-plane gravity g cos(roll) [m/s^2]; `slew` (...,): house rate [rad/s]; `length` (..., C)
     [m], `lever` (..., C, N) [m/rad], `transmission` (..., C); `speed` (..., C): d(length)/dt [m/s]; `force` (..., C):
-    measured cylinder forces [N], NaN where not measured."""
+    measured cylinder forces [N], NaN where not measured; `force_rate` (..., C): their derivative [N/s], where one
+    is known."""
 
     a: Array
     q: Array
@@ -28,6 +32,7 @@ class Motion(NamedTuple):
     transmission: Array
     speed: Array
     force: Array
+    force_rate: Array = UNKNOWN
 
 
 class Attitude(NamedTuple):
