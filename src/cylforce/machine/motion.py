@@ -55,6 +55,7 @@ def motion(
     angles, rates = np.asarray(theta, dtype=np.float64), np.asarray(thetad, dtype=np.float64)
     geometry = machine.geometry(angles)
     a = angles.cumsum(axis=-1)
+    pushed = np.asarray(force, dtype=np.float64)
     each = np.zeros(a.shape[:-1])  # what one number says of all samples
     return Motion(
         a=a,
@@ -66,7 +67,8 @@ def motion(
         lever=geometry.lever,
         transmission=geometry.transmission,
         speed=(geometry.lever @ rates[..., None])[..., 0],
-        force=np.asarray(force, dtype=np.float64),
+        force=pushed,
+        force_rate=np.zeros_like(pushed),
     )
 
 
