@@ -15,11 +15,15 @@ import pytest
 from cylforce.core.codec import decode
 from cylforce.core.publication import published
 from cylforce.core.scenario import _begin
+from cylforce.core.segments import gapless, samples
 from cylforce.core.step import Core, Scale, step
+from cylforce.core.trajectory import Course, Step
+from cylforce.core.weighing import Residual
 from cylforce.edges.settings import load
 from cylforce.programs.identify import model_of
 from cylforce.words.estimate import Reason, Status
 from cylforce.words.events import ERROR, EXTENDED, REMOTE, Frame, Tick
+from cylforce.words.signals import Kind
 from scenarios import (
     EXCAVATOR,
     cycles,
@@ -782,3 +786,52 @@ def test_a_load_that_hangs_for_long(bench):
     true_weight(bench, late)
     errors = [e.gross.standard_error for e in late]
     assert max(errors) < 2.0 * min(errors)
+
+
+def test_a_slew_encoder_passes_its_end(bench):
+    """The house turns by 1.5 rad while its encoder goes from 180 to -180 degrees: the estimates are those of an encoder
+    without an end."""
+    service, name = bench.service, "slew_rate"
+    pdo = pdo_of(service, name)
+    fields = tuple(dataclasses.replace(f, low=-6.0, high=6.0) if f.signal == name else f for f in pdo.fields)
+    signals = tuple(
+        dataclasses.replace(s, kind=Kind.SLEW_ANGLE, low=-6.0, high=6.0) if s.name == name else s
+        for s in service.machine.signals
+    )
+    nodes = tuple(n._replace(pdos=(pdo._replace(fields=fields),)) if pdo in n.pdos else n for n in service.nodes)
+    service = service._replace(machine=dataclasses.replace(service.machine, signals=signals), nodes=nodes)
+    turning = scene(bench.begin, waving(until=6.0), 6.0, LOAD)._replace(slew=Course(2.5, (Step(1.0, 5.0, 1.5),)))
+    endless = played(bench.loaded._replace(service=service), [turning])
+    ending = with_value(endless, service, name, lambda t, angle: (angle + np.pi) % (2 * np.pi) - np.pi)
+    core = Core(service, bench.core.tares)
+    wanted, found = (through(core, events)[1] for events in (endless, ending))
+    assert any(e.gross.status is Status.OK for e in wanted)
+    for one, other in zip(wanted, found, strict=True):
+        for a, b in zip(quantities(one), quantities(other), strict=True):
+            assert (a.status, a.reason) == (b.status, b.reason)
+            np.testing.assert_allclose(a.value, b.value, rtol=1e-3, atol=1.0)
+
+
+def test_a_machine_parked_at_an_end_stop(bench):
+    """A row that cannot be used fades nothing: what is known in its direction stays, so that no information runs out,
+    whose inverse would overflow in the end. (200 s of it here, when old samples fade from the first on.)"""
+    weigher, model = bench.core.weigher, bench.core.model
+    columns = np.random.default_rng(1).normal(size=(3, len(model.parameters)))
+    left = Residual(np.zeros(3), np.full(3, 1e6), np.zeros(3), columns)
+    usable, state = np.array([True, True, False]), weigher.begin()
+    state = state._replace(lift=state.lift._replace(taken=10**9))
+    errors = []
+    for _ in range(20_000):
+        state, _ = weigher.step(state, left, usable, 0)
+        errors.append(float(np.sqrt(np.diag(state.lift.covariance)).max()))
+    assert np.all(np.isfinite(errors))
+    assert max(errors) <= errors[0] * 1.001
+
+
+def test_a_clock_set_back_parts_a_recording(bench):
+    """The clock of a recording is set back in the middle of a motion: two stretches, not one with a leap."""
+    events = bench.carry.events
+    moved = [e._replace(t_us=e.t_us - 3_000_000) if seconds(e) >= FAULT + 4.0 else e for e in events]
+    for these, parts in ((events, 1), (moved, 2)):
+        rows = np.concatenate(list(samples(bench.core.assembler, these, 10_000)))
+        assert len(gapless(rows, 20)) == parts
