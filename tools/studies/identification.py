@@ -174,9 +174,7 @@ def summary(found: list[dict[str, Any]], inside: list[bool]) -> dict[str, float]
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--machines", type=int, default=30, help="half own friction laws, half foreign"
-    )
+    parser.add_argument("--machines", type=int, default=30, help="half own friction laws, half foreign")
     parser.add_argument("--seed", type=int, default=100, help="of the first machine")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()

@@ -147,7 +147,9 @@ class PublicationTable(Table):
 class FrictionTable(Table):
     """[friction]: the friction laws to choose from; `adapt`: friction and zero follow temperature and wear."""
 
-    effects: tuple[str, ...] = Field(default=("coulomb", "viscous", "delay", "load_dependent", "directional"), strict=False)
+    effects: tuple[str, ...] = Field(
+        default=("coulomb", "viscous", "delay", "load_dependent", "directional"), strict=False
+    )
     adapt: bool = False
 
 

@@ -11,8 +11,8 @@ from cylforce.machine.motion import Motion
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """F(t) - F(t - delay) = delay dF/dt, to first order: a few milliseconds of lag look like viscous friction on the empty
-    machine, but grow with the load."""
+    """F(t) - F(t - delay) = delay dF/dt, to first order: a few milliseconds of lag look like viscous friction on the
+    empty machine, but grow with the load."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """The delay [s] of the posture behind the force of every cylinder."""

@@ -9,7 +9,6 @@ from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 from cylforce.words.units import STANDARD_GRAVITY
 
-
 UNKNOWN = np.zeros(0)
 
 
