@@ -44,7 +44,9 @@ class ForceSensor:
         noise = np.diag((left.variance + left.rest)[usable]) + columns @ self.tares.covariance @ columns.T
         weighted = np.linalg.solve(noise, tool).T
         spread = np.asarray(np.linalg.inv(weighted @ tool + self._prior), dtype=np.float64)
-        x, z = (spread @ (weighted @ left.torque[usable]))[:2]
+        found = (spread @ (weighted @ left.torque[usable]))[:2]
+        spread = spread[:2, :2] + self.tares.scale_error**2 * np.outer(found, found)
+        x, z = found
         return self._force(float(x), float(z), spread[:2, :2])
 
     def _force(self, x: float, z: float, spread: Array) -> Force:

@@ -61,7 +61,7 @@ def identify(
     names = tuple(p.name for p in best.parameters)
     seen = np.sum(held.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
     left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
-    tares = Tares(laws, names, fit.values, fit.covariance, left, True)
+    tares = Tares(laws, names, fit.values, fit.covariance, left, True, 1.0, best.scale_error)
     return Identification(
         best,
         consistent(best, tares) if enforce else tares,

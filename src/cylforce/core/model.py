@@ -106,6 +106,17 @@ class Model:
         return slice(len(self.parameters) + 3 + len(self.machine.cylinders), None)
 
     @cached_property
+    def scale_error(self) -> float:
+        """Relative standard error of what the data sheet turns pressure into at the innermost measured joint: areas,
+        and the lever with both its pins, in mid-range. The empty machine cannot tell it; a known weight can."""
+        middle = np.array([(link.angle_low + link.angle_high) / 2.0 for link in self.machine.links])
+        lever = np.abs(self.machine.geometry(middle).lever[:, self.machine.rows[0]])
+        cylinders = [self.machine.cylinders[c] for c in self.acting[0]]
+        areas = max(c.area_error for c in cylinders)
+        pins = max(c.pin_error * np.sqrt(2.0) / lever[k] for c, k in zip(cylinders, self.acting[0], strict=True))
+        return float(np.hypot(areas, pins))
+
+    @cached_property
     def coulomb(self) -> list[int]:
         """The columns of the Coulomb friction."""
         return [k for k, p in enumerate(self.parameters) if p.name.endswith(".coulomb")]

@@ -148,8 +148,8 @@ def friction(model: Model, tares: Tares, cylinder: int, speed: Array, force: Arr
     size = len(model.machine.cylinders)
     still, level = np.zeros((len(speed), size)), np.zeros(len(speed))
     lever = np.broadcast_to(np.eye(size), (len(speed), size, size))
-    each = (np.broadcast_to(x[:, None], still.shape) for x in (speed, force))
-    moving = Motion(still, still, still, level, level, still, lever, still, *each, force_rate=still)
+    speeds, forces = (np.broadcast_to(x[:, None], still.shape) for x in (speed, force))
+    moving = Motion(still, still, still, level, level, still, lever, still, speeds, forces, still)
     laws = model.empty.effects[-len(model.friction) :]
     columns = np.stack([law.halves(model.machine, moving).static[:, cylinder, cylinder] for law in laws], axis=-1)
     name = model.machine.cylinders[cylinder].name
