@@ -15,6 +15,7 @@ from cylforce.words.units import STANDARD_GRAVITY
 CORRELATED = 50.0  # samples of a block that say the same, at most: half a second
 TOUCHED = 4.0  # standard errors of a block's tip force from which on something touched the tool
 EXPLAINED = 0.5  # of the block's squares that the tip force must explain
+SPOILT = 0.2  # trust in a block below which something else than weight and friction acted: sound ones have 0.5 and more
 BLOCKS = 2  # touched from which on a recording is refused: one may be a stone, a door, a stop
 HEAVY = 3.0  # standard errors of a load; machines within their data sheet's tolerances stay below 2.5
 WRONG_AREA, SURE_AREA = 0.04, 15.0  # share and gain from which a piston area is wrong: sizes differ by more
@@ -23,11 +24,12 @@ AREA = 0.3  # a piston area may be wrong by such a share
 
 
 class Contact(NamedTuple):
-    """Per block (B,): the upward `force` [N] at the tool that explains its residual best, and whether it is `certain`
-    that there was one (either way); the `gain` of those that are certain."""
+    """Per block (B,): the upward `force` [N] at the tool that explains its residual best, whether it is `certain` that
+    it pressed upwards, whether the block is `spoilt` by whatever; the `gain` of those that are certain."""
 
     force: Array
     certain: NDArray[np.bool_]
+    spoilt: NDArray[np.bool_]
     gain: float
 
 
@@ -56,7 +58,7 @@ def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> str | Non
     touched = contact(model, whole, noise, fit)
     if areas[row].gain > max(SURE_AREA, load.gain, touched.gain) and abs(areas[row].value) > WRONG_AREA:
         return _wrong_bore(model, row, areas[row])
-    if np.count_nonzero(touched.certain & (touched.force > 0.0)) >= BLOCKS:
+    if np.count_nonzero(touched.certain | touched.spoilt) >= BLOCKS:
         return _touching(whole, touched, model.filters.rate_hz)
     return _loaded(load) if load.value > HEAVY * load.standard_error else None
 
@@ -72,11 +74,15 @@ def _wrong_bore(model: Model, row: int, found: Cause) -> str:
 
 
 def _touching(whole: Factors, touched: Contact, rate_hz: float) -> str:
-    up = touched.certain & (touched.force > 0.0)
-    seconds = float(np.sum(np.max(whole.samples, axis=1)[up])) / rate_hz
+    blocks = touched.certain | touched.spoilt
+    seconds = float(np.sum(np.max(whole.samples, axis=1)[blocks])) / rate_hz
+    size = 1e-3 * float(np.max(touched.force[touched.certain], initial=0.0))
+    how = (
+        f"pressed upwards on the tool with up to {size:.0f} kN" if size else "acted that is neither weight nor friction"
+    )
     return (
-        f"the tool touched something for about {seconds:.0f} s (up to {1e-3 * float(np.max(touched.force[up])):.0f} kN "
-        "upwards): keep it clear of ground and obstacles, and start again"
+        f"for about {seconds:.0f} s something {how}: keep the tool clear of ground and obstacles, load and drop "
+        "nothing, and start again"
     )
 
 
@@ -103,9 +109,9 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     before, after = squares
     up, lightest = force[:, 1, 0], LIGHTEST * model.machine.rated_payload * STANDARD_GRAVITY
     explained = np.sum(after, axis=1) < (1.0 - EXPLAINED) * np.sum(before, axis=1)
-    certain = (np.abs(up) > np.maximum(TOUCHED * np.sqrt(spread[:, 1, 1]), lightest)) & explained
+    certain = (up > np.maximum(TOUCHED * np.sqrt(spread[:, 1, 1]), lightest)) & explained
     gain = (before - after)[certain] * (fit.trust[certain] * error / noise) ** 2
-    return Contact(up, certain, float(np.sum(gain)))
+    return Contact(up, certain, np.min(fit.trust, axis=1) < SPOILT, float(np.sum(gain)))
 
 
 def hanging(model: Model, held: Factors, noise: Array, fit: Fit) -> Load:

@@ -24,6 +24,7 @@ TURNING = 0.01  # rad/s: the joint moves
 WINDOW_S = 0.25  # over which that is seen
 MISFIT = 0.03  # of its torque that a row may leave unexplained before a sensor is suspected
 BETTER = 0.25  # of the misfit that the true exchange may leave
+AS_MANY = 0.8  # of the usable samples that it must leave
 
 PLACES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
@@ -113,27 +114,30 @@ def miswired(model: Model, evidence: Evidence) -> str | None:
 
 
 def _exchanged(model: Model, kept: Array) -> str | None:
-    there = _misfit_of(model, kept)
+    there, samples = _misfit_of(model, kept)
     if there < MISFIT:
         return None
-    tried = [(_misfit_of(model, _swapped(kept, pair)), pair) for pair in _exchanges(model.machine)]
-    best, (first, second) = min(tried, default=(np.inf, ((), ())))
-    if best > BETTER * there:
+    tried = [(*_misfit_of(model, _swapped(kept, pair)), pair) for pair in _exchanges(model.machine)]
+    fitting = [(left, pair) for left, told, pair in tried if told > AS_MANY * samples and left < BETTER * there]
+    if not fitting:
         return None
-    names = [" and ".join(model.machine.signals[k].name for k in part) for part in (first, second)]
+    left, pair = min(fitting)
+    first, second = (" and ".join(model.machine.signals[k].name for k in part) for part in pair)
     return (
-        f"{names[0]} must change places with {names[1]}: the other way round, the unexplained torque falls from "
-        f"{100 * there:.0f} to {100 * best:.1f} %; exchange their cables, or their entries in the machine file"
+        f"{first} must change places with {second}: the other way round, the unexplained torque falls from "
+        f"{100 * there:.0f} to {100 * left:.1f} %; exchange their cables, or their entries in the machine file"
     )
 
 
-def _misfit_of(model: Model, values: Array) -> float:
+def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
+    """(misfit, number of usable samples) of a stretch alone."""
     held = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
-    if not np.any(held.samples):
-        return np.inf
-    samples = np.maximum(np.sum(held.samples, axis=0), 1.0)
-    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2)) / samples)
-    return misfit(held, least_squares(held, MISFIT * size + 1.0, model.prior).row_error)
+    samples = np.sum(held.samples, axis=0)
+    if not np.any(samples):
+        return np.inf, 0.0
+    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
+    left = misfit(held, least_squares(held, MISFIT * size + 1.0, model.prior).row_error)
+    return left, float(np.sum(samples))
 
 
 def _swapped(values: Array, pair: Exchange) -> Array:
