@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cylforce.core.model import Model
 from cylforce.regression.batch import Fit, Prior, best, least_squares
-from cylforce.regression.blocks import Factors, beside, chosen
+from cylforce.regression.blocks import Factors, beside, chosen, of_all
 from cylforce.words.estimate import Array
 from cylforce.words.units import STANDARD_GRAVITY
 
@@ -97,7 +97,8 @@ def _loaded(load: Load) -> str:
 def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     """The force at the tool (x forward, z up) that each block of `whole`, the tool's columns included, shows beyond the
     `fit` of its first columns. A force that no posture of the block shows stays as uncertain as it was."""
-    size, (blocks, rows) = len(model.parameters), whole.samples.shape
+    whole, size = of_all(whole), len(model.parameters)
+    blocks, rows = whole.samples.shape
     error = np.where(np.sum(whole.samples, axis=0) > 0, np.maximum(fit.row_error, 1e-9), 1.0)
     scale = error[:, None] * np.sqrt(CORRELATED)
     left = ((whole.triangle[..., -1] - whole.triangle[..., :size] @ fit.values) / scale).reshape(blocks, -1, 1)

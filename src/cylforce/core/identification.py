@@ -12,7 +12,7 @@ from cylforce.core.observation import observed_factors
 from cylforce.core.suspicion import doubt
 from cylforce.core.wiring import Evidence, gathered, nothing
 from cylforce.regression.batch import Fit, Prior, least_squares, predicted
-from cylforce.regression.blocks import Factors, chosen, settled
+from cylforce.regression.blocks import Factors, chosen, of_row, settled
 from cylforce.words.estimate import Array
 
 MIN_SECONDS = 20.0
@@ -82,7 +82,7 @@ def _watched(model: Model, segments: Iterable[Array], evidence: list[Evidence]) 
 
 def _enough(model: Model, held: Factors) -> float:
     """Seconds of usable motion. Raises ValueError, in a sentence, when there is too little."""
-    seconds = float(np.max(np.sum(held.samples, axis=0)) / model.filters.rate_hz)
+    seconds = float(np.max(np.sum(held.samples + held.others, axis=0)) / model.filters.rate_hz)
     if seconds == 0.0:
         raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
     if seconds < MIN_SECONDS:
@@ -107,8 +107,8 @@ def _check_both_ways(model: Model, held: Factors) -> None:
 
 
 def _two_steps(model: Model, held: Factors, noise: Array) -> Fit:
-    """Static parameters from the slower half of the blocks, inertia and viscous friction as the data sheet has them;
-    then those two from all blocks with the static ones settled (paper, section 6)."""
+    """Static parameters from the slower half of the blocks, inertia and viscous friction as the data
+    sheet has them; then those others from all blocks with the static ones settled (paper, section 6)."""
     dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
     static = [k for k in range(len(model.parameters)) if k not in dynamic]
     n = model.machine.size
@@ -137,7 +137,7 @@ def row_noise(held: Factors, prior: Prior) -> Array:
 
 
 def _alone(held: Factors, prior: Prior, r: int) -> float:
-    one = Factors(held.triangle[:, [r]], held.samples[:, [r]], held.mark)
+    one = of_row(held, r)
     size = np.sqrt(np.sum(one.triangle[..., -1] ** 2) / np.sum(one.samples))
     return float(least_squares(one, np.array([size + 1e-9]), prior).row_error[0] + 1e-6 * size + 1e-9)
 

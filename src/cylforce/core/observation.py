@@ -1,12 +1,18 @@
 """Recordings as filtered rows and their factors: what identification and adaptation work on, in constant memory."""
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, signal
 
 from cylforce.core.model import Model
-from cylforce.regression.blocks import Factors, factors, joined
+from cylforce.core.motion import Moved
+from cylforce.regression import blocks
+from cylforce.regression.blocks import Factors, joined, row_factors
+from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array
 
 BLOCK_SECONDS = 2.0  # longer than the memory of filters and friction residuals
@@ -14,17 +20,25 @@ CHUNK_SECONDS = 60.0  # of a recording that are worked on at once
 MOST_BLOCKS = 256  # kept apart; beyond, neighbours merge
 MOVING = 0.005  # m/s of a cylinder
 REST_SHARE = 0.1  # of the lever: above it a row hardly tells the direction of friction
+CERTAIN_SHARE = 0.02  # above it friction is not what it is in motion: biased by noise, by break-away
+SEQUENCE = 20  # bits of the maximal-length sequence that stands in for noise
+NEAR = 100  # samples that tell how strong the noise is
+USUAL = 0.999  # share of the differences between samples that are taken for noise; larger ones count as these
 
 
 class Observed(NamedTuple):
     """Filtered rows of a stretch: `columns` (T, R, P), `torque` (T, R) with NaN where not usable, `posture` (T, N)
-    joint angles and `speed` (T, C) of the cylinders, `tool` (T, R, 3) columns of a force and moment there."""
+    joint angles and `speed` (T, C) of the cylinders, `tool` (T, R, 3) columns of a force and moment there; `noise`
+    (T, R, P+4): what noise like that of the sensors adds to columns, tool's columns and torque; `certain` (T, R): the
+    direction of friction is known so well that the row may be fitted."""
 
     columns: Array
     torque: Array
     posture: Array
     speed: Array
     tool: Array
+    noise: Array
+    certain: NDArray[np.bool_]
 
 
 def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
@@ -38,19 +52,50 @@ def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
                 yield piece
 
 
-def observe(model: Model, values: Array) -> Observed:
-    """Rows of a gapless stretch of samples (T, S), the filters' start left out; unusable levers and friction of unknown
-    direction are masked."""
+def observe(model: Model, values: Array, first: int = 0) -> Observed:
+    """Rows of a gapless stretch of samples (T, S) from step `first` on, the filters' start left out; unusable levers
+    and friction of unknown direction are masked."""
     moved = model.channels.run(values)
     rows = model.filtered.run(moved.motion)
-    torque = rows.torque.copy()
-    for k, acting in enumerate(model.acting):
-        torque[_stays(np.logical_not(np.all(moved.usable[:, acting], axis=1)), model.settle_steps), k] = np.nan
-    torque[np.logical_not(_moving(model, rows.columns))] = np.nan
+    unknown = _at_rest(model, rows.columns)
+    torque = np.where(np.logical_or(_unusable(model, moved), unknown > REST_SHARE), np.nan, rows.torque)
     posture = np.diff(moved.motion.a, axis=1, prepend=0.0)
     own, tool = rows.columns[..., : len(model.parameters)], rows.columns[..., model.tool]
-    whole = Observed(own, torque, posture, moved.motion.speed, tool)
-    return Observed(*(part[model.settle_steps :] for part in whole))
+    noise, late = _noise(model, rows, values, first), slice(model.settle_steps, None)
+    seen = (own[late], torque[late], posture[late], moved.motion.speed[late], tool[late])
+    return Observed(*seen, noise[late], unknown[late] < CERTAIN_SHARE)
+
+
+def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
+    """What noise adds to rows (T, R, P+4): the difference that a little more of it makes."""
+    moved = model.channels.run(values + noise_like(values, first))
+    noisy = model.filtered.run(moved.motion)
+    columns = (noisy.columns - rows.columns)[..., : model.tool.stop]
+    added = np.concatenate([columns, (noisy.torque - rows.torque)[..., None]], axis=-1)
+    return np.where(np.isfinite(added) & np.logical_not(_unusable(model, moved))[..., None], added, 0.0)
+
+
+def _unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
+    """Rows (T, R) in which a filter remembers an unusable lever."""
+    lost = [np.logical_not(np.all(moved.usable[:, acting], axis=1)) for acting in model.acting]
+    return np.stack([_stays(bad, model.settle_steps) for bad in lost], axis=-1)
+
+
+def noise_like(values: Array, first: int) -> Array:
+    """Noise (T, S) as strong as that of the samples (T, S), which their third differences tell (the motion is smooth),
+    and white: every signal has its own stretch of a maximal-length sequence of signs, from step `first` on."""
+    steps, signals = values.shape
+    differences = np.abs(np.diff(values, n=3, axis=0, prepend=values[:2], append=values[-1:]))
+    squares = np.minimum(differences, np.quantile(differences, USUAL, axis=0)) ** 2 / 20.0
+    size = np.sqrt(np.maximum(ndimage.uniform_filter1d(squares, min(NEAR, steps), axis=0), 0.0))
+    signs = _signs()
+    places = first + np.arange(steps)[:, None] + np.arange(signals) * (signs.size // signals)
+    return np.asarray(size * signs[places % signs.size])
+
+
+@cache
+def _signs() -> Array:
+    return np.asarray(2.0 * signal.max_len_seq(SEQUENCE)[0] - 1.0)
 
 
 def _stays(bad: Array, steps: int) -> Array:
@@ -59,17 +104,18 @@ def _stays(bad: Array, steps: int) -> Array:
     return np.asarray(since > 0.5)
 
 
-def _moving(model: Model, columns: Array) -> Array:
-    """Rows (T, R) in which the direction of friction is known well enough."""
+def _at_rest(model: Model, columns: Array) -> Array:
+    """The share (T, R) of a row's levers at which the direction of friction is unknown."""
     unknown = np.sum(columns[..., model.at_rest], axis=-1)
     lever = np.sum(np.abs(columns[..., model.coulomb]), axis=-1)
-    return np.asarray(unknown < REST_SHARE * (lever + unknown))
+    return np.asarray(unknown / np.maximum(lever + unknown, 1e-12))
 
 
 def block_factors(model: Model, seen: Observed) -> Factors:
     """Factors of a stretch; see `observed_factors`."""
     columns = np.concatenate([seen.columns, seen.tool], axis=-1)
-    return factors(columns, seen.torque, _marks(seen), int(BLOCK_SECONDS * model.filters.rate_hz))
+    rows = blocks.Rows(columns, seen.torque, seen.noise, seen.certain, _marks(seen))
+    return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))
 
 
 def _marks(seen: Observed) -> Array:
@@ -82,7 +128,9 @@ def observed_factors(model: Model, segments: Iterable[Array]) -> Factors:
     the share of time in which they run out, and that in which they run in.
 
     Raises ValueError, in a sentence, when no stretch is long enough."""
-    parts = (block_factors(model, observe(model, piece)) for piece in chunks(model, segments))
+    step = int(CHUNK_SECONDS * model.filters.rate_hz)
+    seen = (observe(model, piece, k * step) for k, piece in enumerate(chunks(model, segments)))
+    parts = (block_factors(model, stretch) for stretch in seen)
     try:
         return joined(parts, MOST_BLOCKS)
     except ValueError:

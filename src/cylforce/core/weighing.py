@@ -13,6 +13,7 @@ from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array, Booking, Load, Quantity, Reason, Status, invalid, invalid_load
 
 GATE = 9.0  # mean squared normalised innovation per row above which a sample does not belong to the load
+BREAK_AWAY = 3.0  # friction not yet what it is in motion, in units of what its direction leaves unknown
 PATIENCE_S = 0.3  # a lift ends when samples have not belonged to it for so long
 MIN_SECONDS = 1.0  # of consistent samples before a weight is shown
 GOOD_ENOUGH = 0.01  # standard error, as a share of rated payload, to be shown as OK and to be booked
@@ -136,7 +137,7 @@ class Weigher:
     def _advance(self, lift: Lift, left: Residual, usable: Array) -> Lift:
         columns = left.columns @ self.model.load
         expected = columns @ lift.values
-        variance = ((columns @ lift.covariance) * columns).sum(axis=1) + left.variance + left.rest
+        variance = ((columns @ lift.covariance) * columns).sum(axis=1) + left.variance + BREAK_AWAY**2 * left.rest
         innovation = (left.torque - expected) ** 2 / variance
         if not usable.any() or innovation[usable].mean() > GATE:
             return lift._replace(refused=lift.refused + 1)
