@@ -18,6 +18,7 @@ from cylforce.words.estimate import Array
 MIN_SECONDS = 20.0
 ONE_WAY, ONE_WAY_SECONDS = 0.05, 2.0  # share of a cylinder's motion below which a way was not moved; motion that counts
 FOLDS = 5
+CERTAIN = ("coulomb", "delay")  # laws that no machine is without
 TOLD = 0.5  # of the prior's standard error: a parameter above it is not told by the recording
 
 
@@ -38,8 +39,8 @@ class Identification(NamedTuple):
 def identify(
     model: Model, segments: Iterable[Array], *, two_steps: bool = False, enforce: bool = False, refuse: bool = True
 ) -> Identification:
-    """Tares from gapless segments of samples (T, S). `model.friction` are the laws to choose from; the first always
-    stays. `two_steps`: the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once.
+    """Tares from gapless segments of samples (T, S). `model.friction` are the laws to choose from; CERTAIN ones always
+    stay. `two_steps`: the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once.
     `enforce`: the nearest physically consistent tares. `refuse`: look for the signatures of a load, of contact, of dead
     or misplaced sensors and of wrong piston areas.
 
@@ -151,12 +152,13 @@ def _of(model: Model, part: Model) -> list[int]:
 def _choose(model: Model, held: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
     """Friction laws by held-out prediction: blocks of like posture are left out together, so that what is scored is
     prediction into postures that were not seen. A law joins when it predicts better by more than two standard errors
-    over the folds."""
+    over the folds. Certain are Coulomb friction and the delay: every sensor lags, and viscous friction would take the
+    place of a delay that is left out, with too small a standard error."""
     folds = _folds(model, held)
-    laws: tuple[str, ...] = (model.friction[0],)
+    laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]
     best = _errors(model, laws, held, noise, folds)
     told = {laws[0]: float(np.mean(best))}
-    for law in model.friction[1:]:
+    for law in [law for law in model.friction if law not in laws]:
         error = _errors(model, (*laws, law), held, noise, folds)
         told[law] = float(np.mean(error))
         gain = best - error
