@@ -23,8 +23,9 @@ from cylforce.edges.files import replacing
 from cylforce.edges.settings import Loaded, load
 from cylforce.edges.truth import read_truth
 from cylforce.programs.replay import make_core
-from cylforce.programs.run import Counts, Daemon, configure_messages, serve
+from cylforce.programs.run import Daemon, configure_messages, show_status
 from cylforce.programs.score import CycleScore, ForceScore, score_cycles, score_force
+from cylforce.programs.station import Counts, serve
 from cylforce.words.estimate import Booking, Estimate
 
 MOVES_S = 120.0
@@ -128,7 +129,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
     until = asyncio.Event()
     ended = asyncio.create_task(_set_when_ended(machine, until))
     try:
-        await serve(daemon, until)
+        await serve(daemon, until, lambda: show_status(daemon))
     finally:
         if machine.returncode is None:
             machine.terminate()
