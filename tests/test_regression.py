@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cylforce.regression import blocks, recursive
-from cylforce.regression.batch import Prior, least_squares
+from cylforce.regression.batch import Prior, best, least_squares
 from cylforce.regression.filters import first_order, second_order
 
 SEED = 20_261_121
@@ -111,6 +111,19 @@ def test_factors_hold_all_that_least_squares_needs(seed: int, block: int) -> Non
     np.testing.assert_allclose(blocks.residual_squares(held, expected).sum(axis=0), np.sum(left**2, axis=0), rtol=1e-9)
     pull = np.einsum("trk,tr->rk", columns, left)
     np.testing.assert_allclose(blocks.scores(held, expected).sum(axis=0), pull, atol=1e-9 * np.abs(columns).sum())
+
+
+def test_factors_stand_nearly_collinear_columns() -> None:
+    """At condition number 1e8 a million times closer to the truth than normal equations, which square it."""
+    rng = np.random.default_rng(SEED)
+    size, true = 12, rng.normal(size=12)
+    turns = [np.linalg.qr(rng.normal(size=(size, size)))[0] for _ in range(2)]
+    columns = rng.normal(size=(2000, 3, size)) @ (turns[0] * np.geomspace(1.0, 1e-8, size) @ turns[1])
+    held = blocks.joined([_factors(columns, columns @ true, 200)], 4)
+    ours, _ = best(held, np.ones_like(held.samples), None)
+    rows = columns.reshape(-1, size)
+    normal = np.linalg.solve(rows.T @ rows, rows.T @ (rows @ true))
+    assert np.linalg.norm(ours - true) < 1e-6 * np.linalg.norm(normal - true)
 
 
 def test_batch_names_what_it_cannot_tell() -> None:
