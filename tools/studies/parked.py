@@ -1,7 +1,7 @@
 """Forty minutes parked after half a minute of motion: how far do the parameters of a recursion with forgetting drift
-while there is nothing but the sensors' noise? Our recursion (forgetting only what a row shows), shown every row and shown
-those that the service lets it see (none at rest), beside exponential forgetting in UD form (Bierman 1977, Thornton
-1976) and padasip's FilterRLS: the same rows, the same memory, the same prior, in one run.
+while there is nothing but the sensors' noise? Our recursion (forgetting only what a row shows), shown every row, and
+shown those that the service lets it see (none at rest), beside exponential forgetting in UD form (Bierman 1977,
+Thornton 1976) and padasip's FilterRLS: the same rows, the same memory, the same prior, in one run.
 
 The machine is a reference machine, identified from its own commissioning moves; the parameters are those that slow
 adaptation follows (friction and pressure zeros), in units of their prior standard errors."""
