@@ -31,6 +31,18 @@ def _stream(seed: int, *path: int) -> np.random.Generator:
 
 
 @dataclass(frozen=True)
+class Stage:
+    """A run that is planned but not yet carried out: `plans`, the slope [rad], and the stream of random numbers that
+    the sensors' noise comes from. A machine with an effect on the stage of the one without it has the same motion
+    asked for and the same noise."""
+
+    plans: list[Plan]
+    pitch: float
+    roll: float
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True)
 class Machine:
     """One machine; every part can be replaced (`dataclasses.replace`) before a run.
 
@@ -76,45 +88,82 @@ class Machine:
         `pitch_deg`, `roll_deg`: the slope when the house looks ahead, by default drawn within 3 and 2 degrees; the oil
         starts at `oil_degc` and warms by `oil_degc_per_s` but in warm_up; `wear` is a factor of all friction. The same
         seeds give the same recording. Raises ValueError for an unknown scenario or option."""
-        rng = _stream(self.seed, RUN, seed)
-        slope = [float(x) for x in rng.uniform(-1.0, 1.0, 2) * (3.0, 2.0)]
-        slope = [drawn if given is None else given for drawn, given in zip(slope, (pitch_deg, roll_deg), strict=True)]
-        site = Site(self.geometry, rng, oil_degc, oil_degc_per_s)
-        plans = [self._edited(_conditioned(site, plan, wear)) for plan in _plans(site, scenario, duration_s, options)]
-        pitch, roll = (float(np.radians(x)) for x in slope)
-        pieces = [self._piece(plan, pitch, roll, rng) for plan in plans]
+        stage = self.stage(
+            scenario,
+            seed=seed,
+            duration_s=duration_s,
+            pitch_deg=pitch_deg,
+            roll_deg=roll_deg,
+            oil_degc=oil_degc,
+            oil_degc_per_s=oil_degc_per_s,
+            wear=wear,
+            **options,
+        )
+        plans = [self.edited(plan) for plan in stage.plans]
+        pieces = [self._piece(plan, stage) for plan in plans]
         t_s, values = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
         truth = {key: np.concatenate([piece[2][key] for piece in pieces]) for key in pieces[0][2]}
         header = self.describe() | {
             "scenario": scenario,
             "run_seed": seed,
             "options": {key: list(v) if isinstance(v, tuple) else v for key, v in options.items()},
-            "pitch": pitch,
-            "roll": roll,
+            "pitch": stage.pitch,
+            "roll": stage.roll,
             "phases": list(PHASES),
             "pieces": [{"begin_s": p.begin, "rows": p.rows + round(p.still_s * RATE)} | p.notes for p in plans],
         }
         return Recording(name or scenario, t_s, SIGNALS, values, truth, header)
+
+    def stage(
+        self,
+        scenario: str,
+        *,
+        seed: int = 0,
+        duration_s: float | None = None,
+        pitch_deg: float | None = None,
+        roll_deg: float | None = None,
+        oil_degc: float = 40.0,
+        oil_degc_per_s: float = 0.0125,
+        wear: float = 1.0,
+        **options: object,
+    ) -> Stage:
+        """What `run` would do, planned on this machine's geometry; arguments as there."""
+        rng = _stream(self.seed, RUN, seed)
+        slope = [float(x) for x in rng.uniform(-1.0, 1.0, 2) * (3.0, 2.0)]
+        slope = [drawn if given is None else given for drawn, given in zip(slope, (pitch_deg, roll_deg), strict=True)]
+        site = Site(self.geometry, rng, oil_degc, oil_degc_per_s)
+        plans = [_conditioned(site, plan, wear) for plan in _plans(site, scenario, duration_s, options)]
+        pitch, roll = (float(np.radians(x)) for x in slope)
+        return Stage(plans, pitch, roll, rng)
 
     def plant(self, pitch: float = 0.0, roll: float = 0.0) -> Plant:
         """A fresh set of physics on a slope [rad]."""
         friction, pins = deepcopy(list(self.friction)), deepcopy(list(self.pins))
         return Plant(self.specimen, friction, pins, self.hydraulics, pitch, roll, self.extra)
 
-    def _edited(self, plan: Plan) -> Plan:
+    def edited(self, plan: Plan) -> Plan:
+        """The plan after the machine's edits."""
         for edit in self.edits:
             plan = edit(plan)
         return plan
 
-    def _piece(
-        self, plan: Plan, pitch: float, roll: float, rng: np.random.Generator
-    ) -> tuple[Array, Array, dict[str, Array]]:
-        """Times, values and truth of one plan."""
-        trace = Engine(self.plant(pitch, roll), plan).run()
+    def trace(self, plan: Plan, pitch: float, roll: float) -> Trace:
+        """What an edited plan makes of the machine."""
+        return Engine(self.plant(pitch, roll), plan).run()
+
+    def measured(self, trace: Trace, plan: Plan, stage: Stage, rng: np.random.Generator) -> Array:
+        """What the sensors say (T, S) of a trace."""
         still = round(plan.still_s * RATE)
         kelvin = np.concatenate([plan.kelvin, np.full(still, plan.kelvin[-1])])
-        values = self.sensors.measure(_signals(trace, pitch, roll), kelvin, still, rng)
-        truth = {key: np.concatenate([x, np.full(still, x[-1])]) for key, x in _truth(trace, plan, pitch, roll).items()}
+        return self.sensors.measure(_signals(trace, stage.pitch, stage.roll), kelvin, still, rng)
+
+    def _piece(self, plan: Plan, stage: Stage) -> tuple[Array, Array, dict[str, Array]]:
+        """Times, values and truth of one plan."""
+        trace = self.trace(plan, stage.pitch, stage.roll)
+        still = round(plan.still_s * RATE)
+        values = self.measured(trace, plan, stage, stage.rng)
+        found = _truth(trace, plan, stage.pitch, stage.roll)
+        truth = {key: np.concatenate([x, np.full(still, x[-1])]) for key, x in found.items()}
         return plan.begin + np.arange(len(values)) / RATE, values, truth
 
     def describe(self) -> dict[str, object]:

@@ -1,0 +1,97 @@
+"""A case: drawn, simulated, sealed, and the folder that the diagnosis gets, in which nothing tells the truth."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from reference_machine.machinefile import machine_file
+from reference_machine.sensors import SIGNALS
+
+from .fault import Draw, Fault
+from .field import LOAD_KG, Piece, Site, faulty, scene
+from .foreign import FOREIGN
+from .library import KNOWN, clutter
+from .orders import Order
+
+Array = NDArray[np.float64]
+NAME = "Excavator"  # of every machine: it tells nothing
+
+
+@dataclass(frozen=True)
+class Case:
+    """The recordings as values (T, S) by name, when each begins [s], and the label."""
+
+    order: Order
+    signals: tuple[str, ...]
+    references: dict[str, Array]
+    field: dict[str, Array]
+    begins: dict[str, float]
+    machine_toml: str
+    label: dict[str, object]
+
+
+def simulated(site: Site, order: Order) -> tuple[Case, dict[str, Array]]:
+    """The case, and the field's twin: the clean machine on the same motion with the same noise."""
+    rng = np.random.default_rng([*order.seed, 11])
+    poor = order.poor
+    pieces = site.field(rng, 100 + order.number, poor) if poor else site.pieces
+    faults, small = drawn(order, pieces, rng)
+    own = [site.seed, order.number]
+    field = {p.stretch.name: p.values(faulty(p, [*faults, *small]), tuple(own)) for p in pieces}
+    twin = {p.stretch.name: p.values(p.machine, tuple(own)) for p in pieces}
+    references = {k: v for k, v in site.references.items() if not (poor == "no_load" and k.endswith("loaded"))}
+    begins = dict.fromkeys(references, 0.0) | {p.stretch.name: p.stretch.begin_s for p in pieces}
+    case = Case(order, SIGNALS, references, field, begins, machine_file(NAME), label(order, faults, small))
+    return case, twin
+
+
+def drawn(order: Order, pieces: tuple[Piece, ...], rng: np.random.Generator) -> tuple[list[Fault], list[Fault]]:
+    """The case's faults, and the small ones around them."""
+    seen, draw = scene(pieces), Draw(rng)
+    faults = [(KNOWN | FOREIGN)[name](draw, seen) for name in order.names]
+    return faults, clutter(draw, seen, order.names) if order.clutter else []
+
+
+def label(order: Order, faults: list[Fault], small: list[Fault]) -> dict[str, object]:
+    """What is sealed."""
+    return {
+        "case": order.number,
+        "kind": order.kind,
+        "poor": order.poor,
+        "clutter": [fault.label() for fault in small],
+        "effects": [fault.label() for fault in faults],
+        "machine": order.machine,
+        "friction": order.friction,
+    }
+
+
+def sealed(label: dict[str, object], salt: str) -> str:
+    """The salted hash of a label: printed before the diagnosis starts, checked after."""
+    return hashlib.sha256((salt + json.dumps(label, sort_keys=True)).encode()).hexdigest()
+
+
+def write(case: Case, folder: Path) -> None:
+    """The folder of the diagnosis: data sheet, recordings, which is which."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "machine.toml").write_text(case.machine_toml)
+    for name, values in (case.references | case.field).items():
+        t_s = case.begins[name] + np.arange(len(values)) / 100.0
+        columns = dict(zip(("t_s", *case.signals), (t_s, *values.T), strict=True))
+        pq.write_table(pa.table(columns), folder / f"{name}.parquet")
+    (folder / "case.json").write_text(json.dumps(inputs(case), indent=1) + "\n")
+
+
+def inputs(case: Case) -> dict[str, object]:
+    """Which recording is what."""
+    names = [f"{name}.parquet" for name in (*case.references, *case.field)]
+    return {
+        "field": [f"{name}.parquet" for name in case.field],
+        "reference": [f"{name}.parquet" for name in case.references],
+        "loads_kg": {name: LOAD_KG for name in names if "loaded" in name},
+    }

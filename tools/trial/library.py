@@ -1,0 +1,45 @@
+"""Every effect of the library, as the reference machine suffers it."""
+
+from collections.abc import Callable
+
+from . import mechanics, rubbing, sensing
+from .fault import Draw, Fault, Scene
+
+Make = Callable[[Draw, Scene], Fault]
+KNOWN: dict[str, Make] = {
+    "stribeck": rubbing.stribeck,
+    "load_dependent_friction": rubbing.load_dependent,
+    "asymmetric_friction": rubbing.asymmetric,
+    "friction_temperature_drift": rubbing.temperature_drift,
+    "presliding_hysteresis": rubbing.presliding,
+    "friction_level_change": rubbing.level_change,
+    "coulomb_friction": rubbing.coulomb_change,
+    "viscous_friction": rubbing.viscous_change,
+    "pressure_offset": sensing.pressure_offset,
+    "pressure_gain": sensing.pressure_gain,
+    "pressure_drift": sensing.pressure_drift,
+    "angle_offset": sensing.angle_offset,
+    "angle_scale": sensing.angle_scale,
+    "sensor_delay": sensing.sensor_delay,
+    "tilt_ignored": sensing.tilt_ignored,
+    "slew_centrifugal": sensing.slew_ignored,
+    "return_line_loss": sensing.line_loss,
+    "linkage_geometry": mechanics.linkage_geometry,
+    "extra_mass": mechanics.extra_mass,
+    "first_moment_change": mechanics.first_moment,
+    "soil_contact": mechanics.soil_contact,
+    "payload_shift": mechanics.payload_shift,
+    "payload_spill": mechanics.payload_spill,
+    "compliance": sensing.compliance,
+    "backlash": sensing.backlash,
+    "clock_fault": sensing.clock_fault,
+}
+CLUTTER, CLUTTER_SHARE = 16, 0.05
+NO_CLUTTER = ("slew_centrifugal", "clock_fault")  # 5 % of them is no smaller kind of the same
+
+
+def clutter(draw: Draw, scene: Scene, besides: tuple[str, ...]) -> list[Fault]:
+    """Sixteen other effects, each at 5 % of a typical size."""
+    names = [name for name in KNOWN if name not in (*besides, *NO_CLUTTER)]
+    small = Draw(draw.rng, CLUTTER_SHARE)
+    return [KNOWN[str(name)](small, scene) for name in draw.rng.choice(names, CLUTTER, replace=False)]

@@ -1,0 +1,154 @@
+"""Effects of bodies, pins and loads on the reference machine."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_machine.datasheet import JOINTS
+from reference_machine.machine import Machine
+from reference_machine.plan import RATE, Plan, smooth
+
+from .fault import Draw, Fault, Scene, Stretch
+
+Array = NDArray[np.float64]
+EXTRA = {"boom": (80.0, 400.0), "stick": (40.0, 250.0), "bucket": (40.0, 250.0)}  # kg
+PLACES = {
+    "boom": ("foot", "eye"),
+    "stick": ("foot", "eye"),
+    "bucket": ("foot", "rocker_pin", "link_pin", "rocker", "link"),
+}
+
+
+def linkage_geometry(draw: Draw, scene: Scene) -> Fault:
+    """A pin or a bar 5-30 mm off."""
+    at, size, way = draw.one(JOINTS), draw.size(5e-3, 30e-3), draw.ray()
+    part = draw.one(PLACES[at])
+
+    def apply(machine: Machine, _: Stretch) -> Machine:
+        s = machine.specimen
+        step = size * way
+        if part in ("foot", "eye"):
+            cylinder = s.cylinders[at]
+            moved = replace(cylinder, **{part: _moved(getattr(cylinder, part), step)})
+            return replace(machine, specimen=replace(s, cylinders=s.cylinders | {at: moved}))
+        bars, old = s.bucket_bars, getattr(s.bucket_bars, part)
+        new = _moved(old, step) if isinstance(old, tuple) else old + float(np.copysign(size, way[0]))
+        return replace(machine, specimen=replace(s, bucket_bars=replace(bars, **{part: new})))
+
+    return Fault("linkage_geometry", at, size, "m", apply, part)
+
+
+def _moved(point: tuple[float, float], step: Array) -> tuple[float, float]:
+    return point[0] + float(step[0]), point[1] + float(step[1])
+
+
+def extra_mass(draw: Draw, scene: Scene) -> Fault:
+    """A lump near a link's centre of gravity."""
+    at = draw.one(JOINTS)
+    size = draw.size(*EXTRA[at])
+    x, z = (draw.uniform(0.0, 0.1) * draw.ray()).tolist()
+
+    def apply(machine: Machine, _: Stretch) -> Machine:
+        s = machine.specimen
+        body = s.bodies[at]
+        mass = body.mass + size
+        share = size / mass
+        centre = _moved(body.centre, np.array([share * x, share * z]))
+        reduced = body.mass * share
+        heavier = replace(
+            body,
+            mass=mass,
+            centre=centre,
+            xx=body.xx + reduced * x * x,
+            zz=body.zz + reduced * z * z,
+            xz=body.xz + reduced * x * z,
+        )
+        return replace(machine, specimen=replace(s, bodies=s.bodies | {at: heavier}))
+
+    return Fault("extra_mass", at, size, "kg", apply, "lump")
+
+
+def first_moment(draw: Draw, scene: Scene) -> Fault:
+    """A link's centre of gravity 30-250 mm elsewhere."""
+    at, size, way = draw.one(JOINTS), draw.size(0.03, 0.25), draw.ray()
+
+    def apply(machine: Machine, _: Stretch) -> Machine:
+        s = machine.specimen
+        body = replace(s.bodies[at], centre=_moved(s.bodies[at].centre, size * way))
+        return replace(machine, specimen=replace(s, bodies=s.bodies | {at: body}))
+
+    moment = size * scene.machine.specimen.bodies[at].mass
+    return Fault("first_moment_change", at, moment, "kg m", apply, f"{np.degrees(np.arctan2(way[1], way[0])):.0f} deg")
+
+
+def with_edit(machine: Machine, edit: Callable[[Plan], Plan]) -> Machine:
+    """The machine with a further edit of its plans."""
+    return replace(machine, edits=(*machine.edits, edit))
+
+
+def soil_contact(draw: Draw, scene: Scene) -> Fault:
+    """The teeth touch where none was assumed: a few pulses of 3-20 kN, rough, for 0.8-4 s each."""
+    size, seed = draw.size(3e3, 20e3), int(draw.rng.integers(2**31))
+
+    def apply(machine: Machine, stretch: Stretch) -> Machine:
+        def edit(plan: Plan) -> Plan:
+            rng = np.random.default_rng([seed, len(stretch.name)])
+            return plan.at(tip=plan.tip + _pulses(rng, plan.rows, size))
+
+        return with_edit(machine, edit)
+
+    return Fault("soil_contact", "bucket", size, "N", apply, "pulses")
+
+
+def _pulses(rng: np.random.Generator, rows: int, size: float) -> Array:
+    """Forces (T, 2): up, and forward or back."""
+    t, total = np.arange(rows) / RATE, np.zeros((rows, 2))
+    for _ in range(int(rng.integers(2, 6))):
+        width = float(rng.uniform(0.8, 4.0))
+        begin = float(rng.uniform(2.0, max(rows / RATE - width - 1.0, 2.5)))
+        rough = np.convolve(
+            rng.standard_normal(rows + 20), np.hanning(21) / np.sqrt(np.sum(np.hanning(21) ** 2)), "valid"
+        )
+        on = smooth((t - begin) / 0.15) * (1.0 - smooth((t - begin - width) / 0.2)) * (1.0 + 0.15 * rough)
+        way = float(np.radians(rng.uniform(30.0, 150.0)))
+        total += size * float(rng.uniform(0.6, 1.2)) * on[:, None] * np.array([np.cos(way), np.sin(way)])
+    return total
+
+
+def payload_shift(draw: Draw, scene: Scene) -> Fault:
+    """The load slides 0.1-0.5 m at an instant."""
+    size, way = draw.size(0.1, 0.5), draw.ray()
+    when, takes = draw.uniform(0.25, 0.75), draw.uniform(0.15, 0.6)
+
+    def apply(machine: Machine, stretch: Stretch) -> Machine:
+        if not stretch.payload_kg:
+            return machine
+
+        def edit(plan: Plan) -> Plan:
+            t, payload = np.arange(plan.rows) / RATE, plan.payload.copy()
+            payload[:, 1:3] += smooth((t - when * t[-1]) / takes)[:, None] * size * way
+            return plan.at(payload=payload)
+
+        return with_edit(machine, edit)
+
+    return Fault("payload_shift", "bucket", size, "m", apply, "slide")
+
+
+def payload_spill(draw: Draw, scene: Scene) -> Fault:
+    """5-50 % of the load falls within seconds."""
+    size, when, takes = draw.size(0.05, 0.5), draw.uniform(0.25, 0.75), draw.uniform(0.5, 5.0)
+
+    def apply(machine: Machine, stretch: Stretch) -> Machine:
+        if not stretch.payload_kg:
+            return machine
+
+        def edit(plan: Plan) -> Plan:
+            t, payload = np.arange(plan.rows) / RATE, plan.payload.copy()
+            payload[:, 0] *= 1.0 - size * smooth((t - when * t[-1]) / takes)
+            return plan.at(payload=payload)
+
+        return with_edit(machine, edit)
+
+    return Fault("payload_spill", "bucket", size, "of load", apply, "falls")

@@ -1,0 +1,203 @@
+"""Effects on the reference machine's signals: pressures, angles, delays, clocks, tilt, gyro, lines, play, give."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from reference_machine.datasheet import EXCAVATOR, JOINTS
+from reference_machine.machine import Machine
+from reference_machine.sensors import ANGLES, PRESSURES, Distortion
+
+from .fault import BAR, DEGREE, TYPICAL_TORQUE, Draw, Fault, Scene, Stretch, on_sensors, speed, torque
+
+Array = NDArray[np.float64]
+Truth = Mapping[str, Array]
+FAST = 1000.0  # Hz
+
+
+def only(name: str, change: "Distortion") -> Distortion:
+    """A distortion of one signal."""
+
+    def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+        return change(signal, t, values, truth) if signal == name else values
+
+    return effect
+
+
+def _simple(name: str, at: str, size: float, unit: str, change: Distortion, form: str = "") -> Fault:
+    return Fault(name, at, size, unit, lambda machine, _: on_sensors(machine, only(at, change)), form)
+
+
+def pressure_offset(draw: Draw, scene: Scene) -> Fault:
+    """0.5-5 bar."""
+    at, size = draw.one(PRESSURES), draw.signed(0.5, 5.0)
+    return _simple("pressure_offset", at, size, "bar", lambda s, t, values, truth: values + size * BAR)
+
+
+def pressure_gain(draw: Draw, scene: Scene) -> Fault:
+    """0.5-5 %, a little more or less at high pressures."""
+    at, size, bend = draw.one(PRESSURES), draw.signed(0.005, 0.05), draw.uniform(-0.15, 0.15)
+
+    def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+        return values * (1.0 + size * (1.0 + bend * (2.0 * values / EXCAVATOR.pressure_range - 0.5)))
+
+    return _simple("pressure_gain", at, size, "of value", change, "curved")
+
+
+def pressure_drift(draw: Draw, scene: Scene) -> Fault:
+    """1-8 bar at the field's end, as a sensor that warms: fast first, then slower."""
+    at, size = draw.one(PRESSURES), draw.signed(1.0, 8.0)
+    end = max(s.begin_s + s.duration_s for s in scene.stretches)
+    constant = end * draw.uniform(0.4, 1.5)
+
+    def apply(machine: Machine, stretch: Stretch) -> Machine:
+        def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+            grown = -np.expm1(-(t + stretch.begin_s) / constant) / -np.expm1(-end / constant)
+            return values + size * BAR * grown
+
+        return on_sensors(machine, only(at, change))
+
+    return Fault("pressure_drift", at, size, "bar", apply, "exponential")
+
+
+def angle_offset(draw: Draw, scene: Scene) -> Fault:
+    """0.2-3 degrees."""
+    at, size = draw.one(ANGLES), draw.signed(0.2, 3.0)
+    return _simple("angle_offset", at, size, "deg", lambda s, t, values, truth: values + size * DEGREE)
+
+
+def angle_scale(draw: Draw, scene: Scene) -> Fault:
+    """0.5-4 % about the middle of the range, where the sensor was set."""
+    at, size = draw.one(ANGLES), draw.signed(0.005, 0.04)
+    low, high = EXCAVATOR.links[at.removesuffix("_angle")].range_deg
+    zero = DEGREE * (0.5 * (low + high) + draw.uniform(-10.0, 10.0))
+    return _simple("angle_scale", at, size, "of angle", lambda s, t, values, truth: values + size * (values - zero))
+
+
+def late(t: Array, values: Array, delay: Array) -> Array:
+    """Values as they were `delay` (T,) [s] before."""
+    return np.interp(t - delay, t, values)
+
+
+def lagged(values: Array, constant_s: float) -> Array:
+    """Through a first-order lag, at rest before."""
+    a = float(np.exp(-1.0 / (FAST * constant_s)))
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], values, zi=[a * values[0]])[0])
+
+
+def sensor_delay(draw: Draw, scene: Scene) -> Fault:
+    """10-120 ms: mostly transport, a tenth to a third of it a lag."""
+    at, size, part = draw.one((*PRESSURES, *ANGLES)), draw.size(0.010, 0.120), draw.uniform(0.1, 0.33)
+
+    def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+        return late(t, lagged(values, part * size), np.full_like(t, (1.0 - part) * size))
+
+    return _simple("sensor_delay", at, size, "s", change, "transport and lag")
+
+
+def tilt_ignored(draw: Draw, scene: Scene) -> Fault:
+    """The tilt sensor says level, or what it said last, on a slope of up to 5 degrees."""
+    share = 1.0 if draw.share is None else draw.share
+    stuck = [0.0, 0.0] if draw.uniform(0.0, 1.0) < 0.5 else [draw.uniform(-1.0, 1.0) * DEGREE for _ in range(2)]
+    held = dict(zip(("pitch", "roll"), stuck, strict=True))
+    size = share * max(abs(s.pitch - stuck[0]) for s in scene.stretches) / DEGREE
+
+    def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+        return values + share * (held[signal] - values) if signal in held else values
+
+    form = "last" if any(stuck) else "level"
+    return Fault("tilt_ignored", "machine", size, "deg", lambda m, _: on_sensors(m, effect, digital=True), form)
+
+
+def slew_ignored(draw: Draw, scene: Scene) -> Fault:
+    """The gyro says zero while the house turns."""
+    share = 1.0 if draw.share is None else draw.share
+
+    def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+        return (1.0 - share) * values if signal == "slew_rate" else values
+
+    return Fault("slew_centrifugal", "machine", share, "of rate", lambda m, _: on_sensors(m, effect, digital=True))
+
+
+def line_loss(draw: Draw, scene: Scene) -> Fault:
+    """2-15 bar at 0.3 m/s between chamber and sensor where oil leaves, growing with speed^1.75."""
+    at, size, power = draw.one(JOINTS), draw.size(2.0, 15.0), draw.uniform(1.65, 1.85)
+
+    def apply(machine: Machine, _: Stretch) -> Machine:
+        def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+            if signal not in (f"{at}_head_pressure", f"{at}_rod_pressure"):
+                return values
+            leaves = 1.0 if signal == f"{at}_rod_pressure" else -1.0
+            outward = np.maximum(leaves * speed(machine.specimen, at, t, dict(truth)), 0.0)
+            return np.maximum(values - size * BAR * (outward / 0.3) ** power, 0.0)
+
+        return on_sensors(machine, effect)
+
+    return Fault("return_line_loss", at, size, "bar at 0.3 m/s", apply, "turbulent")
+
+
+STIFFNESS = {"boom": (4e6, 20e6), "stick": (0.8e6, 5e6), "bucket": (0.25e6, 3e6)}  # N m/rad
+
+
+def compliance(draw: Draw, scene: Scene) -> Fault:
+    """A link that gives way under its joint's torque, a little less the more it is loaded; the angle sensor turns
+    with the side that the cylinder pushes."""
+    at = draw.one(JOINTS)
+    low, high = STIFFNESS[at]
+    give, knee = draw.size(1.0 / high, 1.0 / low), TYPICAL_TORQUE[at] * draw.uniform(0.8, 2.0)
+    b, a = butter(2, 6.0, fs=FAST)
+
+    def apply(machine: Machine, _: Stretch) -> Machine:
+        def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+            load = torque(machine.specimen, at, dict(truth))
+            load = lfilter(b, a, load, zi=lfilter_zi(b, a) * load[0])[0]
+            return values + give * knee * np.arcsinh(load / knee)
+
+        return on_sensors(machine, only(f"{at}_angle", change))
+
+    return Fault("compliance", at, 1e-6 / give, "MN m/rad", apply, "stiffening")
+
+
+def backlash(draw: Draw, scene: Scene) -> Fault:
+    """0.2-2.5 degrees of play that the load's sign takes up on the one side or the other."""
+    at, size = draw.one(("stick", "bucket")), draw.size(0.2, 2.5)
+    threshold = 0.03 * TYPICAL_TORQUE[at]
+
+    def apply(machine: Machine, _: Stretch) -> Machine:
+        def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+            side = lagged(_sides(torque(machine.specimen, at, dict(truth)), threshold), 0.03)
+            return values + 0.5 * size * DEGREE * side
+
+        return on_sensors(machine, only(f"{at}_angle", change))
+
+    return Fault("backlash", at, size, "deg", apply, "load sign")
+
+
+def _sides(load: Array, threshold: float) -> Array:
+    """+1 or -1 (T,): the last side on which the load exceeded the threshold."""
+    clear = np.abs(load) > threshold
+    last = np.maximum.accumulate(np.where(clear, np.arange(len(load)), 0))
+    return np.where(load[last] >= 0.0, 1.0, -1.0)
+
+
+def clock_fault(draw: Draw, scene: Scene) -> Fault:
+    """Clocks of pressures and angles that drift apart or jump, or sample k paired with sample k of another rate."""
+    form, late_ones = draw.one(("drift", "jump", "pairing")), draw.one(("pressures", "angles"))
+    members = PRESSURES if late_ones == "pressures" else (*ANGLES, "pitch", "roll")
+    end = max(s.begin_s + s.duration_s for s in scene.stretches)
+    low, high = {"drift": (0.04, 0.25), "jump": (0.04, 0.25), "pairing": (0.1, 0.8)}[form]
+    size, at_s = draw.signed(low, high), end * draw.uniform(0.15, 0.4)
+
+    def apply(machine: Machine, stretch: Stretch) -> Machine:
+        def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
+            if signal not in members:
+                return values
+            clock = t + stretch.begin_s
+            delay = {"drift": size * clock / end, "jump": size * (clock > at_s), "pairing": size * t / 100.0}[form]
+            return late(t, values, delay)
+
+        return on_sensors(machine, effect)
+
+    return Fault("clock_fault", "machine", size, "s", apply, form)
