@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.core.assembler import Assembler
-from cylforce.words.estimate import Array, Reason
+from cylforce.words.estimate import Array, Reason, Sample
 from cylforce.words.events import Event, Frame
 
 PIECE = 30_000  # rows that are held at once
@@ -34,13 +34,22 @@ def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iter
         if isinstance(event, Frame):
             inputs = assembler.receive(inputs, event, still)
             continue
-        sample = assembler.sample(inputs, event.t_us)
-        skipped = 0 if last_us is None else round((event.t_us - last_us) / period_us) - 1
-        for _ in range(min(skipped, LONGEST_JUMP) if skipped >= 0 else LONGEST_JUMP):
+        for _ in range(0 if last_us is None else skipped(event.t_us - last_us, period_us)):
             yield missing
-        good = sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)
-        yield sample.values if good else missing
+        sample = assembler.sample(inputs, event.t_us)
+        yield sample.values if is_whole(sample) else missing
         last_us = event.t_us
+
+
+def skipped(elapsed_us: int, period_us: int) -> int:
+    """Missing rows between two ticks."""
+    count = round(elapsed_us / period_us) - 1
+    return min(count, LONGEST_JUMP) if count >= 0 else LONGEST_JUMP
+
+
+def is_whole(sample: Sample) -> bool:
+    """Every signal came in time and can be believed."""
+    return sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)
 
 
 def gapless(values: Array, longest: int) -> list[Array]:

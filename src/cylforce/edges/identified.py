@@ -19,6 +19,7 @@ from cylforce.words.estimate import Array
 
 Number = Annotated[float, AllowInfNan(False)]
 FORMAT = 1
+SOUND_SCALE = (0.8, 1.25)  # of a machine that is as its data sheet says
 
 
 class _Strict(BaseModel):
@@ -142,7 +143,7 @@ def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
         raise SettingsError(f"{path}: parameters: are not those of {model.machine.name}; identify again")
     if len(file.unexplained_torque_n_m) != rows or min(file.unexplained_torque_n_m) <= 0.0:
         raise SettingsError(f"{path}: unexplained_torque_n_m: must be {rows} positive numbers; identify again")
-    if not 0.8 <= file.scale <= 1.25 or not 0.0 <= file.scale_standard_error < 0.1:
+    if not SOUND_SCALE[0] <= file.scale <= SOUND_SCALE[1] or not 0.0 <= file.scale_standard_error < 0.1:
         raise SettingsError(f"{path}: scale: {file.scale:g} is no scale of a sound machine; identify again")
     if len(file.covariance) != size or any(len(row) != size for row in file.covariance):
         raise SettingsError(f"{path}: covariance: is not {size} x {size}; identify again")

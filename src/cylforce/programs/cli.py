@@ -18,6 +18,9 @@ IdentifiedFile = Annotated[
 ]
 
 
+INTERRUPTED = 130  # exit code of what Ctrl-C ended
+
+
 def print_version(wanted: bool) -> None:
     """The version on standard output, then the end."""
     if wanted:
@@ -76,6 +79,23 @@ def identify(
         if report is not None:
             write_report(report, found, named_segments(loaded, recordings, watch), output, watch)
     show(found, Console())
+
+
+@app.command()
+def commission(
+    machine: MachineFile,
+    bus: Bus,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write: identified tares.")],
+    log: Annotated[Path | None, typer.Option(help="Record there (candump text); without, beside the output.")] = None,
+    known_kg: Annotated[float | None, typer.Option(help="A weight that is lifted afterwards: the scale.")] = None,
+) -> None:
+    """Guide whoever moves the empty machine until its tares can be identified, then identify them."""
+    from cylforce.edges.settings import load
+    from cylforce.programs.commission import Order, run_commission
+
+    order = Order(bus, output, log or output.with_suffix(".log"), known_kg)
+    if not run_commission(load(machine), order, Console(highlight=False)):
+        raise typer.Exit(INTERRUPTED)
 
 
 @app.command()

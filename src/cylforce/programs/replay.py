@@ -13,7 +13,7 @@ from cylforce.core.publication import published
 from cylforce.core.step import Core, State, step
 from cylforce.edges.candump import Sent
 from cylforce.edges.files import RecordingError, replacing, warn
-from cylforce.edges.identified import read_identified
+from cylforce.edges.identified import SOUND_SCALE, read_identified
 from cylforce.edges.logfile import Header, file_sha256, mismatches, running_versions
 from cylforce.edges.logreader import log_header, with_ticks
 from cylforce.edges.recording import Events, open_recording, sensor_frames
@@ -52,6 +52,11 @@ def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: floa
     mass, spread = np.mean(booked, axis=0).tolist()
     error = spread / mass / float(np.sqrt(len(booked)))
     scale = found.tares.scale * known_kg / mass
+    if not SOUND_SCALE[0] <= scale <= SOUND_SCALE[1]:
+        raise RecordingError(
+            f"{lift}: what was lifted weighs about {mass:.0f} kg, not {known_kg:g} kg: give its true weight, and lift "
+            "nothing else"
+        )
     return found._replace(tares=found.tares._replace(scale=scale, scale_error=scale * error))
 
 

@@ -1,0 +1,185 @@
+"""`cylforce commission`: live guidance of whoever moves the empty machine, then identification from what was recorded,
+then, on request, the scale from a known weight. It never commands the machine."""
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.text import Text
+
+from cylforce.core.guidance import Guide
+from cylforce.core.identification import MIN_SECONDS, Identification
+from cylforce.core.step import Core, Scale
+from cylforce.edges.bus import Bus, BusError, open_bus
+from cylforce.edges.clock import now_us
+from cylforce.edges.files import RecordingError
+from cylforce.edges.identified import write_identified
+from cylforce.edges.logfile import LogWriter, file_sha256
+from cylforce.edges.settings import Loaded
+from cylforce.programs.collector import Collector, View
+from cylforce.programs.identify import model_of, run_identify, show
+from cylforce.programs.picture import Screen, known, picture, summary
+from cylforce.programs.progress import progress_bar
+from cylforce.programs.replay import calibrated, header_of
+from cylforce.programs.run import Daemon, configure_messages, status_line
+from cylforce.programs.station import serve
+
+LOOK_S = 0.25
+THINK_S = 5.0  # of samples between two judgements
+GIVE_UP_S = 30.0  # without one whole sample since the beginning
+LIMIT_S = 600.0  # of motion
+
+
+class Order(NamedTuple):
+    """What is wanted: the bus, `identified.toml`, the log of the motion, a weight [kg] to be lifted afterwards."""
+
+    bus: str
+    output: Path
+    log: Path
+    known_kg: float | None = None
+
+    @property
+    def lift_log(self) -> Path:
+        """The log of the lift."""
+        return self.log.with_name(f"{self.log.stem}.lift{self.log.suffix}")
+
+
+def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
+    """Guide, identify and write; False when it was interrupted, in which case the log is kept. Raises ValueError,
+    RecordingError, BusError or SettingsError with a sentence."""
+    _check(order)
+    configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
+    guide = Guide(model_of(loaded), every_s=THINK_S)
+    console.print(f"recording to {order.log}", soft_wrap=True)
+    view = _collected(loaded, guide, order, console)
+    if not view.advice.done:
+        _stop(loaded, order, view, console)
+        return False
+    with progress_bar() as watch:
+        found = run_identify(loaded, [order.log], order.output, watch=watch)
+    show(found, console)
+    console.print(f"written: {order.output}", soft_wrap=True)
+    return order.known_kg is None or _scaled(loaded, found, order, order.known_kg, console)
+
+
+def _check(order: Order) -> None:
+    """What would only fail after minutes of motion. Raises RecordingError or ValueError."""
+    if order.log.suffix != ".log":
+        raise RecordingError(f"{order.log}: the log must end in .log, as which `cylforce identify` reads it")
+    for path in (order.output, order.log):
+        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+            raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
+    if order.known_kg is not None and not 0.0 < order.known_kg < float("inf"):
+        raise ValueError(
+            f"a known weight of {order.known_kg:g} kg cannot be lifted: --known-kg wants kilograms above 0"
+        )
+
+
+def _writer(loaded: Loaded, order: Order, path: Path) -> LogWriter:
+    return LogWriter(path, header_of(loaded, None, order.bus, 0.0, 0.0), now_us(), order.bus.partition(":")[2])
+
+
+def _collected(loaded: Loaded, guide: Guide, order: Order, console: Console) -> View:
+    """What was seen last when it was enough, refused (raises ValueError), given up (raises) or interrupted."""
+    bus = open_bus(order.bus)
+    try:
+        writer = _writer(loaded, order, order.log)
+        return asyncio.run(_collect(loaded, guide, bus, writer, console))
+    finally:
+        bus.close()
+
+
+async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, console: Console) -> View:
+    collector, until = Collector(loaded, guide, bus, writer), asyncio.Event()
+    with Screen(console) as screen:
+
+        def look() -> None:
+            collector.think()
+            view = collector.view()
+            screen.show(picture(guide, view), summary(guide, view), view.say)
+            _check_hope(guide, view)
+            if view.advice.done:
+                until.set()
+
+        try:
+            await serve(collector, until, look, LOOK_S)
+        finally:
+            collector.close()
+    if writer.failure:
+        raise RecordingError(writer.failure)
+    return collector.view()
+
+
+def _check_hope(guide: Guide, view: View) -> None:
+    """Raises ValueError when it is refused or leads nowhere, BusError when the sensors never spoke."""
+    if view.advice.refusal is not None:
+        raise ValueError(view.advice.refusal)
+    if view.deaf_s > GIVE_UP_S and view.advice.seconds == 0.0:
+        raise BusError(view.say)
+    if view.advice.seconds > LIMIT_S and not view.advice.done:
+        raise ValueError(
+            f"after {LIMIT_S / 60:.0f} minutes of motion {known(guide, view)}: check the machine file's tolerances and "
+            "the sensors; `cylforce identify` takes the log as it is"
+        )
+
+
+def _stop(loaded: Loaded, order: Order, view: View, console: Console) -> None:
+    again = f"cylforce identify {loaded.path} {order.log} -o {order.output}"
+    if view.advice.seconds < MIN_SECONDS:
+        text = f"stopped after {view.advice.seconds:.0f} s of motion, too few to identify anything; the log is kept"
+    else:
+        text = f"stopped before it was enough; the log is kept, to identify from it as it is: {again}"
+    console.print(Text(text), soft_wrap=True)
+
+
+def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float, console: Console) -> bool:
+    """Watch the lift of a known weight, take the scale from it; False when it was interrupted."""
+    core = Core(loaded.service, found.tares)
+    console.print(f"recording the lift to {order.lift_log}", soft_wrap=True)
+    bus = open_bus(order.bus)
+    try:
+        writer = _writer(loaded, order, order.lift_log)
+        booked = asyncio.run(_lifted(Daemon(loaded, core, bus, writer, Scale()), known_kg, console))
+    finally:
+        bus.close()
+    again = f"cylforce identify {loaded.path} {order.log} -o {order.output}"
+    if not booked:
+        how = f"with a lift, {again} --lift LIFT.log --known-kg {known_kg:g}"
+        console.print(Text(f"stopped before a lift was booked; {order.output} has no scale yet; {how}"), soft_wrap=True)
+        return False
+    scaled = calibrated(loaded, found, order.lift_log, known_kg)
+    write_identified(order.output, scaled, loaded, [(p.name, file_sha256(p)) for p in (order.log, order.lift_log)])
+    scale, error = scaled.tares.scale, scaled.tares.scale_error
+    console.print(Text(f"scale {scale:.4f} +- {error:.4f}, written: {order.output}"), soft_wrap=True)
+    return True
+
+
+async def _lifted(daemon: Daemon, known_kg: float, console: Console) -> bool:
+    """Whether a weight was booked before the end was wanted."""
+    until = asyncio.Event()
+    with Screen(console) as screen:
+
+        def look() -> None:
+            estimate = daemon.state.estimate
+            head, say = status_line(estimate, daemon.counts, daemon.bus), _lift_advice(daemon, known_kg)
+            screen.show(Text(f"{head}\n\n> {say}", style="bold"), "lift", say)
+            if estimate.booking is not None:
+                until.set()
+
+        await serve(daemon, until, look, LOOK_S)
+    if daemon.log is not None and daemon.log.failure:
+        raise RecordingError(daemon.log.failure)
+    return daemon.state.estimate.booking is not None
+
+
+def _lift_advice(daemon: Daemon, known_kg: float) -> str:
+    if daemon.state.pipe is None:
+        return f"nothing can be measured: {daemon.state.estimate.gross.reason.name.lower().replace('_', ' ')}"
+    if daemon.state.estimate.booking is not None:
+        return "booked: the machine may rest"
+    if daemon.state.weighing.candidate is None:
+        return f"lift {known_kg:g} kg clear of the ground and move it up and down for some seconds"
+    return "set it down, and lift the empty tool clear of the ground"

@@ -1,0 +1,154 @@
+"""A machine on the bus whose operator does what the commissioning says, and knows nothing but its sentences."""
+
+import asyncio
+import re
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cylforce.core.sensing import run, sensors
+from cylforce.core.strokes import clear_range
+from cylforce.core.trajectory import Course, Phase, Scene
+from cylforce.edges.bus import open_bus
+from cylforce.edges.candump import Sent
+from cylforce.edges.identified import read_identified
+from cylforce.edges.logreader import read_events
+from cylforce.edges.settings import load
+from cylforce.programs.identify import model_of
+from cylforce.programs.sim import Play
+from cylforce.programs.sim_bus import play_until
+from obedient import _scene
+from scenarios import EXCAVATOR, carried, truth_of
+
+BUS = "socketcan:vcan0"
+COMMAND = (sys.executable, "-m", "cylforce.programs.cli")
+SEED = 21
+KNOWN_KG = 1000.0
+SEES_S = 3.0  # the guidance sees a stroke when its filters have settled
+MOVE = re.compile(r"move the (\w+) \w+: its cylinder \w+ from (.+?) to (.+?), in about (\d+) s(?:; (.*))?$")
+WAIT = re.compile(r"the (\w+)'s at (the inner end|the outer end|\d+ %)")
+
+
+class Operator:
+    """Reads sentences, moves cylinders; its scenes are asked for one ahead."""
+
+    def __init__(self, loaded):
+        self.loaded, self.machine = loaded, loaded.service.machine
+        self.says, self.pose = "", clear_range(self.machine).mean(axis=1)
+
+    def scenes(self):
+        while True:
+            found = MOVE.search(self.says)
+            if found is not None:
+                yield from self.stroke(*found.groups())
+            elif "clear of the ground and move" in self.says:
+                yield from self.lift()
+            yield self.rest(SEES_S)
+            yield self.rest(0.1)
+
+    def stroke(self, name, begin, end, seconds, others):
+        at = {**dict(WAIT.findall(others or "")), name: begin}
+        for places, least in ((at, 0.0), ({**at, name: end}, float(seconds))):
+            target = np.array([self.angle(j, places.get(link.name)) for j, link in enumerate(self.machine.links)])
+            yield _scene(self.machine, self.pose, target, least, None)
+            self.pose = target
+
+    def angle(self, j, place):
+        """The joint's angle with its cylinder there; where it is, when nothing is said."""
+        if place is None:
+            return self.pose[j]
+        share = {"the inner end": 0.0, "the outer end": 1.0}.get(place) if "end" in place else int(place[:-2]) / 100
+        c = next(c for c, cylinder in enumerate(self.machine.cylinders) if cylinder.name == self.machine.links[j].name)
+        theta = np.tile(self.pose, (400, 1))
+        theta[:, j] = np.linspace(*clear_range(self.machine)[j], 400)
+        length = self.machine.geometry(theta).length[:, c]
+        cylinder = self.machine.cylinders[c]
+        wanted = cylinder.length_low + share * (cylinder.length_high - cylinder.length_low)
+        return theta[np.argmin(np.abs(length - wanted)), j]
+
+    def lift(self):
+        for load in (carried(KNOWN_KG), None):
+            for part in (0.7, 0.5):
+                target = clear_range(self.machine) @ [1.0 - part, part]
+                yield _scene(self.machine, self.pose, target, 4.0, load)
+                self.pose = target
+
+    def rest(self, seconds):
+        return Scene(seconds, tuple(Course(float(a)) for a in self.pose), Course(0.0), ((0.0, Phase.AIR),))
+
+    def play(self):
+        service = self.loaded.service
+        made, rng = sensors(self.machine, service.nodes), np.random.default_rng((SEED, 2))
+        truth, dt = truth_of(self.loaded, SEED), 1.0 / service.filters.rate_hz
+        records = run(self.machine, truth, made, self.scenes(), dt=dt, rng=rng)
+        return Play(self.loaded, SEED, truth, made, {}, records)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """The commissioning to its end, everything that it left."""
+    folder, loaded = tmp_path_factory.mktemp("commission"), load(EXCAVATOR)
+    output, operator, lines = folder / "identified.toml", Operator(loaded), []
+
+    async def listen(stream):
+        while line := await stream.readline():
+            lines.append(line.decode().rstrip())
+            operator.says = lines[-1].partition(": ")[2]
+
+    async def main():
+        words = ("commission", EXCAVATOR, "--bus", BUS, "-o", output, "--known-kg", KNOWN_KG)
+        pipe = {"stderr": asyncio.subprocess.PIPE, "stdout": asyncio.subprocess.PIPE}
+        process = await asyncio.create_subprocess_exec(*COMMAND, *map(str, words), **pipe)
+        stop, bus = asyncio.Event(), open_bus(BUS)
+        machine = asyncio.create_task(play_until(operator.play(), bus, None, stop))
+        listening = asyncio.create_task(listen(process.stdout))
+        try:
+            said = await asyncio.wait_for(process.stderr.read(), 900.0)
+            await listening
+        finally:
+            stop.set()
+            await machine
+            bus.close()
+            if process.returncode is None:
+                await asyncio.wait_for(process.wait(), 5.0)
+        return process.returncode, said.decode()
+
+    code, told = asyncio.run(main())
+    return SimpleNamespace(loaded=loaded, output=output, code=code, told=told, lines=lines)
+
+
+def test_it_ends_by_itself_with_tares_and_a_scale(done):
+    assert done.code == 0, done.told
+    tares = read_identified(done.output, done.loaded)
+    assert tares.identified
+    assert 0.98 < tares.scale < 1.02
+    assert 0.0 < tares.scale_error < 0.01
+    assert any("enough: the machine may rest" in line for line in done.lines)
+
+
+def test_it_told_one_sentence_after_the_other(done):
+    said = [line for line in done.lines if " of motion, " in line]
+    assert len(said) > 10
+    assert all(a.partition(": ")[2] != b.partition(": ")[2] for a, b in zip(said, said[1:], strict=False))
+    minutes, seconds = re.match(r"(\d+):(\d\d) of motion", said[-1]).groups()
+    assert 60 * int(minutes) + int(seconds) < 300
+
+
+def test_it_never_commanded_anything(done):
+    """Beside NMT, SYNC, SDO to the sensors and our heartbeat nothing of ours is on the bus: no PDO."""
+    events = read_events(done.output.with_suffix(".log"), 10_000)[1]
+    ours = {e.can_id for e in events if isinstance(e, Sent)}
+    sensors = {node.node_id for node in done.loaded.service.nodes}
+    node = done.loaded.service.node_id
+    assert ours <= {0x000, 0x080, 0x080 + node, 0x700 + node, *(0x600 + n for n in sensors)}
+
+
+def test_what_it_wrote_is_what_identify_finds_in_its_log(done):
+    from cylforce.core.identification import identify
+    from cylforce.programs.identify import recorded_segments
+
+    tares = read_identified(done.output, done.loaded)
+    found = identify(model_of(done.loaded), recorded_segments(done.loaded, done.output.with_suffix(".log")))
+    np.testing.assert_allclose(tares.values, found.tares.values, rtol=1e-9)
