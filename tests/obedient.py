@@ -27,7 +27,7 @@ def commissioned(loaded, guide, seed, load=0.0, longest=400.0):
             targets = [rng.uniform(*clear_range(service.machine).T)] if advice.stroke is None else _ends(advice.stroke)
             for k, target in enumerate(targets):
                 least = 0.0 if k == 0 or advice.stroke is None else advice.stroke.seconds
-                yield _scene(service.machine, pose, target, least, carried(load) if load else None)
+                yield to_pose(service.machine, pose, target, least, carried(load) if load else None)
                 pose = target
 
     made, rng = sensors(service.machine, service.nodes), np.random.default_rng((seed, 2))
@@ -45,7 +45,7 @@ def _ends(stroke):
     return begin, end
 
 
-def _scene(machine, pose, target, least, dig):
+def to_pose(machine, pose, target, least, dig):
     """All joints from `pose` to `target` (N,), in at least so many seconds; then a short rest."""
     joints, speed = driven(machine), QUICK if least else BRISK
     time = max(least, 0.3, *(stroke_time(machine, pose, j, float(target[j]), speed) for j in joints))

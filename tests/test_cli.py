@@ -79,6 +79,14 @@ MENDABLE = [
     ("run M --bus virtual:a --identified @/absent.toml", r"run `cylforce identify` first"),
     ("run M --bus virtual:a --identified M", r"provenance: .*identify` again"),
     ("run M --bus virtual:a --log @/absent/a.log", r"a\.log: cannot be written"),
+    ("commission @/broken.toml --bus virtual:a -o @/o.toml", r"broken\.toml: is not TOML"),
+    ("commission M --bus vcan0 -o @/o.toml", "has no channel"),
+    (f"commission M --bus {NO_WAY_OUT} -o @/o.toml", "would send frames out of this machine"),
+    ("commission M --bus virtual:a -o @/absent/o.toml", r"o\.toml: cannot be written: choose a file in a folder"),
+    ("commission M --bus virtual:a -o @", "cannot be written: choose a file"),
+    ("commission M --bus virtual:a -o @/o.toml --log @/absent/o.log", r"o\.log: cannot be written"),
+    ("commission M --bus virtual:a -o @/o.toml --log @/o.csv", r"o\.csv: the log must end in \.log"),
+    ("commission M --bus virtual:a -o @/o.toml --known-kg 0", "--known-kg wants kilograms above 0"),
     ("identify M -o @/o.toml", "name a recording of the empty machine after it"),
     ("identify M @/absent.log -o @/o.toml", r"absent\.log: does not exist"),
     ("identify @/foreign.log -o @/o.toml", "does not say which machine it is of"),
@@ -147,7 +155,7 @@ def test_version_and_help(capsys):
     assert capsys.readouterr().out == f"cylforce {cylforce.__version__}\n"
     assert cylforce_("--help") == 0
     out = capsys.readouterr().out
-    for command in ("run", "identify", "replay", "sim", "demo", "describe"):
+    for command in ("run", "identify", "commission", "replay", "sim", "demo", "describe"):
         assert command in out
 
 

@@ -3,11 +3,13 @@
 import asyncio
 import re
 import sys
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from cylforce.core.identification import identify
 from cylforce.core.sensing import run, sensors
 from cylforce.core.strokes import clear_range
 from cylforce.core.trajectory import Course, Phase, Scene
@@ -16,16 +18,23 @@ from cylforce.edges.candump import Sent
 from cylforce.edges.identified import read_identified
 from cylforce.edges.logreader import read_events
 from cylforce.edges.settings import load
-from cylforce.programs.identify import model_of
+from cylforce.programs.identify import model_of, recorded_segments
 from cylforce.programs.sim import Play
 from cylforce.programs.sim_bus import play_until
-from obedient import _scene
-from scenarios import EXCAVATOR, carried, truth_of
+from obedient import to_pose
+from scenarios import CONFIG, carried, truth_of
 
+NAME = "excavator_stick_bucket.toml"
 BUS = "socketcan:vcan0"
 COMMAND = (sys.executable, "-m", "cylforce.programs.cli")
 SEED = 21
-KNOWN_KG = 1000.0
+KNOWN_KG = 2000.0
+QUICKLY = {  # half the frames, and strokes of a third: what is to be done then takes 100 s
+    "rate_hz = 100": "rate_hz = 50",
+    "[-150, -35]": "[-115, -75]",
+    "[-138, 24]": "[-90, -20]",
+    "rated_payload_kg = 1500": "rated_payload_kg = 4000",
+}
 SEES_S = 3.0  # the guidance sees a stroke when its filters have settled
 MOVE = re.compile(r"move the (\w+) \w+: its cylinder \w+ from (.+?) to (.+?), in about (\d+) s(?:; (.*))?$")
 WAIT = re.compile(r"the (\w+)'s at (the inner end|the outer end|\d+ %)")
@@ -52,7 +61,7 @@ class Operator:
         at = {**dict(WAIT.findall(others or "")), name: begin}
         for places, least in ((at, 0.0), ({**at, name: end}, float(seconds))):
             target = np.array([self.angle(j, places.get(link.name)) for j, link in enumerate(self.machine.links)])
-            yield _scene(self.machine, self.pose, target, least, None)
+            yield to_pose(self.machine, self.pose, target, least, None)
             self.pose = target
 
     def angle(self, j, place):
@@ -69,10 +78,10 @@ class Operator:
         return theta[np.argmin(np.abs(length - wanted)), j]
 
     def lift(self):
-        for load in (carried(KNOWN_KG), None):
+        for weight in (carried(KNOWN_KG), None):
             for part in (0.7, 0.5):
                 target = clear_range(self.machine) @ [1.0 - part, part]
-                yield _scene(self.machine, self.pose, target, 4.0, load)
+                yield to_pose(self.machine, self.pose, target, 4.0, weight)
                 self.pose = target
 
     def rest(self, seconds):
@@ -89,8 +98,14 @@ class Operator:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """The commissioning to its end, everything that it left."""
-    folder, loaded = tmp_path_factory.mktemp("commission"), load(EXCAVATOR)
-    output, operator, lines = folder / "identified.toml", Operator(loaded), []
+    folder = tmp_path_factory.mktemp("commission")
+    output, path, text = folder / "identified.toml", folder / "machine.toml", (CONFIG / NAME).read_text()
+    for there, instead in QUICKLY.items():
+        assert there in text
+        text = text.replace(there, instead)
+    path.write_text(text)
+    loaded = load(path)
+    operator, lines = Operator(loaded), []
 
     async def listen(stream):
         while line := await stream.readline():
@@ -98,7 +113,7 @@ def done(tmp_path_factory):
             operator.says = lines[-1].partition(": ")[2]
 
     async def main():
-        words = ("commission", EXCAVATOR, "--bus", BUS, "-o", output, "--known-kg", KNOWN_KG)
+        words = ("commission", path, "--bus", BUS, "-o", output, "--known-kg", KNOWN_KG)
         pipe = {"stderr": asyncio.subprocess.PIPE, "stdout": asyncio.subprocess.PIPE}
         process = await asyncio.create_subprocess_exec(*COMMAND, *map(str, words), **pipe)
         stop, bus = asyncio.Event(), open_bus(BUS)
@@ -123,15 +138,15 @@ def test_it_ends_by_itself_with_tares_and_a_scale(done):
     assert done.code == 0, done.told
     tares = read_identified(done.output, done.loaded)
     assert tares.identified
-    assert 0.98 < tares.scale < 1.02
-    assert 0.0 < tares.scale_error < 0.01
+    assert 0.0 < tares.scale_error < 0.03
+    assert abs(tares.scale - 1.0) < 3.0 * tares.scale_error
     assert any("enough: the machine may rest" in line for line in done.lines)
 
 
 def test_it_told_one_sentence_after_the_other(done):
     said = [line for line in done.lines if " of motion, " in line]
-    assert len(said) > 10
-    assert all(a.partition(": ")[2] != b.partition(": ")[2] for a, b in zip(said, said[1:], strict=False))
+    assert len(said) > 5
+    assert all(a.partition(": ")[2] != b.partition(": ")[2] for a, b in pairwise(said))
     minutes, seconds = re.match(r"(\d+):(\d\d) of motion", said[-1]).groups()
     assert 60 * int(minutes) + int(seconds) < 300
 
@@ -146,9 +161,6 @@ def test_it_never_commanded_anything(done):
 
 
 def test_what_it_wrote_is_what_identify_finds_in_its_log(done):
-    from cylforce.core.identification import identify
-    from cylforce.programs.identify import recorded_segments
-
     tares = read_identified(done.output, done.loaded)
     found = identify(model_of(done.loaded), recorded_segments(done.loaded, done.output.with_suffix(".log")))
     np.testing.assert_allclose(tares.values, found.tares.values, rtol=1e-9)

@@ -1,0 +1,162 @@
+"""The commissioning as a program: what it shows, what it refuses, and what is left when it is ended. (On a bus, to the
+end: virtual_clock/test_commission.py.)"""
+
+import io
+import re
+import signal
+import subprocess
+import sys
+from itertools import count
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from cylforce.core.guidance import Guide
+from cylforce.core.scenario import moves
+from cylforce.core.sensing import run, sensors
+from cylforce.core.sensor_bus import bus_events
+from cylforce.edges.bus import BusError, open_bus
+from cylforce.edges.logreader import read_events
+from cylforce.edges.settings import load
+from cylforce.programs import commission
+from cylforce.programs.collector import Collector
+from cylforce.programs.commission import Order, run_commission
+from cylforce.programs.identify import model_of
+from cylforce.programs.picture import FULL, NONE, picture, summary
+from cylforce.programs.sim import START_US
+from cylforce.words.events import Frame
+from scenarios import EXCAVATOR, carried, truth_of
+
+LOADED = load(EXCAVATOR)
+GUIDE = Guide(model_of(LOADED), every_s=5.0)
+BUSES = count()
+
+
+@pytest.fixture
+def collector():
+    """On a bus of which nobody reads the clock: events are fed by hand."""
+    bus = open_bus(f"virtual:commission{next(BUSES)}")
+    made = Collector(LOADED, GUIDE, bus, None)
+    yield made
+    made.close()
+    bus.close()
+
+
+def fed(collector, load=0.0, seconds=30.0, without=(), seed=70):
+    """Views every second of moves of machine `seed` with a load [kg]; PDOs of some nodes never come."""
+    service = LOADED.service
+    scene = moves(service.machine, np.random.default_rng((seed, 1)), seconds)
+    scene = scene._replace(dig=carried(load)) if load else scene
+    made, rng = sensors(service.machine, service.nodes), np.random.default_rng((seed, 2))
+    records = run(service.machine, truth_of(LOADED, seed), made, [scene], dt=1.0 / service.filters.rate_hz, rng=rng)
+    lost = {pdo.can_id for node in service.nodes if node.name in without for pdo in node.pdos}
+    ticks = 0
+    for event in bus_events(service, made, records, START_US, np.random.default_rng((seed, 3))):
+        if isinstance(event, Frame):
+            if event.can_id not in lost:
+                collector.on_frame(event)
+            continue
+        collector.ticked(event)
+        ticks += 1
+        if ticks % 100 == 0:
+            collector.think()
+            if collector._thought is not None:
+                collector._thought.result()
+            collector.think()
+            yield collector.view()
+
+
+def drawn(view):
+    console = Console(file=io.StringIO(), width=140, record=True)
+    console.print(picture(GUIDE, view))
+    return console.export_text()
+
+
+def test_the_picture_fills_as_the_machine_moves(collector):
+    views = list(fed(collector))
+    first, last = drawn(views[0]), drawn(views[-1])
+    assert FULL not in first
+    assert first.count(NONE) == np.count_nonzero(GUIDE.plan.needed)
+    assert last.count(FULL) > 4
+    assert last.count(NONE) < first.count(NONE)
+    for link in LOADED.service.machine.links:
+        assert link.name in first
+    assert last.count("▲") == 3
+    assert "> move the" in last
+    assert re.match(r"0:2\d of motion, \d+ % covered, 1500 kg would be known to \+- \d+ kg", summary(GUIDE, views[-1]))
+
+
+def test_the_pointer_is_where_the_joint_is(collector):
+    *_, view = fed(collector, seconds=10.0)
+    (k,) = [k for k, j in enumerate(GUIDE.plan.joints) if LOADED.service.machine.links[j].name == "stick"]
+    low, high = GUIDE.plan.edges[k, [0, -1]]
+    places = []
+    for share in (0.05, 0.5, 0.95):
+        here = view.here.copy()
+        here[GUIDE.plan.joints[k]] = low + share * (high - low)
+        pointers = [line for line in drawn(view._replace(here=here)).splitlines() if "▲" in line]
+        places.append([m.start() for m in re.finditer("▲", pointers[0])][k])
+    assert places == sorted(places) or places == sorted(places, reverse=True)
+    assert len(set(places)) == 3
+
+
+def test_a_loaded_bucket_ends_it(collector):
+    for view in fed(collector, load=900.0, seconds=60.0):
+        if view.advice.refusal:
+            break
+    assert view.say.startswith("the bucket is not empty")
+    with pytest.raises(ValueError, match="the bucket is not empty"):
+        commission._check_hope(GUIDE, view)
+
+
+def test_a_silent_node_is_named_within_seconds(collector):
+    node = LOADED.service.nodes[1]
+    for view in fed(collector, seconds=10.0, without=(node.name,)):
+        if view.trouble:
+            break
+    assert view.deaf_s < 5.0
+    assert f"(node {node.node_id}) silent, check its power, cable, bit rate and node number" in view.say
+    others = [f"node {n.node_id})" for n in LOADED.service.nodes if n is not node]
+    assert not any(name in view.say for name in others)
+    assert np.all(np.isnan(view.here))
+
+
+def test_zero_is_refused_while_nothing_is_weighed(collector):
+    frame = Frame(START_US, 0x600 + LOADED.service.node_id, b"\x23\x25\x61\x01zero")
+    assert collector.received(frame) == 0x08000022
+
+
+def test_a_bus_without_sensors_is_given_up(monkeypatch, tmp_path):
+    monkeypatch.setattr(commission, "GIVE_UP_S", 4.0)
+    out, order = io.StringIO(), Order("virtual:silent", tmp_path / "o.toml", tmp_path / "o.log")
+    with pytest.raises(BusError, match=r"nothing can be measured: .*silent, check its power, cable"):
+        run_commission(LOADED, order, Console(file=out, width=100))
+    told = out.getvalue()
+    for node in LOADED.service.nodes:
+        assert f"(node {node.node_id})" in told
+    assert not (tmp_path / "o.toml").exists()
+
+
+def test_ctrl_c_keeps_the_log_and_says_how_to_go_on(tmp_path):
+    output = tmp_path / "o.toml"
+    command = [sys.executable, "-m", "cylforce.programs.cli", "commission", EXCAVATOR, "--bus", "virtual:a"]
+    with subprocess.Popen([*command, "-o", output], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
+        while "silent" not in it.stdout.readline():
+            assert it.poll() is None
+        it.send_signal(signal.SIGINT)
+        said, told = it.communicate(timeout=20.0)
+    assert it.returncode == 130
+    assert "stopped after 0 s of motion, too few to identify anything; the log is kept" in said
+    assert "Traceback" not in told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.log"]
+    header, events = read_events(tmp_path / "o.log", 10_000)
+    assert header.machine == str(EXCAVATOR.resolve())
+    assert len(list(events)) > 100
+
+
+def test_who_stops_late_is_told_the_command(collector, tmp_path):
+    *_, view = fed(collector, seconds=40.0)
+    out, order = io.StringIO(), Order("virtual:a", tmp_path / "o.toml", tmp_path / "o.log")
+    commission._stop(LOADED, order, view, Console(file=out, width=100))
+    assert f"cylforce identify {EXCAVATOR} {tmp_path}/o.log -o {tmp_path}/o.toml" in out.getvalue()
