@@ -1,20 +1,30 @@
 """Withheld trial of `cylforce gap`: effects hidden in recordings of reference machines, diagnosed blind, scored.
 
+tools/withheld_trial --cases 60 --seed 3 --json OUT                     scored; stopped and called again, it goes on
 tools/withheld_trial --cases 60 --seed 3 --development --write FOLDER   cases with their labels, to develop with
 """
 
 import argparse
 import json
 import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from itertools import groupby
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from rich.console import Console
 from rich.progress import track
 
+import cylforce  # noqa: F401 - before numpy: it sets the number of BLAS threads
 from trial.cases import simulated, write
 from trial.field import Lengths, Site
 from trial.orders import Order, order
+from trial.run import Trial, run_machine
+from trial.summary import result, show
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def _arguments() -> argparse.Namespace:
@@ -23,6 +33,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="fresh machines and effects")
     parser.add_argument("--part", default="1/1", metavar="K/M", help="the K-th of M parts of the cases")
     parser.add_argument("--development", action="store_true", help="machines for development, never scored")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="all figures")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="where results are appended, a line each")
+    parser.add_argument("--workers", type=int, default=2, metavar="N")
+    parser.add_argument("--no-oracle", action="store_true", help="do not ask the diagnosis that is told the name")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="only write the cases, with their labels")
     return parser.parse_args()
 
@@ -44,6 +58,19 @@ def write_all(orders: list[Order], folder: Path) -> None:
         (folder / f"case{wanted.number:03d}.label.json").write_text(json.dumps(case.label, indent=1) + "\n")
 
 
+def run(trial: Trial, orders: list[Order], workers: int) -> None:
+    """The cases that the table lacks, machine by machine."""
+    known = {r["case"]: r["order"] for r in trial.done()}
+    if any(known[o.number] != json.loads(json.dumps(asdict(o))) for o in orders if o.number in known):
+        raise SystemExit(f"withheld_trial: {trial.table} holds other cases: give another --table or remove it")
+    left = [o for o in orders if o.number not in known]
+    machines = [list(group) for _, group in groupby(left, key=lambda o: o.machine)]
+    with ProcessPoolExecutor(workers) as pool:
+        futures = [pool.submit(run_machine, trial, group) for group in machines]
+        for done in track(as_completed(futures), f"{len(left)} cases", total=len(futures)):
+            done.result()
+
+
 def main() -> int:
     """The program."""
     asked = _arguments()
@@ -53,8 +80,15 @@ def main() -> int:
             return 1
         write_all(_orders(asked), asked.write)
         return 0
-    print("withheld_trial: only --write is there yet", file=sys.stderr)
-    return 1
+    table = asked.table or ROOT / ".cache" / f"withheld_trial_{asked.seed}{'_development' * asked.development}.jsonl"
+    table.parent.mkdir(parents=True, exist_ok=True)
+    trial = Trial(table, oracle=not asked.no_oracle)
+    run(trial, _orders(asked), asked.workers)
+    records = sorted(trial.done(), key=lambda r: r["case"])
+    show(records, Console())
+    if asked.json:
+        asked.json.write_text(json.dumps(result(records), indent=1) + "\n")
+    return 0
 
 
 if __name__ == "__main__":

@@ -36,12 +36,15 @@ class Case:
     label: dict[str, object]
 
 
-def simulated(site: Site, order: Order) -> tuple[Case, dict[str, Array]]:
-    """The case, and the field's twin: the clean machine on the same motion with the same noise."""
+def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, dict[str, Array]]:
+    """The case, and the field's twin: the clean machine on the same motion with the same noise. `only`: nothing but
+    that one of its effects."""
     rng = np.random.default_rng([*order.seed, 11])
     poor = order.poor
     pieces = site.field(rng, 100 + order.number, poor) if poor else site.pieces
     faults, small = drawn(order, pieces, rng)
+    if only is not None:
+        faults, small = faults[only : only + 1], []
     own = [site.seed, order.number]
     field = {p.stretch.name: p.values(faulty(p, [*faults, *small]), tuple(own)) for p in pieces}
     twin = {p.stretch.name: p.values(p.machine, tuple(own)) for p in pieces}

@@ -1,6 +1,7 @@
 """Which case is which: kinds in the trial's mix, machines, effects. Pure functions of seed and number."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -59,6 +60,7 @@ def _kind(seed: int, number: int) -> str:
     return _shuffled(seed, 0, number // len(KINDS), KINDS)[number % len(KINDS)]
 
 
+@cache
 def _shuffled(seed: int, stream: int, block: int, members: tuple[str, ...]) -> tuple[str, ...]:
     rng = np.random.default_rng([seed, stream, block])
     return tuple(members[k] for k in rng.permutation(len(members)).tolist())

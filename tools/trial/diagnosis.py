@@ -1,0 +1,65 @@
+"""Runs `cylforce gap` on a case in a process that has nothing but the case's folder."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+COMMAND = (sys.executable, "-c", "import sys; from cylforce.programs.cli import main; sys.exit(main())", "gap")
+KEPT = ("PATH", "HOME", "LANG", "PYTHONPATH", "VIRTUAL_ENV", "XDG_CACHE_HOME")
+LIMIT_S = 900
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A command that takes a case's arguments; another one than ours for tests and for comparison."""
+
+    command: tuple[str, ...] = COMMAND
+
+    @cached_property
+    def options(self) -> str:
+        """What it says of its options: some are only used where it has them."""
+        done = subprocess.run(
+            [*self.command, "--help"], env=_environment(), capture_output=True, text=True, check=False
+        )
+        return done.stdout
+
+    def answer(self, folder: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
+        """Its JSON, with `seconds`; a failure is the verdict "failed" with the reason."""
+        out = folder / "out.json"
+        out.unlink(missing_ok=True)
+        given = [*self.command, *arguments(folder), "--json", out.name, *more]
+        if "--residuals" in self.options and not more:
+            given += ["--residuals", "residuals.npz"]
+        start = time.monotonic()
+        try:
+            done = subprocess.run(
+                given, cwd=folder, env=_environment(), capture_output=True, text=True, timeout=LIMIT_S, check=False
+            )
+            reason = done.stderr.strip()[-400:]
+        except subprocess.TimeoutExpired:
+            reason = f"no answer within {LIMIT_S} s"
+        if not out.exists():
+            return {"verdict": "failed", "effects": [], "reason": reason, "seconds": time.monotonic() - start}
+        return json.loads(out.read_text()) | {"seconds": time.monotonic() - start}
+
+
+def _environment() -> dict[str, str]:
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    return {key: os.environ[key] for key in KEPT if key in os.environ} | threads
+
+
+def arguments(folder: Path) -> list[str]:
+    """The command line of a case, relative to its folder."""
+    case = json.loads((folder / "case.json").read_text())
+    found = ["machine.toml", *case["field"]]
+    for name in case["reference"]:
+        found += ["--reference", name]
+    for name, kilograms in case["loads_kg"].items():
+        found += ["--load", f"{name}={kilograms:g}"]
+    return found

@@ -1,0 +1,144 @@
+"""One machine's cases: simulated, sealed, diagnosed, opened, put into the table."""
+
+import fcntl
+import json
+import secrets
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.edges.settings import load
+
+from .cases import Case, sealed, simulated, write
+from .diagnosis import Diagnosis
+from .field import LOAD_KG, Lengths, Site
+from .orders import Order
+from .scoring import true_closure
+from .sigmas import DETECTED, EVERY, Comparison, Floor, Rows, compared
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How cases are run: durations, the diagnosis, and the table that they are appended to."""
+
+    table: Path
+    lengths: Lengths = field(default_factory=Lengths)
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
+    oracle: bool = True
+
+    def done(self) -> list[Record]:
+        """The records of the table so far."""
+        if not self.table.exists():
+            return []
+        return [json.loads(line) for line in self.table.read_text().splitlines()]
+
+    def append(self, record: Record) -> None:
+        """One line more; several processes may write."""
+        with self.table.open("a", encoding="utf-8") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            file.write(json.dumps(record) + "\n")
+
+
+def run_machine(trial: Trial, orders: Sequence[Order]) -> int:
+    """All cases of one machine; returns how many."""
+    site = Site(orders[0].machine, orders[0].friction, trial.lengths)
+    for record in records(trial, site, orders):
+        trial.append(record)
+    return len(orders)
+
+
+def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Record]:
+    """The cases one after the other. The label is sealed before the diagnosis starts, and opened after its answer; it
+    is nowhere but in this process' memory meanwhile."""
+    for wanted in orders:
+        start = time.monotonic()
+        case, twin = simulated(site, wanted)
+        with TemporaryDirectory(prefix="case") as name:
+            folder = Path(name)
+            write(case, folder)
+            truth = Truth(case, twin, folder)
+            label = json.loads(json.dumps(truth.sized(site)))
+            salt = secrets.token_hex(16)
+            digest = sealed(label, salt)
+            print(f"case {wanted.number} sealed {digest}", flush=True)
+            took = time.monotonic() - start
+            answer = trial.diagnosis.answer(folder)
+            opened = truth.opened(label, folder, trial if trial.oracle else None)
+        if sealed(label, salt) != digest:
+            raise RuntimeError(f"case {wanted.number}: the label is not the one that was sealed")
+        yield {
+            "case": wanted.number,
+            "order": asdict(wanted),
+            "sealed": digest,
+            "salt": salt,
+            "label": label,
+            "after": opened,
+            "answer": answer,
+            "simulated_s": took,
+        }
+
+
+class Truth:
+    """What the twin tells of a case: the size of its effects, later the closure that the answer really reached."""
+
+    def __init__(self, case: Case, twin: dict[str, Array], folder: Path) -> None:
+        self.case = case
+        self.floor = Floor(load(folder / "machine.toml"), LOAD_KG)
+        self.references = self._rows(case.references)
+        self.twin = self._rows(twin)
+        self.whole = self._compared(case)
+
+    def _rows(self, recordings: dict[str, Array]) -> list[Rows]:
+        return [self.floor.rows(name, values) for name, values in recordings.items()]
+
+    def _compared(self, case: Case) -> Comparison:
+        return compared(self.floor, self.references, self.twin, self._rows(case.field))
+
+    def sized(self, site: Site) -> Record:
+        """The label with each effect's size in standard errors of the clean machine's floor."""
+        label = dict(self.case.label)
+        effects = [dict(e) for e in label["effects"]]
+        if len(effects) == 1 and not label["clutter"]:
+            parts = [self.whole.effect]
+        else:
+            parts = [self._alone(site, k).effect for k in range(len(effects))]
+        for entry, part in zip(effects, parts, strict=True):
+            entry["sigmas"] = part.sigmas
+            entry["detectable"] = entry["size"] * DETECTED / part.sigmas if part.sigmas else None
+        return label | {"effects": effects, "sigmas": self.whole.effect.sigmas}
+
+    def _alone(self, site: Site, k: int) -> Comparison:
+        """One of several effects without the others."""
+        return self._compared(simulated(site, self.case.order, only=k)[0])
+
+    def opened(self, label: Record, folder: Path, trial: Trial | None) -> Record:
+        """What can be said of the answer with the truth: the true closure, the oracle's payload error."""
+        found: Record = {"closure": self._closure(folder / "residuals.npz")}
+        effects = label["effects"]
+        if trial and len(effects) == 1 and "--only" in trial.diagnosis.options and label["kind"] == "known":
+            told = trial.diagnosis.answer(folder, ("--only", f"{effects[0]['name']}@{effects[0]['at']}"))
+            payload = (told.get("end_quantities") or {}).get("payload_kg") or {}
+            found["oracle_payload_kg"] = payload.get("after")
+        return found
+
+    def _closure(self, path: Path) -> float | None:
+        """See `scoring.true_closure`; the answer's rows are those of `core.observation.observe`, all of them."""
+        if not path.exists():
+            return None
+        stated = np.load(path)
+        before, after = (
+            np.concatenate([stated[f"{name}.{when}"][::EVERY] for name in self.case.field])
+            for when in ("before", "after")
+        )
+        whole = self.whole
+        same = before.shape == whole.difference.shape
+        return true_closure(whole.difference, before, after, whole.level) if same else None
