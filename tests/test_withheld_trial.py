@@ -120,10 +120,11 @@ def test_clutter_is_small_and_of_other_names(site):
 
 
 def test_poor_motion_lacks_what_it_says(site):
-    plan = site.pieces[0].plan
+    plan = Site(1, "own", Lengths()).pieces[0].plan
     most = int(np.argmax(np.ptp(plan.lengths, axis=0)))
     moves = np.ptp(lacking(plan, "one_joint", most).lengths, axis=0)
-    assert [k for k in range(3) if moves[k] > 0.0] == [most]
+    assert [k for k in range(3) if moves[k] > 0.05] == [most]
+    assert np.count_nonzero(moves) == 1
     speed = [np.abs(np.diff(p.lengths, axis=0)).max() for p in (plan, lacking(plan, "slow", 0))]
     assert speed[1] == pytest.approx(speed[0] / 6.0, rel=0.3)
     assert [p.stretch.name for p in site.field(np.random.default_rng(0), 9, "empty_only")] == ["field_empty"]
