@@ -126,7 +126,7 @@ def test_poor_motion_lacks_what_it_says(site):
     assert [k for k in range(3) if moves[k] > 0.05] == [most]
     assert np.count_nonzero(moves) == 1
     speed = [np.abs(np.diff(p.lengths, axis=0)).max() for p in (plan, lacking(plan, "slow", 0))]
-    assert speed[1] == pytest.approx(speed[0] / 6.0, rel=0.3)
+    assert 0.0 < speed[1] <= 1.001 * speed[0] / 6.0
     assert [p.stretch.name for p in site.field(np.random.default_rng(0), 9, "empty_only")] == ["field_empty"]
 
 
