@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from cylforce.edges.settings import load
 from reference_machine import draw
 from reference_machine.sensors import SIGNALS
 from trial.cases import sealed, simulated, write
@@ -79,6 +80,22 @@ def test_twin_differs_by_the_effect_alone(site, name):
         assert "slew_rate" not in changed
 
 
+def test_boom_moves_under_a_system_of_two_links_in_the_field_alone(site, tmp_path):
+    case, twin = simulated(site, one("boom_motion", two_links=True))
+    pitch = case.signals.index("pitch")
+    assert case.label["effects"][0]["at"] == "machine"
+    for values in (*case.references.values(), *twin.values()):
+        assert np.ptp(values[:, pitch]) < np.radians(2.0)
+    assert np.ptp(case.field["field_empty"][:, pitch]) > np.radians(2.0)
+    write(case, tmp_path)
+    signals = load(tmp_path / "machine.toml").service.machine.signals
+    assert (
+        tuple(s.name for s in signals)
+        == case.signals
+        == tuple(pq.read_table(tmp_path / "field_empty.parquet").column_names[1:])
+    )
+
+
 def test_a_seed_decides_all(site):
     cases = [simulated(site, one("pressure_offset"))[0] for _ in range(2)]
     assert cases[0].label == cases[1].label
@@ -99,13 +116,16 @@ def test_mix_and_machines():
     }
     known = [o for o in orders if o.kind == "known"]
     assert sum(o.clutter for o in known) == 120
-    assert min(Counter(o.names[0] for o in known).values()) >= 240 // len(KNOWN)
+    assert min(Counter(o.names[0] for o in known).values()) >= 240 // (len(KNOWN) + 1)
     assert min(Counter(o.names[0] for o in orders if o.kind == "foreign").values()) == 9 >= 6
     assert Counter(o.poor for o in orders if o.kind == "poor") == dict.fromkeys(POOR, 12)
     assert all(len(set(o.names)) == 2 for o in orders if o.kind == "pair")
     assert max(Counter(o.machine for o in orders).values()) == PER_MACHINE
     assert min(o.machine for o in orders) >= FIRST_SCORED
     assert max(machine_seed(s, k, development=True) for s in range(600) for k in (0, 999)) < FIRST_SCORED
+    two = Counter(o.kind for o in orders if o.two_links)
+    assert two["known"] == sum(o.names == ("boom_motion",) for o in known) >= 8
+    assert two["none"] >= two["known"]
     assert {o.friction for o in orders} == {"own", "foreign"}
 
 

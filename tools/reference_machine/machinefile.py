@@ -1,5 +1,7 @@
 """The data sheet as a machine file: all that an estimator may see of a machine."""
 
+from dataclasses import replace
+
 from .datasheet import EXCAVATOR, JOINTS, Cylinder, Link, Point, Sheet
 from .sensors import ANGLES, DEGREE
 
@@ -37,6 +39,37 @@ def machine_file(name: str, sheet: Sheet = EXCAVATOR) -> str:
     return "\n".join(parts)
 
 
+TWO_LINKS = ("stick", "bucket")
+BOOM_TILT = 48
+TWO_LINK_SIGNALS = (
+    *(f"{joint}_{side}_pressure" for joint in TWO_LINKS for side in ("head", "rod")),
+    *(f"{joint}_angle" for joint in TWO_LINKS),
+    *("pitch", "roll"),
+)
+
+
+def two_link_file(name: str, sheet: Sheet = EXCAVATOR) -> str:
+    """A machine file of stick and bucket alone: the boom is the chassis, its frame's origin the stick pin, and the tilt
+    sensor sits on it."""
+    nodes = {f"{joint}_{kind}": NODES[f"{joint}_{kind}"] for kind in ("pressure", "angle") for joint in TWO_LINKS}
+    on_boom = sheet.cylinders["stick"]
+    x, z = on_boom.foot[0] - sheet.links["boom"].length, on_boom.foot[1]
+    parts = [_head(name, sheet)]
+    parts += [_link(joint, sheet.links[joint], sheet) for joint in TWO_LINKS]
+    parts.append(f"[tool]\npoint_m = {_xz(sheet.tool)}\n")
+    parts.append(_cylinder("stick", replace(on_boom, foot=(x, z)), sheet, "chassis"))
+    parts.append(_cylinder("bucket", sheet.cylinders["bucket"], sheet))
+    parts += [_node(node, number) for node, number in (nodes | {"boom_tilt": BOOM_TILT}).items()]
+    parts += [_pressure(joint, side, k) for joint in TWO_LINKS for k, side in enumerate(("head", "rod"), 1)]
+    parts += [_angle(joint, sheet.links[joint]) for joint in TWO_LINKS]
+    parts += [
+        _tilt("pitch", "6010h", "boom_tilt", 75),
+        _tilt("roll", "6020h", "boom_tilt"),
+        "[health]\nmax_tilt_deg = 70\n",
+    ]
+    return "\n".join([*parts, PUBLICATION])
+
+
 def _xz(point: Point) -> str:
     return f"[{point[0]:g}, {point[1]:g}]"
 
@@ -61,7 +94,7 @@ def _link(joint: str, link: Link, sheet: Sheet) -> str:
     )
 
 
-def _cylinder(joint: str, cylinder: Cylinder, sheet: Sheet) -> str:
+def _cylinder(joint: str, cylinder: Cylinder, sheet: Sheet, inner: str = "") -> str:
     near = f"bore_mm = {sheet.tolerances.bore * 1e3:g}, pins_m = {sheet.tolerances.pins:g}"
     head = (
         f'[[cylinders]]\nname = "{joint}"\ncount = {cylinder.count}\nbore_mm = {cylinder.bore * 1e3:g}\n'
@@ -76,7 +109,7 @@ def _cylinder(joint: str, cylinder: Cylinder, sheet: Sheet) -> str:
             f'link_pin = {{ body = "bucket", at_m = {_xz(bars.link_pin)} }}\n'
             f'rocker_m = {bars.rocker:g}\nlink_m = {bars.link:g}\nside = "left"\n'
         )
-    inner = {"boom": "chassis", "stick": "boom"}[joint]
+    inner = inner or {"boom": "chassis", "stick": "boom"}[joint]
     return head + (
         f'kind = "triangle"\nfoot = {{ body = "{inner}", at_m = {_xz(cylinder.foot)} }}\n'
         f'eye = {{ body = "{joint}", at_m = {_xz(cylinder.eye)} }}\n'
@@ -108,10 +141,10 @@ def _angle(joint: str, link: Link) -> str:
     )
 
 
-def _tilt(name: str, address: str) -> str:
+def _tilt(name: str, address: str, node: str = "chassis_tilt", largest: int = 45) -> str:
     return (
-        f'[[sensors]]\nname = "{name}"\nkind = "{name}"\nnode = "chassis_tilt"\nobject = "{address}"\ntype = "i16"\n'
-        "scale_deg = 0.01\nrange_deg = [-45, 45]\nstandard_error_deg = 0.02\n"
+        f'[[sensors]]\nname = "{name}"\nkind = "{name}"\nnode = "{node}"\nobject = "{address}"\ntype = "i16"\n'
+        f"scale_deg = 0.01\nrange_deg = [{-largest}, {largest}]\nstandard_error_deg = 0.02\n"
     )
 
 

@@ -10,17 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from reference_machine.machinefile import machine_file
-from reference_machine.sensors import SIGNALS
-
 from .fault import Draw, Fault
 from .field import LOAD_KG, Piece, Site, faulty, scene
 from .foreign import FOREIGN
-from .library import KNOWN, clutter
+from .library import KNOWN, TWO_LINKS, clutter
 from .orders import Order
 
 Array = NDArray[np.float64]
-NAME = "Excavator"  # of every machine: it tells nothing
 
 
 @dataclass(frozen=True)
@@ -40,24 +36,24 @@ def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, 
     """The case, and the field's twin: the clean machine on the same motion with the same noise. `only`: nothing but
     that one of its effects."""
     rng = np.random.default_rng([*order.seed, 11])
-    poor = order.poor
+    poor, site = order.poor, site.two_links if order.two_links else site
     pieces = site.field(rng, 100 + order.number, poor) if poor else site.pieces
     faults, small = drawn(order, pieces, rng)
     if only is not None:
         faults, small = faults[only : only + 1], []
-    own = [site.seed, order.number]
-    field = {p.stretch.name: p.values(faulty(p, [*faults, *small]), tuple(own)) for p in pieces}
-    twin = {p.stretch.name: p.values(p.machine, tuple(own)) for p in pieces}
+    noise = (site.seed, order.number)
+    field = {p.stretch.name: site.shown(p.values(faulty(p, [*faults, *small]), noise)) for p in pieces}
+    twin = {p.stretch.name: site.shown(p.values(p.machine, noise)) for p in pieces}
     references = {k: v for k, v in site.references.items() if not (poor == "no_load" and k.endswith("loaded"))}
     begins = dict.fromkeys(references, 0.0) | {p.stretch.name: p.stretch.begin_s for p in pieces}
-    case = Case(order, SIGNALS, references, field, begins, machine_file(NAME), label(order, faults, small))
+    case = Case(order, site.signals, references, field, begins, site.data_sheet, label(order, faults, small))
     return case, twin
 
 
 def drawn(order: Order, pieces: tuple[Piece, ...], rng: np.random.Generator) -> tuple[list[Fault], list[Fault]]:
     """The case's faults, and the small ones around them."""
     seen, draw = scene(pieces), Draw(rng)
-    faults = [(KNOWN | FOREIGN)[name](draw, seen) for name in order.names]
+    faults = [(KNOWN | TWO_LINKS | FOREIGN)[name](draw, seen) for name in order.names]
     return faults, clutter(draw, seen, order.names) if order.clutter else []
 
 

@@ -2,7 +2,7 @@
 machine."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,10 +52,12 @@ class Fault:
 
 @dataclass(frozen=True)
 class Scene:
-    """What a fault may be fitted to: the clean machine and the field's recordings."""
+    """What a fault may be fitted to: the clean machine, the field's recordings, and for each of them the lengths (T,)
+    that the boom's cylinders would take if it did not stand still."""
 
     machine: Machine
     stretches: tuple[Stretch, ...]
+    booms: dict[str, Array] = field(default_factory=dict)
 
 
 @dataclass

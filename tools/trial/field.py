@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 from reference_machine.datasheet import JOINTS
 from reference_machine.engine import Trace
 from reference_machine.machine import Machine, Stage, draw
+from reference_machine.machinefile import TWO_LINK_SIGNALS, machine_file, two_link_file
 from reference_machine.plan import Plan
+from reference_machine.sensors import SIGNALS
 
 from .fault import Fault, Scene, Stretch, same_physics
 
 Array = NDArray[np.float64]
+NAME = "Excavator"  # of every machine
 LOAD_KG = 1000.0
 PAUSE_S = 30.0  # between the field's recordings
 EMPTY, LOADED = "field_empty", "field_loaded"
@@ -31,12 +34,14 @@ class Lengths:
 
 @dataclass(frozen=True)
 class Piece:
-    """A recording of the field before its sensors are read: what the clean machine did there."""
+    """A recording of the field before its sensors are read: what the clean machine did there. `boom` (T,): lengths of
+    the boom's cylinders that were planned where the clean machine keeps them still."""
 
     stretch: Stretch
     machine: Machine
     stage: Stage
     plan: Plan
+    boom: Array | None = None
 
     @cached_property
     def clean(self) -> Trace:
@@ -54,18 +59,43 @@ class Piece:
 class Site:
     """A drawn machine: reference recordings, made once, and the field's pieces."""
 
+    signals, turns = SIGNALS, True
+
     def __init__(self, seed: int, friction: str, lengths: Lengths) -> None:
-        self.seed, self.lengths = seed, lengths
+        self.seed, self.friction, self.lengths = seed, friction, lengths
         self.machine = draw(seed, friction=friction)
+
+    @property
+    def data_sheet(self) -> str:
+        """The machine file; the name tells nothing."""
+        return machine_file(NAME)
+
+    @cached_property
+    def two_links(self) -> "Site":
+        """The same machine as a system of stick and bucket alone."""
+        return TwoLinks(self.seed, self.friction, self.lengths)
+
+    def shown(self, values: Array) -> Array:
+        """The machine file's signals (T, S) of all signals."""
+        return values
 
     @cached_property
     def references(self) -> dict[str, Array]:
         """Values (T, S) of the clean machine, empty and with the known load."""
-        empty = self.machine.run("commissioning", seed=0, duration_s=self.lengths.reference_empty, slew=True)
-        loaded = self.machine.run(
-            "commissioning", seed=1, duration_s=self.lengths.reference_loaded, slew=True, payload_kg=LOAD_KG
-        )
-        return {"reference_empty": empty.values, "reference_loaded": loaded.values}
+        return {
+            "reference_empty": self._reference(0, self.lengths.reference_empty, 0.0),
+            "reference_loaded": self._reference(1, self.lengths.reference_loaded, LOAD_KG),
+        }
+
+    def _reference(self, run: int, seconds: float, load: float) -> Array:
+        stage = self.machine.stage("commissioning", seed=run, duration_s=seconds, slew=self.turns, payload_kg=load)
+        plan = self.clean(stage.plans[0])
+        trace = self.machine.trace(plan, stage.pitch, stage.roll)
+        return self.shown(self.machine.measured(trace, plan, stage, stage.rng))
+
+    def clean(self, plan: Plan) -> Plan:
+        """What the clean machine does of a plan."""
+        return plan
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
@@ -93,13 +123,37 @@ class Site:
             seed=run,
             duration_s=duration,
             oil_degc=40.0 + 0.0125 * begin,
-            slew=not poor,
+            slew=self.turns and not poor,
             payload_kg=load,
             **slope,
         )
         (plan,) = stage.plans
-        plan = lacking(plan, poor, int(rng.integers(3)))
-        return Piece(Stretch(name, begin, duration, stage.pitch, stage.roll, load), self.machine, stage, plan)
+        plan, boom = self.clean(lacking(plan, poor, int(rng.integers(3)))), plan.lengths[:, 0]
+        stretch = Stretch(name, begin, duration, stage.pitch, stage.roll, load)
+        return Piece(stretch, self.machine, stage, plan, None if self.turns else boom)
+
+
+class TwoLinks(Site):
+    """Stick and bucket alone, the boom as chassis: it stands still, its inclination is the pitch; no slewing."""
+
+    signals, turns = TWO_LINK_SIGNALS, False
+
+    @property
+    def data_sheet(self) -> str:
+        """The machine file of two links."""
+        return two_link_file(NAME)
+
+    def shown(self, values: Array) -> Array:
+        """The tilt sensor sits on the boom."""
+        columns = dict(zip(SIGNALS, values.T, strict=True))
+        columns["pitch"] = columns["pitch"] + columns["boom_angle"]
+        return np.stack([columns[name] for name in self.signals], axis=-1)
+
+    def clean(self, plan: Plan) -> Plan:
+        """With the boom where it was first."""
+        lengths = plan.lengths.copy()
+        lengths[:, 0] = lengths[0, 0]
+        return plan.at(lengths=lengths)
 
 
 def lacking(plan: Plan, poor: str, joint: int) -> Plan:
@@ -117,7 +171,8 @@ def lacking(plan: Plan, poor: str, joint: int) -> Plan:
 
 def scene(pieces: tuple[Piece, ...]) -> Scene:
     """What faults are fitted to."""
-    return Scene(pieces[0].machine, tuple(piece.stretch for piece in pieces))
+    booms = {piece.stretch.name: piece.boom for piece in pieces if piece.boom is not None}
+    return Scene(pieces[0].machine, tuple(piece.stretch for piece in pieces), booms)
 
 
 def faulty(piece: Piece, faults: list[Fault]) -> Machine:

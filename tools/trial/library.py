@@ -34,6 +34,8 @@ KNOWN: dict[str, Make] = {
     "backlash": sensing.backlash,
     "clock_fault": sensing.clock_fault,
 }
+BOOM_MOTION = "boom_motion"  # only on a system of stick and bucket
+TWO_LINKS: dict[str, Make] = {BOOM_MOTION: mechanics.boom_motion}
 CLUTTER, CLUTTER_SHARE = 16, 0.05
 NO_CLUTTER = ("slew_centrifugal", "clock_fault")  # 5 % of them is no smaller kind of the same
 

@@ -152,3 +152,19 @@ def payload_spill(draw: Draw, scene: Scene) -> Fault:
         return with_edit(machine, edit)
 
     return Fault("payload_spill", "bucket", size, "of load", apply, "falls")
+
+
+def boom_motion(draw: Draw, scene: Scene) -> Fault:
+    """The boom moves under a system that takes it for its chassis, at 20-100 % of an operator's speed."""
+    share = draw.size(0.2, 1.0)
+
+    def apply(machine: Machine, stretch: Stretch) -> Machine:
+        def edit(plan: Plan) -> Plan:
+            lengths = plan.lengths.copy()
+            lengths[:, 0] += share * (scene.booms[stretch.name] - lengths[0, 0])
+            return plan.at(lengths=lengths)
+
+        return with_edit(machine, edit)
+
+    fastest = max(float(np.abs(np.diff(boom)).max()) for boom in scene.booms.values()) * RATE
+    return Fault("boom_motion", "machine", share * fastest, "m/s", apply)

@@ -6,14 +6,15 @@ from functools import cache
 import numpy as np
 
 from .foreign import FOREIGN
-from .library import KNOWN
+from .library import BOOM_MOTION, KNOWN
 
 KINDS = ("known",) * 8 + ("none",) * 5 + ("foreign",) * 3 + ("pair",) * 2 + ("poor",) * 2  # of twenty cases
 POOR = ("short", "one_joint", "slow", "empty_only", "no_load")
 PER_MACHINE = 6  # cases that share a machine and its clean recordings
 FIRST_SCORED = 500_000  # machines below are for development
 PER_SEED, SEEDS = 1000, 499  # machines of a seed
-NAMES = tuple(KNOWN)
+NAMES = (*KNOWN, BOOM_MOTION)
+NONE_OF_TWO_LINKS = 8  # every so manieth case without an effect is of a system of stick and bucket alone
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Order:
     machine: int
     friction: str
     seed: tuple[int, ...]
+    two_links: bool = False
 
 
 def order(seed: int, number: int, *, development: bool) -> Order:
@@ -44,6 +46,7 @@ def order(seed: int, number: int, *, development: bool) -> Order:
         clutter=kind == "known" and _flip(seed, before),
         poor=_cycle(seed, 1, POOR, before) if kind == "poor" else "",
         machine=machine,
+        two_links=_two_links(seed, kind, before),
         friction=("own", "foreign")[int(np.random.default_rng([machine, 77]).integers(2))],
         seed=own,
     )
@@ -74,6 +77,13 @@ def _cycle(seed: int, stream: int, members: tuple[str, ...], index: int) -> str:
 def _flip(seed: int, index: int) -> bool:
     """True for one of every two."""
     return _cycle(seed, 2, ("clean", "clutter"), index) == "clutter"
+
+
+def _two_links(seed: int, kind: str, index: int) -> bool:
+    """Systems of two links are not told by having an effect."""
+    if kind == "none":
+        return _cycle(seed, 7, ("two", *("three",) * (NONE_OF_TWO_LINKS - 1)), index) == "two"
+    return _names(seed, kind, index) == (BOOM_MOTION,)
 
 
 def _names(seed: int, kind: str, index: int) -> tuple[str, ...]:
