@@ -57,8 +57,8 @@ def observe(model: Model, values: Array, first: int = 0) -> Observed:
     and friction of unknown direction are masked."""
     moved = model.channels.run(values)
     rows = model.filtered.run(moved.motion)
-    unknown = _at_rest(model, rows.columns)
-    torque = np.where(np.logical_or(_unusable(model, moved), unknown > REST_SHARE), np.nan, rows.torque)
+    unknown = rest_share(model, rows.columns)
+    torque = np.where(np.logical_or(unusable(model, moved), unknown > REST_SHARE), np.nan, rows.torque)
     posture = np.diff(moved.motion.a, axis=1, prepend=0.0)
     own, tool = rows.columns[..., : len(model.parameters)], rows.columns[..., model.tool]
     noise, late = _noise(model, rows, values, first), slice(model.settle_steps, None)
@@ -72,10 +72,10 @@ def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
     noisy = model.filtered.run(moved.motion)
     columns = (noisy.columns - rows.columns)[..., : model.tool.stop]
     added = np.concatenate([columns, (noisy.torque - rows.torque)[..., None]], axis=-1)
-    return np.where(np.isfinite(added) & np.logical_not(_unusable(model, moved))[..., None], added, 0.0)
+    return np.where(np.isfinite(added) & np.logical_not(unusable(model, moved))[..., None], added, 0.0)
 
 
-def _unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
+def unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
     """Rows (T, R) in which a filter remembers an unusable lever."""
     lost = [np.logical_not(np.all(moved.usable[:, acting], axis=1)) for acting in model.acting]
     return np.stack([_stays(bad, model.settle_steps) for bad in lost], axis=-1)
@@ -104,7 +104,7 @@ def _stays(bad: Array, steps: int) -> Array:
     return np.asarray(since > 0.5)
 
 
-def _at_rest(model: Model, columns: Array) -> Array:
+def rest_share(model: Model, columns: Array) -> Array:
     """The share (T, R) of a row's levers at which the direction of friction is unknown."""
     unknown = np.sum(columns[..., model.at_rest], axis=-1)
     lever = np.sum(np.abs(columns[..., model.coulomb]), axis=-1)

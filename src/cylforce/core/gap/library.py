@@ -1,0 +1,86 @@
+"""The library of effects that the diagnosis knows, in the order in which they are tried."""
+
+from typing import NamedTuple
+
+from cylforce.effects.angle_offset import AngleOffset
+from cylforce.effects.angle_scale import AngleScale
+from cylforce.effects.asymmetric_friction import AsymmetricFriction
+from cylforce.effects.backlash import Backlash
+from cylforce.effects.clock_fault import ClockFault
+from cylforce.effects.compliance import Compliance
+from cylforce.effects.coulomb_friction import CoulombFriction
+from cylforce.effects.extra_mass import ExtraMass
+from cylforce.effects.first_moment_change import FirstMomentChange
+from cylforce.effects.friction_temperature_drift import FrictionTemperatureDrift
+from cylforce.effects.linkage_geometry import LinkageGeometry
+from cylforce.effects.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.payload_shift import PayloadShift
+from cylforce.effects.payload_spill import PayloadSpill
+from cylforce.effects.presliding_hysteresis import PreslidingHysteresis
+from cylforce.effects.pressure_drift import PressureDrift
+from cylforce.effects.pressure_gain import PressureGain
+from cylforce.effects.pressure_offset import PressureOffset
+from cylforce.effects.return_line_loss import ReturnLineLoss
+from cylforce.effects.sensor_delay import SensorDelay
+from cylforce.effects.slew_centrifugal import SlewCentrifugal
+from cylforce.effects.soil_contact import SoilContact
+from cylforce.effects.stribeck import Stribeck
+from cylforce.effects.tilt_ignored import TiltIgnored
+from cylforce.effects.viscous_friction import ViscousFriction
+from cylforce.machine.candidate import About, Candidate, places
+from cylforce.machine.machine import Machine
+
+MEASURES = 8  # of a linkage, at most
+
+Group = tuple[Candidate, ...]  # effects of one name that act together, each with a size of its own
+
+LIBRARY: tuple[Group, ...] = (
+    (CoulombFriction(),),
+    (ViscousFriction(),),
+    *((Stribeck(width),) for width in (0.01, 0.03)),
+    (LoadDependentFriction(),),
+    (AsymmetricFriction(),),
+    *((PreslidingHysteresis(way),) for way in (0.001, 0.004)),
+    (FrictionTemperatureDrift(),),
+    *((ReturnLineLoss(way, power),) for way in (0, 1, -1) for power in (1.75, 2.0)),
+    (PressureOffset(),),
+    (PressureGain(),),
+    (PressureDrift(),),
+    (AngleOffset(),),
+    (AngleScale(),),
+    (SensorDelay(),),
+    (TiltIgnored(), TiltIgnored(across=True)),
+    *((LinkageGeometry(measure),) for measure in range(MEASURES)),
+    (ExtraMass(),),
+    (FirstMomentChange(),),
+    (Compliance(),),
+    *((Backlash(turning),) for turning in (300.0, 2000.0)),
+    (SoilContact(),),
+    (SlewCentrifugal(),),
+    (PayloadSpill(),),
+    (PayloadShift(),),
+    (ClockFault(),),
+)
+
+
+class Proposal(NamedTuple):
+    """A group of effects at a place: its name, the place's name `at` and its number `where`."""
+
+    group: Group
+    at: str
+    where: int
+
+    @property
+    def about(self) -> About:
+        """What the effect says of itself."""
+        return self.group[0].about
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.about.name
+
+
+def proposals(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
+    """Every effect at every place that the machine has for it."""
+    return tuple(Proposal(group, at, where) for group in library for at, where in places(machine, group[0].about.place))

@@ -1,0 +1,191 @@
+"""A recording as the diagnosis sees it: what the model leaves of the torques, and what each effect would add to them.
+
+Everything is computed at a fifth of the sampling rate, after the low-pass that the service itself applies first."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.core.gap.library import Proposal
+from cylforce.core.model import Model
+from cylforce.core.motion import Moved
+from cylforce.core.observation import REST_SHARE, rest_share, unusable
+from cylforce.effects.slew import Slew
+from cylforce.effects.tip_force import TipForce
+from cylforce.machine.candidate import Alteration, Candidate, Distortion, ForceLaw, Incident, Place, Weight, places
+from cylforce.machine.effect import Effect, Halves, Parameter
+from cylforce.machine.machine import Machine
+from cylforce.machine.motion import Motion
+from cylforce.regression.filters import second_order
+from cylforce.regression.regressor import FilteredRegressor, Regressor
+from cylforce.words.estimate import Array
+
+RATE_HZ = 20.0
+
+
+class Recorded(NamedTuple):
+    """A gapless recording: its `name`, samples `values` (T, S) at the service's rate, the known `load` [kg] in the
+    bucket (0: empty), the time [s] at which it `begins`."""
+
+    name: str
+    values: Array
+    load: float
+    begins: float = 0.0
+
+
+class Rows(NamedTuple):
+    """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
+    (T, R, 8) columns of incidents (see `INCIDENTAL`), `left` (T, R) [N m] what the tares leave, NaN where not usable, `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N)."""
+
+    base: Array
+    effects: Array
+    incidental: Array
+    left: Array
+    t: Array
+    speed: Array
+    force: Array
+    posture: Array
+
+
+@dataclass(frozen=True)
+class _Laws:
+    """Force laws at cylinders, as one effect of the regressor."""
+
+    laws: tuple[tuple[ForceLaw, int], ...]
+    t: Array
+
+    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
+        """One of each."""
+        return tuple(Parameter(f"{k}.{law.about.name}", law.about.unit) for k, (law, _) in enumerate(self.laws))
+
+    def halves(self, machine: Machine, moving: Motion) -> Halves:
+        """Columns (T, N, E)."""
+        if not self.laws:
+            return Halves(None, np.zeros((*moving.q.shape, 0)))
+        each = [law.force(moving.speed[:, c], moving.force[:, c], self.t) for law, c in self.laws]
+        levers = np.stack([moving.lever[:, c] for _, c in self.laws], axis=-1)
+        return Halves(None, levers * np.stack(each, axis=-1)[:, None, :])
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """Turns recordings into rows for one model with given tares (P,) [values of the model's parameters]."""
+
+    model: Model
+    tares: Array
+
+    @cached_property
+    def _thin(self) -> int:
+        return max(round(self.model.filters.rate_hz / RATE_HZ), 1)
+
+    @cached_property
+    def slow(self) -> Model:
+        """The model at the diagnosis' rate."""
+        rate = self.model.filters.rate_hz / self._thin
+        return Model(self.model.machine, self.model.filters._replace(rate_hz=rate), self.model.friction)
+
+    def thinned(self, values: Array) -> Array:
+        """Samples (T', S) at the diagnosis' rate, low-passed."""
+        low = second_order(self.model.filters.channel_hz, 1.0 / self.model.filters.rate_hz)
+        _, smooth = low.run(low.steady(values[0]), values)
+        return np.asarray(smooth[:: self._thin])
+
+    def _filtered(self, machine: Machine, *more: Effect) -> FilteredRegressor:
+        f = self.slow.filters
+        effects = (*Model(machine, f, self.model.friction).empty.effects, *more)
+        return FilteredRegressor(Regressor(machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+
+    def left(self, values: Array, machine: Machine | None = None) -> Array:
+        """What the tares leave (T', R) of samples (T, S), on another machine than the model's if one is given."""
+        slow = self.slow if machine is None else Model(machine, self.slow.filters, self.slow.friction)
+        moved = slow.channels.run(self.thinned(values))
+        rows = self._filtered(slow.machine).run(moved.motion)
+        return np.asarray(rows.torque - rows.columns @ self.tares)
+
+    def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> Rows:
+        """The rows of a recording; see `columns_of` for the order of the effects' columns."""
+        values, late = recorded.values, slice(self.slow.settle_steps, None)
+        moved = self.slow.channels.run(self.thinned(values))
+        t = recorded.begins + (0.5 + np.arange(len(moved.motion.q))) / self.slow.filters.rate_hz
+        laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
+        found = self._filtered(self.slow.machine, _Laws(laws, t)).run(moved.motion)
+        size = len(self.tares)
+        base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
+        forces = iter(np.moveaxis(found.columns[..., size:], -1, 0))
+        lasting = [(p, e) for p in wanted for e in p.group if not isinstance(e, Incident)]
+        parts = [self._columns(p, e, recorded, base, forces) for p, e in lasting]
+        effects = np.concatenate(parts, axis=-1)
+        lost = self._lost(moved)
+        m = moved.motion
+        posture = np.diff(m.a, axis=1, prepend=0.0)
+        return Rows(
+            base[late],
+            np.where(np.isfinite(effects), effects, 0.0)[late],
+            self._incidental(recorded, moved, base)[late],
+            np.where(lost, np.nan, left)[late],
+            t[late],
+            m.speed[late],
+            m.force[late],
+            posture[late],
+        )
+
+    def _incidental(self, recorded: Recorded, moved: Moved, base: Array) -> Array:
+        """Columns (T', R, 8) of incidents."""
+        machine, f = self.model.machine, self.slow.filters
+        turning = moved.motion._replace(slew=np.ones_like(moved.motion.slew))
+        plain = Regressor(machine, (TipForce(), Slew()))
+        found = FilteredRegressor(plain, 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz).run(turning).columns
+        slew = found[..., 3:] @ self._slewing(plain.names[3:])
+        late = self._late(recorded)
+        return np.concatenate([base @ self.model.load, found[..., :2], slew[..., None], late], axis=-1)
+
+    def _late(self, recorded: Recorded) -> Array:
+        """What all pressures' being late by a second would leave (T', R, 1), from a hundredth of it."""
+        step, t = 0.01, np.arange(len(recorded.values)) / self.model.filters.rate_hz
+        pressures = [k for _, k in places(self.model.machine, Place.PRESSURE)]
+
+        def shifted(by: float) -> Array:
+            values = recorded.values.copy()
+            for k in pressures:
+                values[:, k] = np.interp(t - by, t, recorded.values[:, k])
+            return self.left(values)
+
+        return np.asarray((shifted(step) - shifted(-step))[..., None] / (2.0 * step))
+
+    def _slewing(self, names: Sequence[str]) -> Array:
+        """Values of the slew's parameters."""
+        known = dict(zip((p.name for p in self.model.parameters), self.tares.tolist(), strict=True))
+        return np.array([known.get(name, 0.0) for name in names])
+
+    def _lost(self, moved: Moved) -> NDArray[np.bool_]:
+        share = rest_share(self.slow, self.slow.filtered.run(moved.motion).columns)
+        return np.asarray(np.logical_or(unusable(self.slow, moved), share > REST_SHARE))
+
+    def _columns(
+        self, p: Proposal, effect: Candidate, recorded: Recorded, base: Array, forces: Iterator[Array]
+    ) -> Array:
+        """Columns (T', R, M) of one effect at its place."""
+        if isinstance(effect, ForceLaw):
+            return next(forces)[..., None]
+        if isinstance(effect, Weight):
+            return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
+        return self._difference(p, effect, recorded)
+
+    def _difference(self, p: Proposal, effect: Candidate, recorded: Recorded) -> Array:
+        """Change of what is left with the size, by central difference: measured = true + error, so that an error of
+        the readings adds what distorting them once more adds, an error of the machine file what the true machine
+        takes off."""
+        step = np.sqrt(effect.about.low * effect.about.high)
+        machine, values = self.model.machine, recorded.values
+        if isinstance(effect, Distortion):
+            t = recorded.begins + np.arange(len(values)) / self.model.filters.rate_hz
+            more, less = (self.left(effect.distorted(machine, values, t, p.where, s * step)) for s in (1.0, -1.0))
+        elif isinstance(effect, Alteration):
+            less, more = (self.left(values, effect.altered(machine, p.where, s * step)) for s in (1.0, -1.0))
+        else:
+            raise TypeError(f"{effect!r} is no force law, distortion, alteration or weight")
+        return np.asarray((more - less)[..., None] / (2.0 * step))

@@ -1,0 +1,32 @@
+"""Friction that is larger one way than the other: f |sgn(v)|."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.machine.candidate import About, Place
+from cylforce.words.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class AsymmetricFriction:
+    """Friction that is larger one way than the other: f |sgn(v)|."""
+
+    rounding: float = 0.002  # m/s
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "asymmetric_friction",
+            "N",
+            100.0,
+            6e3,
+            Place.CYLINDER,
+            "in motion either way, the same sign; nothing at rest",
+            "slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
+        )
+
+    def force(self, speed: Array, force: Array, t: Array) -> Array:
+        """|sgn(v)|."""
+        return np.asarray(np.abs(np.tanh(speed / self.rounding)))

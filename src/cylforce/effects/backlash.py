@@ -1,0 +1,40 @@
+"""Play in a joint: its angle is measured off by half the play, to the side to which the load presses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.machine.candidate import About, Place
+from cylforce.machine.machine import Machine
+from cylforce.machine.reading import angle_signal, measured_torque
+from cylforce.words.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Backlash:
+    """Play in a joint: its angle is measured off by half the play, to the side to which the load presses."""
+
+    turning: float = 2e3  # N m, torque at which the play is taken up
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "backlash",
+            "rad",
+            0.002,
+            0.05,
+            Place.LINK,
+            "where the joint's torque changes its sign",
+            "push the link by hand, or with the tool on the ground, both ways",
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """a + size/2 sgn(tau), rounded as tanh(tau / turning)."""
+        signal = angle_signal(machine, where)
+        if signal is None:
+            return values
+        torque = measured_torque(machine, values)[:, where]
+        found = values.copy()
+        found[:, signal] += size / 2.0 * np.tanh(torque / self.turning)
+        return found

@@ -1,0 +1,33 @@
+"""The tool touches something where the model has it in the air."""
+
+from dataclasses import dataclass
+
+from cylforce.machine.candidate import About, Course, Place
+
+
+@dataclass(frozen=True, slots=True)
+class SoilContact:
+    """The tool touches something where the model has it in the air."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "soil_contact",
+            "N",
+            300.0,
+            1e5,
+            Place.TOOL,
+            "for some seconds at a time, in all joints as one force at the teeth",
+            "the same moves higher above the ground",
+        )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns whose sizes change."""
+        return ("tip.x", "tip.z")
+
+    @property
+    def course(self) -> Course:
+        """How they change."""
+        return Course.WINDOWS
