@@ -14,7 +14,7 @@ from cylforce.words.estimate import Array
 class Backlash:
     """Play in a joint: its angle is measured off by half the play, to the side to which the load presses."""
 
-    turning: float = 2e3  # N m, torque at which the play is taken up
+    turning: float = 2e2  # N m, torque that takes up the play
 
     @property
     def about(self) -> About:
@@ -30,11 +30,13 @@ class Backlash:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """a + size/2 sgn(tau), rounded as tanh(tau / turning)."""
+        """a + size/2 sgn(tau), tau's sign the last that |tau| > turning had."""
         signal = angle_signal(machine, where)
         if signal is None:
             return values
         torque = measured_torque(machine, values)[:, where]
         found = values.copy()
-        found[:, signal] += size / 2.0 * np.tanh(torque / self.turning)
+        clear = np.abs(torque) > self.turning
+        last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))
+        found[:, signal] += size / 2.0 * np.sign(torque[last])
         return found

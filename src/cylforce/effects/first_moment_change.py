@@ -24,6 +24,7 @@ class FirstMomentChange:
             Place.LINK,
             "with the posture, at rest too, in this joint and all before it alike",
             "hold poses from either side, slowly, over the whole range",
+            axes=2,
         )
 
     @property

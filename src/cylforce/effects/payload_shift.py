@@ -20,6 +20,7 @@ class PayloadShift:
             Place.TOOL,
             "from one instant on, mostly in the last joint",
             "look into the bucket before and after",
+            axes=2,
         )
 
     @property

@@ -20,6 +20,7 @@ class SoilContact:
             Place.TOOL,
             "for some seconds at a time, in all joints as one force at the teeth",
             "the same moves higher above the ground",
+            axes=2,
         )
 
     @property

@@ -27,6 +27,7 @@ class TiltIgnored:
             Place.MACHINE,
             "with the posture, in all joints alike, changing as the house turns",
             "the same moves with the house turned by half a turn",
+            axes=2,
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

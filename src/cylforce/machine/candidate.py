@@ -24,7 +24,7 @@ class Place(StrEnum):
 class About(NamedTuple):
     """What an effect says of itself: the `name` by which it is reported, `unit` (SI) of its size, the plausible range
     `low`..`high` of that size's magnitude, `sign` (1 or -1 where only one can be, else 0), `place`, in which regimes it
-    `shows`, and the experiment that would `confirm` it."""
+    `shows`, the experiment that would `confirm` it, and how many of its sizes are the `axes` of that magnitude."""
 
     name: str
     unit: str
@@ -34,6 +34,7 @@ class About(NamedTuple):
     shows: str
     confirm: str
     sign: int = 0
+    axes: int = 1
 
 
 class Candidate(Protocol):

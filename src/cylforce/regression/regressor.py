@@ -131,3 +131,12 @@ class FilteredRegressor:
         _, low = self._first.run(self._first.start(rest[0], -momentum[0]), rest)
         _, rows = self._smooth.run(self._smooth.zero(momentum.shape[1:]), momentum + low)
         return Rows(rows[..., :-1], rows[..., -1])
+
+    def left(self, moving: Motion, values: Array) -> Array:
+        """What parameters `values` (P,) leave of the filtered torque (T, R), along a recording."""
+        momentum, static = self.regressor.both_halves(moving)
+        known = (momentum @ values) * (2 * pi * self.regressor_hz)
+        rest = static @ values - known - self.regressor.torque(moving)
+        _, low = self._first.run(self._first.start(rest[0], -known[0]), rest)
+        _, rows = self._smooth.run(self._smooth.zero(known.shape[1:]), known + low)
+        return np.asarray(-rows)

@@ -17,12 +17,14 @@ BLOCK = 60  # rows: three seconds
 
 
 class Blocks(NamedTuple):
-    """Gram matrices (B, K+1, K+1) of [columns K | left], whitened, of the clean and of the faulty recordings, and the
-    standard errors that each column's size has beforehand, `spread` (K,). `shared`: the columns that stand for what
-    the machine always was."""
+    """Gram matrices (B, K+1, K+1) of [columns K | left], whitened, of the clean and of the faulty recordings, how many
+    rows each block has, `clean_rows`, `faulty_rows` (B,), and the standard errors that each column's size has
+    beforehand, `spread` (K,). `shared`: the columns that stand for what the machine always was."""
 
     clean: Array
     faulty: Array
+    clean_rows: Array
+    faulty_rows: Array
     spread: Array
     shared: tuple[int, ...]
 
@@ -44,16 +46,20 @@ class Told(NamedTuple):
     inflation: float
 
 
-def grams(columns: Array, floor: Floor) -> Array:
-    """Gram matrices (B, K, K) of the blocks of columns (T, R, K); rows with a NaN do not count."""
+def grams(columns: Array, floor: Floor) -> tuple[Array, Array]:
+    """Gram matrices (B, K, K) of the blocks of columns (T, R, K), and numbers of rows (B,); rows with a NaN do not
+    count."""
     found = np.zeros((-(-len(columns) // BLOCK), columns.shape[2], columns.shape[2]))
+    rows = np.zeros(len(found))
     for r in range(columns.shape[1]):
         white = whitened(columns[:, r], floor.memory[r]) / floor.white[r]
-        white = np.where(np.all(np.isfinite(white), axis=1)[:, None], white, 0.0)
+        good = np.all(np.isfinite(white), axis=1)
+        white = np.where(good[:, None], white, 0.0)
         for k in range(len(found)):
-            part = white[k * BLOCK : (k + 1) * BLOCK]
-            found[k] += part.T @ part
-    return found
+            part = slice(k * BLOCK, (k + 1) * BLOCK)
+            found[k] += white[part].T @ white[part]
+            rows[k] += np.sum(good[part])
+    return found, rows
 
 
 class Evidence:
@@ -65,7 +71,7 @@ class Evidence:
         self.weight = np.ones(len(blocks.clean) + len(blocks.faulty)) if weight is None else weight
         clean, faulty = np.split(self.weight, [len(blocks.clean)])
         self._both = np.tensordot(clean, blocks.clean, 1) + np.tensordot(faulty, blocks.faulty, 1)
-        self._weight = faulty
+        self._weight, self._alone = faulty, np.tensordot(faulty, blocks.faulty, 1)
         self._base = list(blocks.shared)
         self._spread = np.concatenate([blocks.spread[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
         known = self._joint(self.held)
@@ -82,18 +88,26 @@ class Evidence:
         found[np.ix_(outer, outer)] = self._both[np.ix_([*base, last], [*base, last])]
         if m:
             course = np.concatenate([term.course for term in terms])
-            faulty = self.blocks.faulty
-            across = np.stack(
-                [np.tensordot(c * self._weight, faulty[:, k, :], 1) for k, c in zip(columns, course, strict=True)]
-            )
-            within = [
-                [float((a * b * self._weight) @ faulty[:, j, k]) for k, b in zip(columns, course, strict=True)]
-                for j, a in zip(columns, course, strict=True)
-            ]
+            across = np.stack([self._across(k, c) for k, c in zip(columns, course, strict=True)])
+            within = self._within(columns, course)
             found[n : n + m, outer] = across[:, [*base, last]]
             found[np.ix_(outer, range(n, n + m))] = across[:, [*base, last]].T
             found[n : n + m, n : n + m] = within
         return found
+
+    def _across(self, column: int, course: Array) -> Array:
+        """Gram row (K+1,) of a column with its course."""
+        if np.all(course == 1.0):
+            return np.asarray(self._alone[column])
+        on = course != 0.0
+        return np.asarray((course[on] * self._weight[on]) @ self.blocks.faulty[on, column, :])
+
+    def _within(self, columns: list[int], course: Array) -> Array:
+        """Gram matrix (M, M) of columns with their courses."""
+        if np.all(course == 1.0):
+            return np.asarray(self._alone[np.ix_(columns, columns)])
+        each = self.blocks.faulty[:, columns][:, :, columns]
+        return np.asarray(np.einsum("ab,cb,b,bac->ac", course, course, self._weight, each, optimize=True))
 
     def _solved(self, right: Array) -> Array:
         return np.asarray(np.linalg.solve(self._root.T, np.linalg.solve(self._root, right)))
@@ -145,20 +159,18 @@ class Evidence:
     def _inflation(self, term: Term, gain: Array, value: Array, information: Array) -> float:
         """Scatter of the blocks' scores over that of white noise, with the term itself taken off."""
         terms = [*self.held, term]
-        values = np.concatenate([self.fitted - gain @ value, value])
-        left = self.left(terms, values)
+        left = self.left(terms, np.concatenate([self.fitted - gain @ value, value]))
+        pulled = [
+            np.einsum("bij,bj->bi", g, e, optimize=True)
+            for g, e in zip((self.blocks.clean, self.blocks.faulty), left, strict=True)
+        ]
         unit = self.blocks.spread[list(term.columns)]
         pulls = []
         for m in range(len(term.columns)):
             chosen = np.zeros(len(value))
-            chosen[m] = 1.0
-            ahead = self.left(terms, np.concatenate([gain[:, m], -chosen]))
-            for part in ahead:
-                part[:, -1] = 0.0
-            each = [
-                np.einsum("bi,bij,bj->b", a, g, e, optimize=True)
-                for a, g, e in zip(ahead, (self.blocks.clean, self.blocks.faulty), left, strict=True)
-            ]
+            chosen[m] = -1.0
+            ahead = self.left(terms, np.concatenate([gain[:, m], chosen]))
+            each = [np.sum(a[:, :-1] * g[:, :-1], axis=1) for a, g in zip(ahead, pulled, strict=True)]
             pulls.append(np.concatenate(each) * self.weight * unit[m])
         pull = np.array(pulls)
         return max(1.0, float(np.trace(np.linalg.solve(information + np.eye(len(pull)), pull @ pull.T))) / len(pull))

@@ -54,7 +54,7 @@ LIBRARY: tuple[Group, ...] = (
     (ExtraMass(),),
     (FirstMomentChange(),),
     (Compliance(),),
-    *((Backlash(turning),) for turning in (300.0, 2000.0)),
+    *((Backlash(turning),) for turning in (100.0, 600.0)),
     (SoilContact(),),
     (SlewCentrifugal(),),
     (PayloadSpill(),),

@@ -39,7 +39,8 @@ class Recorded(NamedTuple):
 
 class Rows(NamedTuple):
     """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
-    (T, R, 8) columns of incidents (see `INCIDENTAL`), `left` (T, R) [N m] what the tares leave, NaN where not usable, `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N)."""
+    (T, R, 8) columns of incidents (see `INCIDENTAL`), `left` (T, R) [N m] what the tares leave, NaN where not usable,
+    `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N)."""
 
     base: Array
     effects: Array
@@ -103,14 +104,14 @@ class Viewer:
         """What the tares leave (T', R) of samples (T, S), on another machine than the model's if one is given."""
         slow = self.slow if machine is None else Model(machine, self.slow.filters, self.slow.friction)
         moved = slow.channels.run(self.thinned(values))
-        rows = self._filtered(slow.machine).run(moved.motion)
-        return np.asarray(rows.torque - rows.columns @ self.tares)
+        return self._filtered(slow.machine).left(moved.motion, self.tares)
 
     def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> Rows:
         """The rows of a recording; see `columns_of` for the order of the effects' columns."""
         values, late = recorded.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
-        t = recorded.begins + (0.5 + np.arange(len(moved.motion.q))) / self.slow.filters.rate_hz
+        steps = np.arange(len(moved.motion.q), dtype=np.float64)
+        t = recorded.begins + (steps + 0.5) / self.slow.filters.rate_hz
         laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
         found = self._filtered(self.slow.machine, _Laws(laws, t)).run(moved.motion)
         size = len(self.tares)
@@ -161,6 +162,10 @@ class Viewer:
         known = dict(zip((p.name for p in self.model.parameters), self.tares.tolist(), strict=True))
         return np.array([known.get(name, 0.0) for name in names])
 
+    def _shape(self, values: Array) -> tuple[int, int]:
+        """(T', R) of samples (T, S)."""
+        return len(values[:: self._thin]) - 1, len(self.model.machine.rows)
+
     def _lost(self, moved: Moved) -> NDArray[np.bool_]:
         share = rest_share(self.slow, self.slow.filtered.run(moved.motion).columns)
         return np.asarray(np.logical_or(unusable(self.slow, moved), share > REST_SHARE))
@@ -185,7 +190,10 @@ class Viewer:
             t = recorded.begins + np.arange(len(values)) / self.model.filters.rate_hz
             more, less = (self.left(effect.distorted(machine, values, t, p.where, s * step)) for s in (1.0, -1.0))
         elif isinstance(effect, Alteration):
-            less, more = (self.left(values, effect.altered(machine, p.where, s * step)) for s in (1.0, -1.0))
+            others = [effect.altered(machine, p.where, s * step) for s in (1.0, -1.0)]
+            if others[0] is machine:
+                return np.zeros((*self._shape(values), 1))
+            less, more = (self.left(values, other) for other in others)
         else:
             raise TypeError(f"{effect!r} is no force law, distortion, alteration or weight")
         return np.asarray((more - less)[..., None] / (2.0 * step))

@@ -1,0 +1,76 @@
+"""What was found, taken out of the recordings again: readings corrected, the machine altered, so that the effects'
+columns are exact where they are large."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.gap.problem import Option, Problem, Seen
+from cylforce.core.gap.rows import Recorded, Viewer
+from cylforce.machine.candidate import Alteration, Course, Distortion, Incident, Place, places
+from cylforce.machine.machine import Machine
+from cylforce.words.estimate import Array
+
+
+class Applied(NamedTuple):
+    """An option with the sizes (M,) that are taken out."""
+
+    option: Option
+    sizes: Array
+
+
+def bends(option: Option) -> bool:
+    """Whether the effect is not linear in its size: then its columns depend on it."""
+    effect = option.proposal.group[0]
+    if isinstance(effect, Incident):
+        return effect.course is Course.CLOCK
+    return isinstance(effect, Distortion | Alteration)
+
+
+def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], original: Sequence[Recorded]) -> Problem:
+    """The problem with the applied effects taken out of the `original` faulty recordings."""
+    machine = viewer.model.machine
+    for each in applied:
+        machine = _altered(machine, each)
+    other = Viewer(replace(viewer.model, machine=machine), viewer.tares)
+    faulty = []
+    for recorded in original:
+        values = recorded.values
+        for each in reversed(applied):
+            values = _corrected(problem, viewer.model.machine, each, recorded._replace(values=values))
+        found = recorded._replace(values=values)
+        faulty.append(Seen(found, other.rows(found, problem.proposals)))
+    return replace(problem, faulty=tuple(faulty))
+
+
+def _altered(machine: Machine, applied: Applied) -> Machine:
+    p = applied.option.proposal
+    for effect, size in zip(p.group, applied.sizes.tolist(), strict=False):
+        if isinstance(effect, Alteration):
+            machine = effect.altered(machine, p.where, size)
+    return machine
+
+
+def _corrected(problem: Problem, machine: Machine, applied: Applied, recorded: Recorded) -> Array:
+    p, values = applied.option.proposal, recorded.values
+    t = recorded.begins + np.arange(len(values)) / problem.model.filters.rate_hz
+    for effect, size in zip(p.group, applied.sizes.tolist(), strict=False):
+        if isinstance(effect, Distortion):
+            values = effect.distorted(machine, values, t, p.where, -size)
+        elif isinstance(effect, Incident) and effect.course is Course.CLOCK:
+            values = _in_time(problem, machine, applied, values, t)
+    return values
+
+
+def _in_time(problem: Problem, machine: Machine, applied: Applied, values: Array, t: Array) -> Array:
+    """Pressures advanced by what the clock lacks at each time."""
+    late = sum(
+        size * np.interp(t, problem.times, course)
+        for size, course in zip(applied.sizes.tolist(), applied.option.term.course, strict=True)
+    )
+    found = values.copy()
+    for _, k in places(machine, Place.PRESSURE):
+        found[:, k] = np.interp(t + late, t, values[:, k])
+    return found

@@ -1,0 +1,180 @@
+"""The question put to the evidence: recordings, clean and faulty, as blocks of columns, and every term that might be in
+the faulty ones alone."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.gap.evidence import BLOCK, Blocks, Evidence, Term, grams
+from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.rows import Recorded, Rows
+from cylforce.core.gap.whitening import Floor
+from cylforce.core.model import Model
+from cylforce.machine.candidate import INCIDENTAL, Course, Incident, Weight
+from cylforce.words.estimate import Array
+
+CENTRE = (300.0, 300.0, 600.0)  # kg m, kg m, kg m^2: how little is known of a load but its mass
+UNUSUAL = (500.0, 300.0, 300.0, 600.0, 8e3, 8e3, 0.3, 0.05)  # usual sizes of what incidents change
+TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
+NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
+MOST_WINDOWS = 25
+INSTANTS = 20.0  # that could as well have been the one
+
+
+class Seen(NamedTuple):
+    """A recording and its rows."""
+
+    recorded: Recorded
+    rows: Rows
+
+
+class Option(NamedTuple):
+    """A term that may explain the gap: the proposal, its course in words, the term, what its freedom costs [nats]."""
+
+    proposal: Proposal
+    when: str
+    term: Term
+    cost: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Recordings seen by one model with one library."""
+
+    model: Model
+    proposals: tuple[Proposal, ...]
+    clean: tuple[Seen, ...]
+    faulty: tuple[Seen, ...]
+
+    @cached_property
+    def _loaded(self) -> list[Seen]:
+        return [seen for seen in (*self.clean, *self.faulty) if seen.recorded.load]
+
+    @cached_property
+    def spread(self) -> Array:
+        """Standard errors (K,) of all columns' sizes beforehand."""
+        base = np.sqrt(np.diag(self.model.prior.covariance))
+        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
+        return np.concatenate([base, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
+
+    @cached_property
+    def _first(self) -> int:
+        """The number of the first effect's column."""
+        return len(self.model.parameters) + len(CENTRE) * len(self._loaded)
+
+    @cached_property
+    def lasting(self) -> int:
+        """Number of columns before those of incidents."""
+        return len(self.spread) - len(UNUSUAL)
+
+    @cached_property
+    def places(self) -> tuple[tuple[int, ...], ...]:
+        """The columns of every proposal."""
+        found, k = [], self._first
+        for p in self.proposals:
+            if isinstance(p.group[0], Incident):
+                names = p.group[0].columns
+                found.append(tuple(self.lasting + INCIDENTAL.index(name) for name in names))
+                continue
+            m = sum(len(_sizes(e)) for e in p.group)
+            found.append(tuple(range(k, k + m)))
+            k += m
+        return tuple(found)
+
+    def columns(self, seen: Seen) -> Array:
+        """[base | loads | effects | incidents | left] (T, R, K+1) of a recording; a known load is taken off."""
+        rows, own = seen.rows, np.zeros((*seen.rows.left.shape, len(CENTRE) * len(self._loaded)))
+        left = rows.left
+        if seen.recorded.load:
+            each = rows.base @ self.model.load
+            left = left - each[..., 0] * seen.recorded.load
+            k = len(CENTRE) * [other is seen for other in self._loaded].index(True)
+            own[..., k : k + len(CENTRE)] = each[..., 1:]
+        return np.concatenate([rows.base, own, rows.effects, rows.incidental, left[..., None]], axis=-1)
+
+    def blocks(self, floor: Floor) -> Blocks:
+        """All recordings as blocks; with clean ones, the library itself is part of what the machine always was."""
+        size = len(self.spread) + 1
+        none = (np.zeros((0, size, size)), np.zeros(0))
+        clean = [none, *(grams(self.columns(seen), floor) for seen in self.clean)]
+        faulty = [grams(self.columns(seen), floor) for seen in self.faulty]
+        shared = self.lasting if self.clean else self._first
+        (a, m), (b, n) = ([np.concatenate(x) for x in zip(*each, strict=True)] for each in (clean, faulty))
+        return Blocks(a, b, m, n, self.spread, tuple(range(shared)))
+
+    @cached_property
+    def spans(self) -> list[tuple[int, int]]:
+        """First block and the one after the last, of every faulty recording."""
+        ends = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in self.faulty]).tolist()
+        return list(pairwise(ends))
+
+    @cached_property
+    def times(self) -> Array:
+        """Time (B,) [s] of the middle of every faulty block."""
+        return np.concatenate([seen.rows.t[::BLOCK] + _half(seen.rows.t) for seen in self.faulty])
+
+    def options(self, evidence: Evidence, wanted: Sequence[Proposal] | None = None) -> Iterator[Option]:
+        """Every term of every proposal (of `wanted`)."""
+        for p, places in zip(self.proposals, self.places, strict=True):
+            if wanted is not None and p not in wanted:
+                continue
+            effect = p.group[0]
+            if not isinstance(effect, Incident):
+                yield Option(p, "", Term(places, np.ones((len(places), len(self.times)))), 0.0)
+            elif effect.course is Course.AFTER:
+                yield from self._after(p, places)
+            elif effect.course is Course.CLOCK:
+                yield from self._clocks(p, places)
+            else:
+                yield from self._windows(p, places, evidence)
+
+    def _after(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
+        for (first, last), seen in zip(self.spans, self.faulty, strict=True):
+            for k in range(first + 1, last - 1) if seen.recorded.load else ():
+                course = np.zeros(len(self.times))
+                course[k:last] = 1.0
+                when = f"from {self.times[k]:.0f} s on"
+                yield Option(p, when, Term(places, np.tile(course, (len(places), 1))), float(np.log(INSTANTS)))
+
+    def _clocks(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
+        one = np.ones_like(self.times)
+        yield Option(p, "always", Term(places, one[None]), 0.0)
+        yield Option(p, "growing", Term(places * 2, np.stack([one, self.times / 100.0])), 0.0)
+        for k in range(1, len(one) - 1):
+            course = np.where(np.arange(len(one)) >= k, 1.0, 0.0)
+            yield Option(p, f"from {self.times[k]:.0f} s on", Term(places, course[None]), float(np.log(INSTANTS)))
+
+    def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
+        gains = self._local(places, evidence)
+        hit = [int(k) for k in np.argsort(-gains)[:MOST_WINDOWS] if gains[k] > NOTICED]
+        if hit:
+            course = np.repeat(np.eye(len(self.times))[sorted(hit)], len(places), axis=0)
+            yield Option(p, f"{len(hit)} times", Term(places * len(hit), course), 0.0)
+
+    def _local(self, places: tuple[int, ...], evidence: Evidence) -> Array:
+        """Evidence (B,) [nats] for the columns in each faulty block by itself."""
+        _, left = evidence.left(evidence.held, evidence.fitted)
+        faulty, unit = evidence.blocks.faulty, self.spread[list(places)]
+        score = np.einsum("bij,bj->bi", faulty[:, list(places)], left) * unit / TEMPER
+        information = faulty[:, list(places)][:, :, list(places)] * np.outer(unit, unit) / TEMPER
+        precision = information + np.eye(len(places))
+        gain = np.einsum("bi,bi->b", score, np.linalg.solve(precision, score[..., None])[..., 0])
+        return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(precision)[1])
+
+
+def _sizes(effect: object) -> tuple[float, ...]:
+    """Usual sizes of an effect's columns."""
+    if isinstance(effect, Weight):
+        high = effect.about.high
+        usual = {"kg": high / 2.0, "kg m": high / 2.0, "kg m^2": 3.0 * high}
+        return tuple(usual[unit] for unit in effect.units)
+    about = getattr(effect, "about")  # noqa: B009
+    return (about.high / 2.0,)
+
+
+def _half(t: Array) -> float:
+    return float(t[1] - t[0]) * BLOCK / 2.0 if len(t) > 1 else 0.0

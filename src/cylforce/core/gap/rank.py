@@ -1,0 +1,53 @@
+"""Which term explains the faulty recordings best."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.gap.evidence import Evidence, Told
+from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.problem import TEMPER, Option, Problem
+from cylforce.words.estimate import Array
+
+
+class Ranked(NamedTuple):
+    """An option, what the data tell of it, its `score` [nats]: its evidence less what its freedom costs."""
+
+    option: Option
+    told: Told
+    score: float
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and place."""
+        return self.option.proposal.name, self.option.proposal.at
+
+
+def magnitude(found: Ranked, values: Array) -> float:
+    """The size as one number: over its axes, and over the windows if it has several (rms)."""
+    axes = found.option.proposal.about.axes
+    width = len(dict.fromkeys(found.option.term.columns))
+    each = values.reshape(-1, width)[:, :axes]
+    return float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
+
+
+def ranking(
+    problem: Problem, evidence: Evidence, wanted: Sequence[Proposal] | None = None, *, besides: Sequence[Ranked] = ()
+) -> list[Ranked]:
+    """The best option of every name and place, best first; those in `besides` are not asked again."""
+    best: dict[tuple[str, str], Ranked] = {}
+    taken = {r.key for r in besides}
+    for option in problem.options(evidence, wanted):
+        if (option.proposal.name, option.proposal.at) in taken:
+            continue
+        told = evidence.of(option.term, TEMPER)
+        found = Ranked(option, told, told.evidence - option.cost)
+        if _possible(found) and found.score > best.get(found.key, found._replace(score=-1e300)).score:
+            best[found.key] = found
+    return sorted(best.values(), key=lambda r: -r.score)
+
+
+def _possible(found: Ranked) -> bool:
+    """Whether the sign is one that the effect can have."""
+    return bool(found.option.proposal.about.sign * found.told.value[0] >= 0.0)
