@@ -6,6 +6,7 @@ tools/withheld_trial --cases 60 --seed 3 --development --write FOLDER   cases wi
 
 import argparse
 import json
+import shlex
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
@@ -19,6 +20,7 @@ from rich.progress import track
 
 import cylforce  # noqa: F401 - before numpy: it sets the number of BLAS threads
 from trial.cases import simulated, write
+from trial.diagnosis import COMMAND, Diagnosis
 from trial.field import Lengths, Site
 from trial.orders import Order, order
 from trial.run import Trial, run_machine
@@ -36,6 +38,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="OUT", help="all figures")
     parser.add_argument("--table", type=Path, metavar="FILE", help="where results are appended, a line each")
     parser.add_argument("--workers", type=int, default=2, metavar="N")
+    parser.add_argument("--diagnosis", type=shlex.split, default=COMMAND, metavar="COMMAND", help="another than ours")
     parser.add_argument("--no-oracle", action="store_true", help="do not ask the diagnosis that is told the name")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="only write the cases, with their labels")
     return parser.parse_args()
@@ -82,7 +85,7 @@ def main() -> int:
         return 0
     table = asked.table or ROOT / ".cache" / f"withheld_trial_{asked.seed}{'_development' * asked.development}.jsonl"
     table.parent.mkdir(parents=True, exist_ok=True)
-    trial = Trial(table, oracle=not asked.no_oracle)
+    trial = Trial(table, diagnosis=Diagnosis(tuple(asked.diagnosis)), oracle=not asked.no_oracle)
     run(trial, _orders(asked), asked.workers)
     records = sorted(trial.done(), key=lambda r: r["case"])
     show(records, Console())

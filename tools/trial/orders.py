@@ -10,7 +10,7 @@ from .library import BOOM_MOTION, KNOWN
 
 KINDS = ("known",) * 8 + ("none",) * 5 + ("foreign",) * 3 + ("pair",) * 2 + ("poor",) * 2  # of twenty cases
 POOR = ("short", "one_joint", "slow", "empty_only", "no_load")
-PER_MACHINE = 6  # cases that share a machine and its clean recordings
+PER_MACHINE = 8  # cases that share a machine and its clean recordings
 FIRST_SCORED = 500_000  # machines below are for development
 PER_SEED, SEEDS = 1000, 499  # machines of a seed
 NAMES = (*KNOWN, BOOM_MOTION)

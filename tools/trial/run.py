@@ -60,7 +60,7 @@ def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Recor
     """The cases one after the other. The label is sealed before the diagnosis starts, and opened after its answer; it
     is nowhere but in this process' memory meanwhile."""
     for wanted in orders:
-        start = time.monotonic()
+        start = time.process_time()
         case, twin = simulated(site, wanted)
         with TemporaryDirectory(prefix="case") as name:
             folder = Path(name)
@@ -70,7 +70,7 @@ def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Recor
             salt = secrets.token_hex(16)
             digest = sealed(label, salt)
             print(f"case {wanted.number} sealed {digest}", flush=True)
-            took = time.monotonic() - start
+            took = time.process_time() - start
             answer = trial.diagnosis.answer(folder)
             opened = truth.opened(label, folder, trial if trial.oracle else None)
         if sealed(label, salt) != digest:
@@ -85,6 +85,14 @@ def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Recor
             "answer": answer,
             "simulated_s": took,
         }
+
+
+def _detectable(effect: Record, sigmas: float) -> float | None:
+    """The size at five sigma: a stiffness is the larger the smaller its effect."""
+    if not sigmas:
+        return None
+    share = DETECTED / sigmas
+    return float(effect["size"] / share if effect["name"] == "compliance" else effect["size"] * share)
 
 
 class Truth:
@@ -113,7 +121,7 @@ class Truth:
             parts = [self._alone(site, k).effect for k in range(len(effects))]
         for entry, part in zip(effects, parts, strict=True):
             entry["sigmas"] = part.sigmas
-            entry["detectable"] = entry["size"] * DETECTED / part.sigmas if part.sigmas else None
+            entry["detectable"] = _detectable(entry, part.sigmas)
         return label | {"effects": effects, "sigmas": self.whole.effect.sigmas}
 
     def _alone(self, site: Site, k: int) -> Comparison:
