@@ -20,7 +20,7 @@ from trial.field import Lengths, Site, faulty, lacking, scene
 from trial.foreign import FOREIGN
 from trial.library import CLUTTER, KNOWN, clutter
 from trial.orders import FIRST_SCORED, KINDS, PER_MACHINE, POOR, Order, machine_seed, order
-from trial.run import Trial, records
+from trial.run import Trial, Truth, records
 from trial.scoring import Judged, Share, bounds, calibration_error, figures, shares, true_closure
 from trial.sigmas import Effect
 from trial.summary import AIMS, result
@@ -198,6 +198,22 @@ def test_diagnosis_that_fails_is_counted_as_such(site, tmp_path):
     assert record["answer"]["verdict"] == "failed"
     assert "no idea" in record["answer"]["reason"]
     assert result([record])["failed"] == 1
+
+
+def test_true_closure_of_an_answer_s_rows(site, tmp_path):
+    """Rows at another rate that take away all, half or nothing of what the twin says the effect is."""
+    case, twin = simulated(site, one("angle_offset"))
+    write(case, tmp_path)
+    truth = Truth(case, twin, tmp_path)
+    count, parts = len(truth.twin[0].torque), np.split(truth.whole.difference, 2)
+    t = np.arange(1.5, 3.5, 0.02)
+    for left in (0.0, 0.5, 1.0):
+        stated = {}
+        for name, part in zip(case.field, parts, strict=True):
+            added = np.stack([np.interp(t, truth.floor.times(count), x) for x in part.T], axis=-1)
+            stated |= {f"{name}.t": t, f"{name}.before": added + 7.0, f"{name}.after": left * added + 7.0}
+        np.savez(tmp_path / "residuals.npz", **stated)
+        assert truth.opened(truth.sized(site), tmp_path, None)["closure"] == pytest.approx(1.0 - left**2)
 
 
 def judged(kind, answer, effects=(("stribeck", "boom"),), clutter=(), sigmas=50.0, **label):

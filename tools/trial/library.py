@@ -36,6 +36,7 @@ KNOWN: dict[str, Make] = {
 }
 BOOM_MOTION = "boom_motion"  # only on a system of stick and bucket
 TWO_LINKS: dict[str, Make] = {BOOM_MOTION: mechanics.boom_motion}
+CANDIDATES = 9 * 3 + 3 * 6 + 2 * 3 + 9 + 3 * 3 + 2 * 3 + 4 + 3  # effects with their places, on three links
 CLUTTER, CLUTTER_SHARE = 16, 0.05
 NO_CLUTTER = ("slew_centrifugal", "clock_fault")  # 5 % of them is no smaller kind of the same
 

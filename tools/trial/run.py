@@ -20,7 +20,7 @@ from .diagnosis import Diagnosis
 from .field import LOAD_KG, Lengths, Site
 from .orders import Order
 from .scoring import true_closure
-from .sigmas import DETECTED, EVERY, Comparison, Floor, Rows, compared
+from .sigmas import DETECTED, Comparison, Floor, Rows, compared
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
@@ -139,14 +139,16 @@ class Truth:
         return found
 
     def _closure(self, path: Path) -> float | None:
-        """See `scoring.true_closure`; the answer's rows are those of `core.observation.observe`, all of them."""
+        """See `scoring.true_closure`. The answer's rows are NAME.t (T,) [s] from the recording's begin, NAME.before and
+        NAME.after (T, R) [N m]: what its nominal model leaves, and what it leaves with the named effects."""
         if not path.exists():
             return None
-        stated = np.load(path)
-        before, after = (
-            np.concatenate([stated[f"{name}.{when}"][::EVERY] for name in self.case.field])
-            for when in ("before", "after")
-        )
-        whole = self.whole
-        same = before.shape == whole.difference.shape
-        return true_closure(whole.difference, before, after, whole.level) if same else None
+        stated, first, parts = np.load(path), 0, []
+        for name, rows in zip(self.case.field, self.twin, strict=True):
+            count = len(rows.torque)
+            added = self.whole.difference[first : first + count]
+            columns = [np.interp(stated[f"{name}.t"], self.floor.times(count), x) for x in added.T]
+            parts.append((np.stack(columns, axis=-1), stated[f"{name}.before"], stated[f"{name}.after"]))
+            first += count
+        difference, before, after = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return true_closure(difference, before, after, self.whole.level)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.core.model import Model
-from cylforce.core.observation import chunks, observe
+from cylforce.core.observation import observe
 from cylforce.edges.settings import Loaded
 
 Array = NDArray[np.float64]
@@ -41,15 +41,18 @@ class Floor:
 
     def rows(self, name: str, values: Array) -> Rows:
         """Every fifth row of a recording (T, S)."""
-        seen = [observe(self.model, piece) for piece in chunks(self.model, [values])]
-        torque = np.concatenate([s.torque for s in seen])[::EVERY]
-        columns = np.concatenate([s.columns for s in seen])[::EVERY]
+        seen = observe(self.model, values)
+        torque, columns = seen.torque[::EVERY], seen.columns[::EVERY]
         usable = np.isfinite(torque)
         return Rows(
             np.where(usable, torque, 0.0),
             np.where(usable[..., None], columns, 0.0),
             self.load_kg if "loaded" in name else 0.0,
         )
+
+    def times(self, rows: int) -> Array:
+        """When the rows of a recording are [s], from its begin."""
+        return (self.model.settle_steps + EVERY * np.arange(rows)) / self.model.filters.rate_hz
 
     def designed(self, parts: list[Rows]) -> tuple[Array, Array]:
         """Columns (T, R, K) and torque (T, R) of several recordings: shared parameters, for each loaded one the

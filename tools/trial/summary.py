@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from .library import CANDIDATES
 from .orders import PER_MACHINE
 from .scoring import Judged, Share, baselines, bounds, figures, shares
 
@@ -45,7 +46,7 @@ def result(records: Sequence[Record]) -> Record:
         **figures(cases),
         "bounds": {name: list(bounds(part)) for name, part in found.items() if part.count},
         "counts": {name: list(part) for name, part in found.items()},
-        "baselines": {name: part.value for name, part in baselines(cases).items()},
+        "baselines": {name: part.value for name, part in baselines(cases).items()} | {"chance": 1.0 / CANDIDATES},
         "failed": sum(c.answer["verdict"] == "failed" for c in cases),
         "machines": len({r["order"]["machine"] for r in records}),
         "cases_per_machine": PER_MACHINE,
@@ -79,6 +80,7 @@ def show(records: Sequence[Record], console: Console) -> None:
         )
     console.print(table)
     console.print(_misses(cases))
+    console.print("first name right, simple methods:", {k: round(v, 3) for k, v in found["baselines"].items()})
     times = found["seconds"]
     console.print(f"per case: {times['simulation']:.1f} s simulation, {times['diagnosis']:.1f} s diagnosis")
 
