@@ -95,9 +95,17 @@ class Engine:
 
     def run(self) -> Trace:
         """The whole plan, row by row."""
-        plan = self.plan
         for _ in range(round(SETTLE * RATE)):
             self._row(0, None)
+        return self._rows()
+
+    def go_on(self, plan: Plan) -> Trace:
+        """Another plan, from where the machine is now."""
+        self.plan = plan
+        return self._rows()
+
+    def _rows(self) -> Trace:
+        plan = self.plan
         fast: list[float] = []
         true = np.zeros((plan.rows, len(TRUE_COLUMNS)))
         packed = np.zeros((plan.rows * STEPS, 11))

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 SPECIMEN, FRICTION, SENSORS, HYDRAULICS, RUN, TRUTH = range(6)  # one stream of random numbers each
 
 
-def _stream(seed: int, *path: int) -> np.random.Generator:
+def stream(seed: int, *path: int) -> np.random.Generator:
     return np.random.default_rng([seed, *path])
 
 
@@ -128,7 +128,7 @@ class Machine:
         **options: object,
     ) -> Stage:
         """What `run` would do, planned on this machine's geometry; arguments as there."""
-        rng = _stream(self.seed, RUN, seed)
+        rng = stream(self.seed, RUN, seed)
         slope = [float(x) for x in rng.uniform(-1.0, 1.0, 2) * (3.0, 2.0)]
         slope = [drawn if given is None else given for drawn, given in zip(slope, (pitch_deg, roll_deg), strict=True)]
         site = Site(self.geometry, rng, oil_degc, oil_degc_per_s)
@@ -155,7 +155,7 @@ class Machine:
         """What the sensors say (T, S) of a trace."""
         still = round(plan.still_s * RATE)
         kelvin = np.concatenate([plan.kelvin, np.full(still, plan.kelvin[-1])])
-        return self.sensors.measure(_signals(trace, stage.pitch, stage.roll), kelvin, still, rng)
+        return self.sensors.measure(signals_of(trace.fast, stage.pitch, stage.roll), kelvin, still, rng)
 
     def _piece(self, plan: Plan, stage: Stage) -> tuple[Array, Array, dict[str, Array]]:
         """Times, values and truth of one plan."""
@@ -191,7 +191,7 @@ class Machine:
 
     @cached_property
     def _parameters(self) -> tuple[dict[str, float], list[float]]:
-        fitted, left = effective_parameters(self.specimen, _stream(self.seed, TRUTH))
+        fitted, left = effective_parameters(self.specimen, stream(self.seed, TRUTH))
         return fitted, left.tolist()
 
 
@@ -210,16 +210,16 @@ def draw(
     (sensors.PARTS); `masses`, `geometry` False: exactly the data sheet's; `linkage_masses` False: cylinders and bucket
     bars weigh nothing, their mass is in the links. A seed draws each part the same whatever the others are. Raises
     ValueError."""
-    specimen = draw_specimen(_stream(seed, SPECIMEN), masses=masses, geometry=geometry, linkage_masses=linkage_masses)
-    rng = _stream(seed, FRICTION)
+    specimen = draw_specimen(stream(seed, SPECIMEN), masses=masses, geometry=geometry, linkage_masses=linkage_masses)
+    rng = stream(seed, FRICTION)
     pairs = [draw_friction(friction, joint, rng, DT) for joint in JOINTS]
     return Machine(
         seed=seed,
         specimen=specimen,
         friction=tuple(pair[0] for pair in pairs),
         pins=tuple(pair[1] for pair in pairs),
-        sensors=draw_sensors(_stream(seed, SENSORS), parts(sensors)),
-        hydraulics=_hydraulics(_stream(seed, HYDRAULICS)),
+        sensors=draw_sensors(stream(seed, SENSORS), parts(sensors)),
+        hydraulics=_hydraulics(stream(seed, HYDRAULICS)),
         friction_kind=friction,
     )
 
@@ -249,9 +249,8 @@ def _conditioned(site: Site, plan: Plan, wear: float) -> Plan:
     return replace(plan, kelvin=plan.kelvin if own else site.kelvin(plan.begin, plan.rows), wear=plan.wear * wear)
 
 
-def _signals(trace: Trace, pitch: float, roll: float) -> Array:
+def signals_of(fast: Array, pitch: float, roll: float) -> Array:
     """True signals (10 T, S) at 1 kHz."""
-    fast = trace.fast
     tilts = np.array([tilt(pitch, roll, slew) for slew in fast[::10, 9].tolist()])
     grid, rows = np.arange(len(fast)), np.arange(len(tilts)) * 10
     house = [np.interp(grid, rows, column) for column in tilts.T]

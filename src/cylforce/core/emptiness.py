@@ -7,18 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.core.model import Model
+from cylforce.core.wiring import misfit
 from cylforce.regression.batch import Fit, Prior, best, least_squares
-from cylforce.regression.blocks import Factors, beside, chosen, of_all
+from cylforce.regression.blocks import Factors, beside, chosen, of_all, residual_squares
 from cylforce.words.estimate import Array
 from cylforce.words.units import STANDARD_GRAVITY
 
 CORRELATED = 50.0  # samples of a block that say the same, at most: half a second
 TOUCHED = 4.0  # standard errors of a block's tip force from which on something touched the tool
 EXPLAINED = 0.5  # of the block's squares that the tip force must explain
-SPOILT = 0.2  # trust in a block below which something else than weight and friction acted: sound ones have 0.5 and more
+SPOILT = 0.2  # trust in a block below which something else than weight and friction may have acted
+NOTABLE = 0.1  # of the rated payload's weight: what spoils a block must be as large, seen as a force at the tool
 BLOCKS = 2  # touched from which on a recording is refused: one may be a stone, a door, a stop
 HEAVY = 3.0  # standard errors of a load; machines within their data sheet's tolerances stay below 2.5
-WRONG_AREA, SURE_AREA = 0.04, 15.0  # share and gain from which a piston area is wrong: sizes differ by more
+WRONG_AREA, SURE_AREA = 0.065, 25.0  # share and gain from which a piston area is wrong: sizes differ by more; the bars
+# of a bucket linkage, whose masses the model does not have, look like an area that is wrong by less, and less surely
+FITTING = 0.05  # of the torque that may be left unexplained with the true area
 LIGHTEST = 0.05  # of the rated payload's weight: a smaller force is nobody's
 AREA = 0.3  # a piston area may be wrong by such a share
 
@@ -34,19 +38,27 @@ class Contact(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """What could explain a recording that is not the data sheet's empty machine: the `value` of that cause, and its
-    `gain`: by how much the sum of squares falls with it, in variances of independent samples."""
+    """What could explain a recording that is not the data sheet's empty machine: the `value` of that cause, its `gain`:
+    by how much the sum of squares falls with it, in variances of independent samples, and the share of the torque that
+    is then `left` (`misfit`)."""
 
     value: float
     gain: float
+    left: float
 
 
 class Load(NamedTuple):
-    """A load [kg], its standard error and its gain."""
+    """A load [kg], its standard error, its gain, and the share of the torque that is then `left`."""
 
     value: float
     standard_error: float
     gain: float
+    left: float
+
+    @property
+    def is_there(self) -> bool:
+        """Beyond doubt."""
+        return self.value > HEAVY * self.standard_error
 
 
 def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> str | None:
@@ -56,11 +68,12 @@ def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> str | Non
     load, areas = hanging(model, held, noise, fit), area_errors(model, held, noise, fit)
     row = int(np.argmax([area.gain for area in areas]))
     touched = contact(model, whole, noise, fit)
-    if areas[row].gain > max(SURE_AREA, load.gain, touched.gain) and abs(areas[row].value) > WRONG_AREA:
+    wrong = areas[row].gain > max(SURE_AREA, load.gain, touched.gain) and abs(areas[row].value) > WRONG_AREA
+    if wrong and areas[row].left < FITTING:
         return _wrong_bore(model, row, areas[row])
     if np.count_nonzero(touched.certain | touched.spoilt) >= BLOCKS:
         return _touching(whole, touched, model.filters.rate_hz)
-    return _loaded(load) if load.value > HEAVY * load.standard_error else None
+    return _loaded(load) if load.is_there else None
 
 
 def _wrong_bore(model: Model, row: int, found: Cause) -> str:
@@ -101,8 +114,10 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     blocks, rows = whole.samples.shape
     error = np.where(np.sum(whole.samples, axis=0) > 0, np.maximum(fit.row_error, 1e-9), 1.0)
     scale = error[:, None] * np.sqrt(CORRELATED)
-    left = ((whole.triangle[..., -1] - whole.triangle[..., :size] @ fit.values) / scale).reshape(blocks, -1, 1)
-    tool = (whole.triangle[..., model.tool][..., :2] / scale[..., None]).reshape(blocks, -1, 2)
+    unexplained = whole.triangle[..., -1] - whole.triangle[..., :size] @ fit.values
+    levers = whole.triangle[..., model.tool][..., :2]
+    left = (unexplained / scale).reshape(blocks, -1, 1)
+    tool = (levers / scale[..., None]).reshape(blocks, -1, 2)
     usual = 4.0 * model.machine.rated_payload * STANDARD_GRAVITY
     spread = np.linalg.inv(np.swapaxes(tool, 1, 2) @ tool + np.eye(2) / usual**2)
     force = spread @ (np.swapaxes(tool, 1, 2) @ left)
@@ -112,7 +127,9 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     explained = np.sum(after, axis=1) < (1.0 - EXPLAINED) * np.sum(before, axis=1)
     certain = (up > np.maximum(TOUCHED * np.sqrt(spread[:, 1, 1]), lightest)) & explained
     gain = (before - after)[certain] * (fit.trust[certain] * error / noise) ** 2
-    return Contact(up, certain, np.min(fit.trust, axis=1) < SPOILT, float(np.sum(gain)))
+    there = np.sqrt(np.sum(unexplained**2, axis=2) / np.maximum(np.sum(levers**2, axis=(2, 3)), 1e-9))
+    notable = there > NOTABLE * model.machine.rated_payload * STANDARD_GRAVITY
+    return Contact(up, certain, np.any((fit.trust < SPOILT) & notable, axis=1), float(np.sum(gain)))
 
 
 def hanging(model: Model, held: Factors, noise: Array, fit: Fit) -> Load:
@@ -125,7 +142,8 @@ def hanging(model: Model, held: Factors, noise: Array, fit: Fit) -> Load:
     found, k = least_squares(wider, noise, prior), len(fit.values)
     weight = fit.trust / (noise * np.sqrt(CORRELATED))
     gain = best(held, weight, model.prior)[1] - best(wider, weight, prior)[1]
-    return Load(float(found.values[k]), float(np.sqrt(found.covariance[k, k])), gain)
+    left = misfit(held, found.row_error)
+    return Load(float(found.values[k]), float(np.sqrt(found.covariance[k, k])), gain, left)
 
 
 def area_errors(model: Model, held: Factors, noise: Array, fit: Fit) -> list[Cause]:
@@ -136,8 +154,10 @@ def area_errors(model: Model, held: Factors, noise: Array, fit: Fit) -> list[Cau
     for r in range(held.samples.shape[1]):
         columns = np.zeros((held.samples.shape[1], len(fit.values), 1))
         columns[r, :, 0] = fit.values
-        values, squares = best(beside(held, columns), weight, prior)
-        found.append(Cause(float(values[-1]), alone - squares))
+        wider = beside(held, columns)
+        values, squares = best(wider, weight, prior)
+        left = np.sqrt(np.sum(residual_squares(wider, values), axis=0) / np.maximum(np.sum(held.samples, axis=0), 1.0))
+        found.append(Cause(float(values[-1]), alone - squares, misfit(held, left)))
     return found
 
 

@@ -13,6 +13,9 @@ def doubt(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: Eviden
     touching tool, a load. `whole`: factors, the tool's columns last; `noise` (R,) and `fit` of the model's columns."""
     sentence = wiring.frozen_pressure(model, evidence)
     held = chosen(whole, list(range(len(model.parameters))))
-    if sentence is None and wiring.misfit(held, fit.row_error) > wiring.MISFIT:
-        sentence = wiring.miswired(model, evidence)
+    left = wiring.misfit(held, fit.row_error)
+    if sentence is None and left > wiring.MISFIT:
+        load = emptiness.hanging(model, held, noise, fit)
+        explained = load.is_there and load.left < wiring.BETTER * left  # a short recording fits by many exchanges
+        sentence = None if explained else wiring.miswired(model, evidence)
     return sentence or emptiness.not_empty(model, whole, noise, fit)
