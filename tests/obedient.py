@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cylforce.core.reaches import Reach
 from cylforce.core.sensing import run, sensors
 from cylforce.core.strokes import clear_range
 from cylforce.core.trajectory import Course, Phase, Scene, Step, driven, stroke_time
@@ -24,9 +25,7 @@ def commissioned(loaded, guide, seed, load=0.0, longest=400.0):
             told.append(advice)
             if advice.done or advice.refusal is not None or advice.seconds > longest:
                 return
-            targets = [rng.uniform(*clear_range(service.machine).T)] if advice.stroke is None else _ends(advice.stroke)
-            for k, target in enumerate(targets):
-                least = 0.0 if k == 0 or advice.stroke is None else advice.stroke.seconds
+            for target, least in _targets(advice.stroke, rng.uniform(*clear_range(service.machine).T)):
                 yield to_pose(service.machine, pose, target, least, carried(load) if load else None)
                 pose = target
 
@@ -38,11 +37,15 @@ def commissioned(loaded, guide, seed, load=0.0, longest=400.0):
     return told, np.concatenate(values)
 
 
-def _ends(stroke):
-    """The postures at which a stroke begins and ends."""
+def _targets(stroke, anywhere):
+    """Postures to go to, each in at least so many seconds."""
+    if stroke is None:
+        return [(anywhere, 0.0)]
+    if isinstance(stroke, Reach):
+        return [(stroke.target, stroke.seconds)]
     begin, end = stroke.hold.copy(), stroke.hold.copy()
     begin[stroke.joint], end[stroke.joint] = stroke.begin, stroke.end
-    return begin, end
+    return [(begin, 0.0), (end, stroke.seconds)]
 
 
 def to_pose(machine, pose, target, least, dig):

@@ -37,6 +37,7 @@ QUICKLY = {  # half the frames, and strokes of a third: what is to be done then 
 }
 SEES_S = 3.0  # the guidance sees a stroke when its filters have settled
 MOVE = re.compile(r"move the (\w+) \w+: its cylinder \w+ from (.+?) to (.+?), in about (\d+) s(?:; (.*))?$")
+TO = re.compile(r"the (\w+)'s cylinder to (the inner end|the outer end|\d+ %)")
 WAIT = re.compile(r"the (\w+)'s at (the inner end|the outer end|\d+ %)")
 
 
@@ -52,6 +53,8 @@ class Operator:
             found = MOVE.search(self.says)
             if found is not None:
                 yield from self.stroke(*found.groups())
+            elif "all joints at once" in self.says:
+                yield self.go(dict(TO.findall(self.says)), SEES_S)
             elif "clear of the ground and move" in self.says:
                 yield from self.lift()
             yield self.rest(SEES_S)
@@ -60,9 +63,12 @@ class Operator:
     def stroke(self, name, begin, end, seconds, others):
         at = {**dict(WAIT.findall(others or "")), name: begin}
         for places, least in ((at, 0.0), ({**at, name: end}, float(seconds))):
-            target = np.array([self.angle(j, places.get(link.name)) for j, link in enumerate(self.machine.links)])
-            yield to_pose(self.machine, self.pose, target, least, None)
-            self.pose = target
+            yield self.go(places, least)
+
+    def go(self, places, least):
+        target = np.array([self.angle(j, places.get(link.name)) for j, link in enumerate(self.machine.links)])
+        begin, self.pose = self.pose, target
+        return to_pose(self.machine, begin, target, least, None)
 
     def angle(self, j, place):
         """The joint's angle with its cylinder there; where it is, when nothing is said."""

@@ -27,6 +27,7 @@ SPECIMEN, FRICTION, SENSORS, HYDRAULICS, RUN, TRUTH = range(6)  # one stream of 
 
 
 def stream(seed: int, *path: int) -> np.random.Generator:
+    """Random numbers for one purpose."""
     return np.random.default_rng([seed, *path])
 
 

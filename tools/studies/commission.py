@@ -5,8 +5,8 @@ empty ones are not."""
 import argparse
 import json
 import sys
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -19,21 +19,23 @@ from rich.table import Table
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+from identification import weights
+
 from cylforce.core.guidance import Advice, Guide, follow
 from cylforce.core.identification import identify
+from cylforce.core.reaches import Reach
 from cylforce.core.strokes import Stroke
 from cylforce.edges.settings import Loaded, load
 from cylforce.programs.commission import LIMIT_S, THINK_S
 from cylforce.programs.identify import model_of, recorded_segments
 from cylforce.words.estimate import Array
-from identification import weights
 from reference_machine.machine import Machine, draw
 from reference_machine.machinefile import machine_file
 from reference_machine.plan import Plan
 from reference_machine.session import Session
 
 HEAVY = (150.0, 1500.0)  # kg in a bucket that should be empty
-REFUSED_BY_S = 150.0  # of a loaded or touching recording; later is never
+MOVED_S = 150.0  # of an empty, loaded or touching machine's moves; to refuse later is to refuse never
 BRISK = 0.18  # m/s between strokes
 READS_S = 1.0  # after every stroke, to read what comes next
 CARELESS = 0.02  # of a cylinder's stroke, by which the operator misses where he shall go
@@ -105,12 +107,15 @@ def _commissioned(session: Session, guide: Guide) -> tuple[Advice, Array, int]:
                 return advice, np.concatenate(values), strokes
 
 
-def _make(session: Session, guide: Guide, stroke: Stroke | None) -> None:
+def _make(session: Session, guide: Guide, stroke: Stroke | Reach | None) -> None:
     """The stroke by the cylinders' places and the time that the sentence tells, as well as a hand can."""
     site, path = session.site, session.path
     path.rest(READS_S)
     if stroke is None:
         site.go(path, float(site.rng.uniform(0.08, 0.2)))
+        return
+    if isinstance(stroke, Reach):
+        _brisk(session, _lengths(session, guide, stroke.target), stroke.seconds)
         return
     begin, end = stroke.hold.copy(), stroke.hold.copy()
     begin[stroke.joint], end[stroke.joint] = stroke.begin, stroke.end
@@ -124,15 +129,20 @@ def _make(session: Session, guide: Guide, stroke: Stroke | None) -> None:
     path.rest(0.5)
 
 
-def _brisk(session: Session, target: Array) -> None:
-    """To a posture; over a raised boom where the straight way comes too near the ground."""
+def _brisk(session: Session, target: Array, seconds: float = 0.0) -> None:
+    """To a posture, in so many seconds or briskly; over a raised boom where the straight way comes too near the ground,
+    as near to it as the ground allows."""
     site, path = session.site, session.path
-    if not site.clear(path.sketch(target, BRISK)):
-        raised = path.now.copy()
-        raised[0] = site.geometry.working[0, 1]
-        path.go(raised, BRISK)
-        path.go(np.append(raised[0], target[1:]), BRISK)
-    path.go(target, BRISK)
+    low, high = site.geometry.working.T
+    target = np.clip(target, low, high)
+    while not site.clear(target[None]) and target[0] < high[0]:
+        target = np.append(min(target[0] + 0.05, high[0]), target[1:])
+    way = np.abs(target - path.now)
+    speed = np.minimum(np.maximum(way / seconds, 0.02), site.quickest) if seconds else np.full(3, BRISK)
+    if not site.clear(path.sketch(target, speed)):
+        for part in (np.append(high[0], path.now[1:]), np.append(high[0], target[1:])):
+            path.go(part, BRISK)
+    path.go(target, speed)
 
 
 def _lengths(session: Session, guide: Guide, theta: Array) -> Array:
@@ -155,35 +165,23 @@ def followed(machine: Machine, kind: str) -> dict[str, Any]:
         options["payload_kg"] = float(rng.uniform(*HEAVY))
     if kind == "touching":
         options["touching"] = True
-    if kind != "empty":
-        machine = machine_until(machine, REFUSED_BY_S)
+    machine = machine_until(machine, MOVED_S)
     with TemporaryDirectory() as name:
         folder = Path(name)
         loaded, guide = guide_of(machine, folder)
         path = machine.run("commissioning", **options).write(folder)
-        told = list(_until_refused(guide, recorded_segments(loaded, path)))
-    last = told[-1]
+        *_, last = follow(guide, recorded_segments(loaded, path))
     sign = {"loaded": "the bucket is not empty", "touching": "something"}.get(kind)
     named = last.refusal is not None and sign is not None and sign in last.refusal
     return {"refusal": last.refusal, "named": named, "motion_s": last.seconds, **options}
 
 
-def _until_refused(guide: Guide, segments: Iterator[Array]) -> Iterator[Advice]:
-    """Also beyond what would have been enough."""
-    yield from follow(guide, segments)
-
-
 def machine_until(machine: Machine, seconds: float) -> Machine:
     """The machine whose runs end early."""
-    from dataclasses import fields, replace
 
     def cut(plan: Plan) -> Plan:
         rows = min(plan.rows, round(seconds * 100))
-        columns = {
-            f.name: value[:rows]
-            for f in fields(plan)
-            if isinstance(value := getattr(plan, f.name), np.ndarray)
-        }
+        columns = {f.name: value[:rows] for f in fields(plan) if isinstance(value := getattr(plan, f.name), np.ndarray)}
         return plan.at(**columns)
 
     return replace(machine, edits=(*machine.edits, cut))

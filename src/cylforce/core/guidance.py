@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.core import coverage
+from cylforce.core import coverage, reaches
 from cylforce.core.coverage import Plan
 from cylforce.core.expectation import expected_error, postures
 from cylforce.core.identification import row_noise
 from cylforce.core.model import Model, Tares
 from cylforce.core.observation import BLOCK_SECONDS, MOST_BLOCKS, Observed, block_factors, observe
+from cylforce.core.reaches import Reach, next_reach
 from cylforce.core.segments import gapless
-from cylforce.core.strokes import Stroke, clear_range, next_stroke, sentence
+from cylforce.core.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
 from cylforce.core.suspicion import doubt
 from cylforce.core.wiring import Evidence, gathered, nothing
 from cylforce.regression.batch import Fit, least_squares
@@ -40,19 +41,21 @@ class Judgement(NamedTuple):
 
 class Collected(NamedTuple):
     """What was collected: samples `tail` (T, S) that wait for their successors, the last of them, the factors `held`,
-    seconds `covered` (M, BINS, 2, 2), seconds of motion and of motion too slow to count, the joints' `posture` (N,)
-    now, the raw samples' evidence, samples since the last judgement and that, the stroke asked for."""
+    seconds `covered` (M, BINS, 2, 2), `planes` (M-1, BINS, BINS) of pairs of joints, seconds of motion and of motion
+    too slow to count, the joints' `posture` (N,) now, the raw samples' evidence, samples since the last judgement and
+    that, the stroke asked for."""
 
     tail: Array
     held: Factors | None
     covered: Array
+    planes: Array
     moved_s: float
     crept_s: float
     posture: Array
     evidence: Evidence
     waiting: int
     judgement: Judgement
-    stroke: Stroke | None
+    stroke: Stroke | Reach | None
 
 
 class Advice(NamedTuple):
@@ -64,7 +67,7 @@ class Advice(NamedTuple):
     covered: Array
     posture: Array
     weight_error: float
-    stroke: Stroke | None
+    stroke: Stroke | Reach | None
     say: str
     refusal: str | None
     done: bool
@@ -84,6 +87,10 @@ class Guide:
         return coverage.plan(machine, 2.0 * self.model.filters.direction_speed, clear_range(machine))
 
     @cached_property
+    def _places(self) -> reaches.Postures:
+        return reaches.postures(self.model.machine, self.plan)
+
+    @cached_property
     def _working(self) -> Array:
         return postures(self.model.machine).theta
 
@@ -93,7 +100,9 @@ class Guide:
         here, none = np.full(machine.size, np.nan), np.zeros((0, len(machine.signals)))
         start = Judgement(np.nan, None)
         covered = np.zeros_like(self.plan.needed)
-        empty = Collected(none, None, covered, 0.0, 0.0, here, nothing(machine), 0, start, None)
+        empty = Collected(
+            none, None, covered, np.zeros(self._places.pairs.shape), 0.0, 0.0, here, nothing(machine), 0, start, None
+        )
         return self._advised(empty)
 
     def interrupt(self, state: Collected) -> Collected:
@@ -119,6 +128,7 @@ class Guide:
         return state._replace(
             held=joined([new] if state.held is None else [state.held, new], MOST_BLOCKS),
             covered=state.covered + coverage.coverage(self.plan, seen.posture, seen.speed, dt),
+            planes=state.planes + coverage.planes(self.plan, seen.posture, seen.speed, dt),
             moved_s=state.moved_s + dt * float(np.sum(fastest > self.plan.rest)),
             crept_s=state.crept_s + dt * float(np.sum(creeps)),
             posture=seen.posture[-1],
@@ -146,8 +156,13 @@ class Guide:
         return float(np.percentile(np.where(np.isnan(error), np.inf, error), LIKELY))
 
     def _advised(self, state: Collected) -> Collected:
-        machine, plan = self.model.machine, self.plan
-        return state._replace(stroke=next_stroke(machine, plan, state.covered, state.posture, state.stroke))
+        machine, plan, last = self.model.machine, self.plan, state.stroke
+        made = last if isinstance(last, Stroke) else None
+        stroke = next_stroke(machine, plan, state.covered, state.posture, made)
+        if stroke is not None:
+            return state._replace(stroke=stroke)
+        gone = last if isinstance(last, Reach) else None
+        return state._replace(stroke=next_reach(machine, plan, self._places, state.planes, state.posture, gone))
 
     def advice(self, state: Collected) -> Advice:
         """What to show, and what to do next."""
@@ -165,6 +180,8 @@ class Guide:
             return (
                 "move all joints at once through their ranges, slowly and fast, until the weight is known well enough"
             )
+        if isinstance(state.stroke, Reach):
+            return reach_sentence(self.model.machine, self.plan, state.stroke)
         return self._unmoved(state) or sentence(self.model.machine, self.plan, state.stroke)
 
     def _unmoved(self, state: Collected) -> str | None:

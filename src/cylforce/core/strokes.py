@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core.coverage import BINS, Gap, Pace, Plan, Way, missing
+from cylforce.core.reaches import Reach
 from cylforce.core.trajectory import driven, working_range
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
@@ -13,7 +14,7 @@ from cylforce.words.estimate import Array
 CLEAR = 0.5  # of its range: below it a lifting joint is asked for nothing, for the tool may stand on the ground
 AT = (0.15, 0.5, 0.85)  # of their ranges: where the other joints may wait
 SPEED = {
-    Pace.SLOW: 0.5,
+    Pace.SLOW: 0.7,
     Pace.FAST: 2.0,
 }  # times the speed from which on motion is fast: the mean, levers are not square
 RUN_UP = 0.4  # of a bin: so far before the stroke's part that counts, and behind it
@@ -151,6 +152,16 @@ def _share(machine: Machine, c: int, length: float) -> str:
     if share < 0.05:
         return "the inner end"
     return "the outer end" if share > 0.95 else f"{100 * share:.0f} %"
+
+
+def reach_sentence(machine: Machine, plan: Plan, reach: Reach) -> str:
+    """The same for a move of all joints."""
+    lengths = machine.geometry(reach.target).length
+    places = [
+        f"the {machine.links[j].name}'s cylinder to {_share(machine, c, float(lengths[c]))}"
+        for j, c in zip(plan.joints, plan.cylinders, strict=True)
+    ]
+    return f"move all joints at once, in about {reach.seconds:.0f} s: {', '.join(places)}"
 
 
 def _waiting(machine: Machine, plan: Plan, stroke: Stroke) -> str:

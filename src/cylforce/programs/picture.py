@@ -11,6 +11,7 @@ from rich.text import Text
 
 from cylforce.core.coverage import BINS, Pace, Plan, Way, share
 from cylforce.core.guidance import GOOD_ENOUGH, Guide
+from cylforce.core.reaches import Reach
 from cylforce.core.strokes import Stroke
 from cylforce.programs.collector import View
 from cylforce.words.estimate import Array
@@ -74,7 +75,7 @@ def _block(plan: Plan, joint: Joint, view: View) -> Text:
 
 def _row(plan: Plan, joint: Joint, view: View, way: Way, pace: Pace) -> Text:
     stroke = view.advice.stroke
-    asked = stroke is not None and stroke.kind == (plan.joints[joint.k], way, pace)
+    asked = isinstance(stroke, Stroke) and stroke.kind == (plan.joints[joint.k], way, pace)
     text = Text(f"{'>' if asked else ' '} {WAYS[way]:<3} {PACES[pace]:<6}", style="bold" if asked else "")
     made, needed = (table[joint.k, :, way, pace].tolist() for table in (view.advice.covered, plan.needed))
     cells = [_cell(*pair) for pair in zip(made, needed, strict=True)]
@@ -96,6 +97,8 @@ def _pointer(plan: Plan, joint: Joint, view: View) -> Text:
     marks = [(view.here[j], "▲")]
     if isinstance(view.advice.stroke, Stroke) and view.advice.stroke.joint == j:
         marks = [(view.advice.stroke.end, "|"), *marks]
+    elif isinstance(view.advice.stroke, Reach):
+        marks = [(view.advice.stroke.target[j], "|"), *marks]
     for angle, mark in marks:
         if np.isfinite(angle):
             line[_place(plan.edges[joint.k], float(angle), width, joint.rising)] = mark
