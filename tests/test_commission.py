@@ -84,7 +84,10 @@ def test_the_picture_fills_as_the_machine_moves(collector):
         assert link.name in first
     assert last.count("▲") == 3
     assert "> move the" in last
-    assert re.match(r"0:2\d of motion, \d+ % covered, 1500 kg would be known to \+- \d+ kg", summary(GUIDE, views[-1]))
+    assert re.match(
+        r"0:2\d of motion, strokes \d+ %, postures \d+ %, 1500 kg would be known to \+- \d+ kg",
+        summary(GUIDE, views[-1]),
+    )
 
 
 def test_the_pointer_is_where_the_joint_is(collector):

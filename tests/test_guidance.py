@@ -6,10 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from cylforce.core import coverage, reaches
 from cylforce.core.coverage import Pace, Way, missing
 from cylforce.core.guidance import Guide, follow
 from cylforce.core.identification import identify
-from cylforce.core.strokes import clear_range, next_stroke, sentence
+from cylforce.core.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
 from cylforce.edges.settings import load
 from cylforce.programs.identify import model_of
 from obedient import commissioned
@@ -152,3 +153,41 @@ def test_lifting_joints_are_asked_for_the_upper_half_only():
     low, high = clear_range(machine)[0]
     assert low > machine.links[0].angle_low + 0.4 * (high - machine.links[0].angle_low)
     assert GUIDE.plan.edges[0, 0] == low
+
+
+def test_all_joints_move_at_once_until_nine_tenths_of_the_postures_were_visited():
+    """Going where it says always ends, visits what was not visited, and never asks for the same posture twice in a
+    row once it was reached."""
+    machine, plan = MODEL.machine, GUIDE.plan
+    places = reaches.postures(machine, plan)
+    seconds, posture, asked = np.zeros(places.pairs.shape), np.full(machine.size, np.nan), []
+    while (
+        reach := reaches.next_reach(machine, plan, places, seconds, posture, asked[-1] if asked else None)
+    ) is not None:
+        assert not asked or np.any(reach.target != asked[-1].target)
+        asked.append(reach)
+        posture = reach.target
+        before = reaches.visited(places, seconds)
+        seconds = seconds + coverage.planes(plan, posture[None], np.ones((1, len(machine.cylinders))), 1.0)
+        assert reaches.visited(places, seconds) > before
+    assert reaches.visited(places, seconds) >= reaches.ENOUGH
+    assert len(asked) <= np.count_nonzero(places.pairs)
+
+
+def test_a_reach_holds_until_it_was_reached():
+    machine, plan = MODEL.machine, GUIDE.plan
+    places = reaches.postures(machine, plan)
+    nothing, anywhere = np.zeros(places.pairs.shape), plan.edges.mean(axis=1)
+    first = reaches.next_reach(machine, plan, places, nothing, anywhere, None)
+    assert reaches.next_reach(machine, plan, places, nothing, anywhere, first) is first
+    says = reach_sentence(machine, plan, first)
+    assert says.startswith("move all joints at once, in about ")
+    assert says.count("'s cylinder to") == 3
+
+
+def test_single_strokes_come_before_all_at_once():
+    told, _ = done(EXCAVATOR)
+    kinds = [type(advice.stroke) for advice in told if advice.stroke is not None]
+    first = kinds.index(reaches.Reach)
+    assert first > 0
+    assert set(kinds[:first]) == {Stroke}

@@ -59,12 +59,14 @@ class Collected(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """`seconds` of motion, what is `covered` (M, BINS, 2, 2) [s], the joints' `posture` (N,) [rad], the expected
+    """`seconds` of motion, what is `covered` (M, BINS, 2, 2) [s], the share of common postures that were
+    `visited` (0..1), the joints' `posture` (N,) [rad], the expected
     `weight_error` [kg] (NaN: not yet), the `stroke` to make next and what to `say`; `refusal`: a sentence why this
     cannot be commissioned; `done`: enough."""
 
     seconds: float
     covered: Array
+    visited: float
     posture: Array
     weight_error: float
     stroke: Stroke | Reach | None
@@ -170,7 +172,8 @@ class Guide:
         told = state.stroke is None or state.moved_s >= LONGEST_S
         done = told and judged.refusal is None and judged.weight_error <= enough
         say = judged.refusal or ("enough: the machine may rest" if done else self._say(state))
-        shown = (state.moved_s, state.covered, state.posture, judged.weight_error)
+        seen = reaches.visited(self._places, state.planes)
+        shown = (state.moved_s, state.covered, seen, state.posture, judged.weight_error)
         return Advice(*shown, state.stroke, say, judged.refusal, done)
 
     def _say(self, state: Collected) -> str:

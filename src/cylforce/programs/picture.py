@@ -44,7 +44,10 @@ def summary(guide: Guide, view: View) -> str:
     """Seconds of motion, what is covered, how well weight would be known."""
     minutes, seconds = divmod(int(view.advice.seconds), 60)
     covered = 100 * share(guide.plan, view.advice.covered)
-    return f"{minutes}:{seconds:02d} of motion, {covered:.0f} % covered, {known(guide, view)}"
+    return (
+        f"{minutes}:{seconds:02d} of motion, strokes {covered:.0f} %, postures {100 * view.advice.visited:.0f} %, "
+        f"{known(guide, view)}"
+    )
 
 
 def known(guide: Guide, view: View) -> str:
@@ -68,7 +71,7 @@ def _joints(guide: Guide) -> list[Joint]:
 
 
 def _block(plan: Plan, joint: Joint, view: View) -> Text:
-    lines = [Text(f"{joint.name:<10} in{'out':>{CELL * BINS - 3}}", style="bold")]
+    lines = [Text(f"{joint.name:<13}in{'out':>{CELL * BINS - 3}}", style="bold")]
     lines += [_row(plan, joint, view, way, pace) for way, pace in product(Way, Pace)]
     return Text("\n").join([*lines, _pointer(plan, joint, view)])
 
@@ -76,7 +79,7 @@ def _block(plan: Plan, joint: Joint, view: View) -> Text:
 def _row(plan: Plan, joint: Joint, view: View, way: Way, pace: Pace) -> Text:
     stroke = view.advice.stroke
     asked = isinstance(stroke, Stroke) and stroke.kind == (plan.joints[joint.k], way, pace)
-    text = Text(f"{'>' if asked else ' '} {WAYS[way]:<3} {PACES[pace]:<6}", style="bold" if asked else "")
+    text = Text(f"{'>' if asked else ' '} {WAYS[way]:<3} {PACES[pace]:<7}", style="bold" if asked else "")
     made, needed = (table[joint.k, :, way, pace].tolist() for table in (view.advice.covered, plan.needed))
     cells = [_cell(*pair) for pair in zip(made, needed, strict=True)]
     for cell in cells if joint.rising else cells[::-1]:
@@ -102,7 +105,7 @@ def _pointer(plan: Plan, joint: Joint, view: View) -> Text:
     for angle, mark in marks:
         if np.isfinite(angle):
             line[_place(plan.edges[joint.k], float(angle), width, joint.rising)] = mark
-    return Text(" " * 12 + "".join(line))
+    return Text(" " * 13 + "".join(line))
 
 
 def _place(edges: Array, angle: float, width: int, rising: bool) -> int:
