@@ -22,7 +22,7 @@ import cylforce  # noqa: F401 - before numpy: it sets the number of BLAS threads
 from trial.cases import simulated, write
 from trial.diagnosis import COMMAND, Diagnosis
 from trial.field import Lengths, Site
-from trial.orders import Order, order
+from trial.orders import PER_MACHINE, Order, order
 from trial.run import Trial, run_machine
 from trial.summary import result, show
 
@@ -46,7 +46,8 @@ def _arguments() -> argparse.Namespace:
 
 def _orders(asked: argparse.Namespace) -> list[Order]:
     part, parts = (int(x) for x in asked.part.split("/"))
-    first, last = (asked.cases * k // parts for k in (part - 1, part))
+    ends = [asked.cases * k // parts // PER_MACHINE * PER_MACHINE for k in range(parts)] + [asked.cases]
+    first, last = ends[part - 1 : part + 1]
     return [order(asked.seed, k, development=asked.development) for k in range(first, last)]
 
 
@@ -71,7 +72,8 @@ def run(trial: Trial, orders: list[Order], workers: int) -> None:
     with ProcessPoolExecutor(workers) as pool:
         futures = [pool.submit(run_machine, trial, group) for group in machines]
         for done in track(as_completed(futures), f"{len(left)} cases", total=len(futures)):
-            done.result()
+            if error := done.exception():
+                print(f"withheld_trial: a machine's cases stopped: {error!r}", file=sys.stderr)
 
 
 def main() -> int:
@@ -89,9 +91,12 @@ def main() -> int:
     run(trial, _orders(asked), asked.workers)
     records = sorted(trial.done(), key=lambda r: r["case"])
     show(records, Console())
+    missing = len({o.number for o in _orders(asked)} - {r["case"] for r in records})
+    if missing:
+        print(f"withheld_trial: {missing} cases are missing: call it again", file=sys.stderr)
     if asked.json:
         asked.json.write_text(json.dumps(result(records), indent=1) + "\n")
-    return 0
+    return 1 if missing else 0
 
 
 if __name__ == "__main__":
