@@ -54,11 +54,16 @@ def is_whole(sample: Sample) -> bool:
 
 def gapless(values: Array, longest: int) -> list[Array]:
     """Stretches without NaN of samples (T, S); gaps of up to `longest` rows are bridged along a line."""
+    return [stretch for _, stretch in stretches(values, longest)]
+
+
+def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
+    """The same, each with the number of its first row."""
     good = np.flatnonzero(np.all(np.isfinite(values), axis=1))
     if good.size == 0:
         return []
     parts = np.split(good, np.flatnonzero(np.diff(good) > longest + 1) + 1)
-    return [_bridged(values, part) for part in parts]
+    return [(int(part[0]), _bridged(values, part)) for part in parts]
 
 
 def _bridged(values: Array, good: NDArray[np.intp]) -> Array:

@@ -21,12 +21,13 @@ class SlewCentrifugal:
             "while the house turns, as the centrifugal force of all links",
             "the same arm motion with the house still",
             1,
+            axes=3,
         )
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns whose sizes change."""
-        return ("slew",)
+        return ("slew.0", "slew.1", "slew.2")
 
     @property
     def course(self) -> Course:

@@ -20,13 +20,13 @@ class SoilContact:
             Place.TOOL,
             "for some seconds at a time, in all joints as one force at the teeth",
             "the same moves higher above the ground",
-            axes=2,
+            axes=6,
         )
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns whose sizes change."""
-        return ("tip.x", "tip.z")
+        return ("tip.x.0", "tip.z.0", "tip.x.1", "tip.z.1", "tip.x.2", "tip.z.2")
 
     @property
     def course(self) -> Course:

@@ -24,7 +24,8 @@ class Place(StrEnum):
 class About(NamedTuple):
     """What an effect says of itself: the `name` by which it is reported, `unit` (SI) of its size, the plausible range
     `low`..`high` of that size's magnitude, `sign` (1 or -1 where only one can be, else 0), `place`, in which regimes it
-    `shows`, the experiment that would `confirm` it, and how many of its sizes are the `axes` of that magnitude."""
+    `shows`, the experiment that would `confirm` it, how many of its sizes are the `axes` of that magnitude, and
+    whether every recording has sizes `of_its_own`."""
 
     name: str
     unit: str
@@ -35,6 +36,7 @@ class About(NamedTuple):
     confirm: str
     sign: int = 0
     axes: int = 1
+    of_its_own: bool = False
 
 
 class Candidate(Protocol):
@@ -89,6 +91,16 @@ class Weight(Candidate, Protocol):
         ...
 
 
+@runtime_checkable
+class Share(Candidate, Protocol):
+    """Known friction of a cylinder that changes as a whole."""
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """Names of the friction laws whose known sizes are multiplied by 1 + size."""
+        ...
+
+
 class Course(StrEnum):
     """How the sizes of an incident go with time."""
 
@@ -112,9 +124,13 @@ class Incident(Candidate, Protocol):
         ...
 
 
-# Columns of incidents: what hangs in the bucket besides, a force at the teeth, the unit square of the slew rate, a
-# second by which all pressures come late.
-INCIDENTAL = ("load.mass", "load.X", "load.Z", "load.J", "tip.x", "tip.z", "slew", "clock")
+# Columns of incidents: what hangs in the bucket besides, a force at the teeth and the unit square of the slew rate in
+# each third of a block, a second by which all pressures come late.
+THIRDS = 3
+INCIDENTAL = (
+    *("load.mass", "load.X", "load.Z", "load.J", "clock"),
+    *(f"{name}.{k}" for k in range(THIRDS) for name in ("tip.x", "tip.z", "slew")),
+)
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 

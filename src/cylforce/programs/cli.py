@@ -174,6 +174,35 @@ def demo(
 
 
 @app.command()
+def gap(
+    machine: MachineFile,
+    field: Annotated[list[Path], typer.Argument(metavar="FIELD...", help="Recordings that differ from the model.")],
+    reference: Annotated[list[Path] | None, typer.Option(help="A recording of the machine in order.")] = None,
+    identified: IdentifiedFile = None,
+    load: Annotated[
+        list[str] | None, typer.Option(metavar="FILE=KG", help="A recording was made with this known load.")
+    ] = None,
+    only: Annotated[str | None, typer.Option(metavar="NAME@AT", help="Fit the size of this effect alone.")] = None,
+    output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
+    patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
+) -> None:
+    """Say why recordings differ from the model: where, which effect, how far the gap shrinks with it."""
+    from cylforce.edges.settings import load as load_machine
+    from cylforce.programs.gap import Question, diagnose, show, write_answer, write_patch
+    from cylforce.programs.progress import progress_bar
+
+    loads = {name: float(kilograms) for name, _, kilograms in (each.rpartition("=") for each in load or ())}
+    question = Question(tuple(field), tuple(reference or ()), identified, loads, only)
+    with progress_bar() as watch:
+        found = diagnose(load_machine(machine), question, watch=watch)
+    if output is not None:
+        write_answer(output, found)
+    if patch is not None:
+        write_patch(patch, found)
+    show(found, Console(highlight=False))
+
+
+@app.command()
 def describe(
     machine: MachineFile,
     eds: Annotated[Path | None, typer.Option(help="Write our node's EDS there.")] = None,

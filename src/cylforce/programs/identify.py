@@ -50,7 +50,7 @@ def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent) -> Iter
     recording = open_recording(path, service, loaded.columns)
     longest = int(service.health.hold_s * service.filters.rate_hz)
     if isinstance(recording, Table):
-        yield from gapless(_ordered(recording, loaded, path), longest)
+        yield from gapless(ordered(recording, loaded, path), longest)
         return
     events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
     for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
@@ -62,7 +62,7 @@ def named_segments(loaded: Loaded, recordings: Sequence[Path], watch: Watch = si
     return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch))
 
 
-def _ordered(table: Table, loaded: Loaded, path: Path) -> Array:
+def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
     """The table's columns in the order of the machine's signals."""
     place = {name: k for k, name in enumerate(table.signals)}
     missing = [s.name for s in loaded.service.machine.signals if s.name not in place]

@@ -12,11 +12,13 @@ from cylforce.core.gap.problem import TEMPER, Problem, Seen
 from cylforce.core.gap.rank import Ranked, magnitude, ranking
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.whitening import Floor, floor_of
+from cylforce.core.model import Model
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
 MOST = 4  # effects
-RIVALS = 3  # that are looked at again, each with its own size taken out
+MINOR = 0.04  # of the gap's energy: a lesser cause is not looked for
+FOLDS = 4
 NEAR = 0.6  # of the best's score
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
@@ -65,15 +67,35 @@ def search(
     clean: Sequence[Recorded],
     library: tuple[Group, ...] = LIBRARY,
     watch: Watch = lambda _: None,
+    known: Array | None = None,
 ) -> Search:
-    """Which effects of the library explain what the model leaves of the faulty recordings."""
+    """Which effects of the library explain what the model leaves of the faulty recordings; `known` (P,): standard
+    errors of the viewer's tares, by default the data sheet's."""
     wanted = proposals(viewer.model.machine, library)
     watch("columns of every effect")
     seen = [[Seen(r, viewer.rows(r, wanted)) for r in group] for group in (clean, faulty)]
-    problem = Problem(viewer.model, wanted, tuple(seen[0]), tuple(seen[1]))
+    spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
+    problem = Problem(viewer.model, spread, wanted, tuple(seen[0]), tuple(seen[1]))
     floor = noise_floor(problem)
     blocks = problem.blocks(floor)
     return _greedy(viewer, problem, blocks, floor, list(faulty), watch)
+
+
+def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
+    """Parameters (P,) by least squares of clean recordings, the data sheet as prior."""
+    viewer = Viewer(model, np.zeros(len(model.parameters)))
+    information = np.linalg.inv(model.prior.covariance)
+    score = information @ model.prior.mean
+    rows = [viewer.rows(r, ()) for r in clean]
+    size = FIRST_GUESS * np.sqrt(np.nanmean(np.concatenate([r.left for r in rows]) ** 2, axis=0)) + 1e-9
+    for recorded, seen in zip(clean, rows, strict=True):
+        left = seen.left - (seen.base @ model.load[:, 0]) * recorded.load
+        for r in range(left.shape[1]):
+            good = np.isfinite(left[:, r])
+            columns = seen.base[good, r] / size[r]
+            information = information + columns.T @ columns
+            score = score + columns.T @ (left[good, r] / size[r])
+    return np.asarray(np.linalg.solve(information, score))
 
 
 def noise_floor(problem: Problem) -> Floor:
@@ -112,13 +134,15 @@ def _greedy(
     rivals: list[tuple[Ranked, ...]] = []
     base = Evidence(blocks)
     _, before = base.squares((), base.fitted)
+    usual = _usual(blocks)
     first: tuple[Ranked, ...] = ()
     for step in range(MOST):
         watch(f"search, step {step + 1}")
         evidence = Evidence(blocks, [r.option.term for r in held])
         ranked = ranking(problem, evidence, besides=held)
         first = first or tuple(ranked)
-        if not ranked or ranked[0].score < ENOUGH:
+        worth = MINOR * float(np.sum(before) - np.sum(usual)) / (2.0 * TEMPER)
+        if not ranked or ranked[0].score < max(ENOUGH, worth):
             break
         best, others = ranked[0], tuple(r for r in ranked[1:] if r.score > NEAR * ranked[0].score)
         held.append(best)
@@ -129,10 +153,25 @@ def _greedy(
             blocks = problem.blocks(floor)
     evidence = Evidence(blocks, [r.option.term for r in held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
-    usual = np.sum(clean) / max(np.sum(blocks.clean_rows), 1.0) if len(clean) else 1.0
-    energy = Energy(before, after, usual * blocks.faulty_rows, clean)
+    energy = Energy(before, after, usual, clean)
     causes = _causes(blocks, held, rivals, applied, evidence)
     return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence)
+
+
+def _usual(blocks: Blocks) -> Array:
+    """Whitened sums of squares (B,) that faulty blocks would have if they were clean: as clean blocks have them when
+    nothing is fitted to them (every fold predicted from the others)."""
+    count = len(blocks.clean)
+    if count < 2 * FOLDS:
+        return np.asarray(blocks.faulty_rows, dtype=np.float64)
+    fold = np.arange(count) * 4 * FOLDS // count % FOLDS
+    left = np.zeros(count)
+    for k in range(FOLDS):
+        weight = np.concatenate([np.where(fold == k, 0.0, 1.0), np.zeros(len(blocks.faulty))])
+        evidence = Evidence(blocks, weight=weight)
+        left = np.where(fold == k, evidence.squares((), evidence.fitted)[0], left)
+    good = blocks.clean_rows > 0.0
+    return np.asarray(np.sum(left[good]) / np.sum(blocks.clean_rows) * blocks.faulty_rows)
 
 
 def _sizes(blocks: Blocks, held: Sequence[Ranked], applied: dict[int, Array]) -> dict[int, Array]:

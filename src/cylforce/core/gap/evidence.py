@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.core.gap.rows import BLOCK
 from cylforce.core.gap.whitening import Floor, whitened
 from cylforce.words.estimate import Array
-
-BLOCK = 60  # rows: three seconds
 
 
 class Blocks(NamedTuple):
@@ -129,15 +128,27 @@ class Evidence:
         covariance = np.linalg.inv(information / max(inflation, divide) + one) * np.outer(unit, unit)
         return Told(value * unit, covariance, evidence, inflation)
 
+    def blind(self, column: int, temper: float) -> float:
+        """Standard error of a column's size in the faulty recordings, from them alone: infinite where it shows not."""
+        joint = self._joint([*self.held, Term((column,), np.ones((1, len(self.blocks.faulty))))])
+        gain = self._solved(joint[:-2, -2])
+        information = float(joint[-2, -2] - joint[:-2, -2] @ gain) / temper
+        return float(information**-0.5) if information > 1e-12 * float(joint[-2, -2]) > 0.0 else float("inf")
+
     def left(self, terms: Sequence[Term], values: Array) -> tuple[Array, Array]:
-        """Coefficients of [columns | left] (B, K+1) of clean and of faulty blocks, whose Gram form is what base
-        `values` and terms leave."""
-        n, size = len(self._base), len(self.blocks.spread)
-        found = [np.zeros((len(g), size + 1)) for g in (self.blocks.clean, self.blocks.faulty)]
+        """See `coefficients`."""
+        return self.coefficients(self.blocks, terms, values)
+
+    @staticmethod
+    def coefficients(blocks: Blocks, terms: Sequence[Term], values: Array) -> tuple[Array, Array]:
+        """Coefficients of [columns | left] (B, K+1) of clean and of faulty blocks that give what `values` of the shared
+        columns and of the terms leave."""
+        base, size = list(blocks.shared), len(blocks.spread)
+        found = [np.zeros((len(g), size + 1)) for g in (blocks.clean, blocks.faulty)]
         for part in found:
-            part[:, self._base] -= values[:n]
+            part[:, base] -= values[: len(base)]
             part[:, -1] = 1.0
-        k = n
+        k = len(base)
         for term in terms:
             for column, course in zip(term.columns, term.course, strict=True):
                 found[1][:, column] -= values[k] * course

@@ -11,6 +11,7 @@ from cylforce.effects.compliance import Compliance
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
+from cylforce.effects.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction_temperature_drift import FrictionTemperatureDrift
 from cylforce.effects.linkage_geometry import LinkageGeometry
 from cylforce.effects.load_dependent_friction import LoadDependentFriction
@@ -37,6 +38,7 @@ Group = tuple[Candidate, ...]  # effects of one name that act together, each wit
 LIBRARY: tuple[Group, ...] = (
     (CoulombFriction(),),
     (ViscousFriction(),),
+    (FrictionLevelChange(),),
     *((Stribeck(width),) for width in (0.01, 0.03)),
     (LoadDependentFriction(),),
     (AsymmetricFriction(),),

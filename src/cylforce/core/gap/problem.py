@@ -9,16 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.core.gap.evidence import BLOCK, Blocks, Evidence, Term, grams
+from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams
 from cylforce.core.gap.library import Proposal
-from cylforce.core.gap.rows import Recorded, Rows
+from cylforce.core.gap.rows import BLOCK, Recorded, Rows
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
-from cylforce.machine.candidate import INCIDENTAL, Course, Incident, Weight
+from cylforce.machine.candidate import INCIDENTAL, THIRDS, Course, Incident, Weight
 from cylforce.words.estimate import Array
 
 CENTRE = (300.0, 300.0, 600.0)  # kg m, kg m, kg m^2: how little is known of a load but its mass
-UNUSUAL = (500.0, 300.0, 300.0, 600.0, 8e3, 8e3, 0.3, 0.05)  # usual sizes of what incidents change
+UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual sizes of what incidents change
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 MOST_WINDOWS = 25
@@ -43,9 +43,10 @@ class Option(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem:
-    """Recordings seen by one model with one library."""
+    """Recordings seen by one model, whose parameters are known to `known` (P,) standard errors, with one library."""
 
     model: Model
+    known: Array
     proposals: tuple[Proposal, ...]
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
@@ -57,9 +58,8 @@ class Problem:
     @cached_property
     def spread(self) -> Array:
         """Standard errors (K,) of all columns' sizes beforehand."""
-        base = np.sqrt(np.diag(self.model.prior.covariance))
         effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
-        return np.concatenate([base, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
+        return np.concatenate([self.known, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
 
     @cached_property
     def _first(self) -> int:
@@ -123,7 +123,9 @@ class Problem:
             if wanted is not None and p not in wanted:
                 continue
             effect = p.group[0]
-            if not isinstance(effect, Incident):
+            if effect.about.of_its_own:
+                yield Option(p, "in each recording", self._of_each(places), 0.0)
+            elif not isinstance(effect, Incident):
                 yield Option(p, "", Term(places, np.ones((len(places), len(self.times)))), 0.0)
             elif effect.course is Course.AFTER:
                 yield from self._after(p, places)
@@ -131,6 +133,13 @@ class Problem:
                 yield from self._clocks(p, places)
             else:
                 yield from self._windows(p, places, evidence)
+
+    def _of_each(self, places: tuple[int, ...]) -> Term:
+        """The columns for every recording by itself."""
+        course = np.zeros((len(self.spans), len(self.times)))
+        for own, (first, last) in zip(course, self.spans, strict=True):
+            own[first:last] = 1.0
+        return Term(places * len(course), np.repeat(course, len(places), axis=0))
 
     def _after(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
         for (first, last), seen in zip(self.spans, self.faulty, strict=True):
@@ -153,7 +162,8 @@ class Problem:
         hit = [int(k) for k in np.argsort(-gains)[:MOST_WINDOWS] if gains[k] > NOTICED]
         if hit:
             course = np.repeat(np.eye(len(self.times))[sorted(hit)], len(places), axis=0)
-            yield Option(p, f"{len(hit)} times", Term(places * len(hit), course), 0.0)
+            cost = len(hit) * float(np.log(len(self.times)))
+            yield Option(p, f"{len(hit)} times", Term(places * len(hit), course), cost)
 
     def _local(self, places: tuple[int, ...], evidence: Evidence) -> Array:
         """Evidence (B,) [nats] for the columns in each faulty block by itself."""

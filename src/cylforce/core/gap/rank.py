@@ -8,6 +8,7 @@ import numpy as np
 from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
+from cylforce.machine.candidate import THIRDS, Course, Incident
 from cylforce.words.estimate import Array
 
 
@@ -24,12 +25,18 @@ class Ranked(NamedTuple):
         return self.option.proposal.name, self.option.proposal.at
 
 
+def leading(found: Ranked, values: Array) -> Array:
+    """The sizes along the axes of the magnitude, (W, A): one row per window or recording."""
+    width = len(dict.fromkeys(found.option.term.columns))
+    return values.reshape(-1, width)[:, : found.option.proposal.about.axes]
+
+
 def magnitude(found: Ranked, values: Array) -> float:
     """The size as one number: over its axes, and over the windows if it has several (rms)."""
-    axes = found.option.proposal.about.axes
-    width = len(dict.fromkeys(found.option.term.columns))
-    each = values.reshape(-1, width)[:, :axes]
-    return float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
+    each = leading(found, values)
+    effect = found.option.proposal.group[0]
+    windows = THIRDS if isinstance(effect, Incident) and effect.course is Course.WINDOWS else 1
+    return float(np.sqrt(np.mean(np.sum(each**2, axis=1)) / windows))
 
 
 def ranking(
@@ -50,4 +57,4 @@ def ranking(
 
 def _possible(found: Ranked) -> bool:
     """Whether the sign is one that the effect can have."""
-    return bool(found.option.proposal.about.sign * found.told.value[0] >= 0.0)
+    return bool(found.option.proposal.about.sign * np.sum(leading(found, found.told.value)) >= 0.0)

@@ -16,7 +16,18 @@ from cylforce.core.motion import Moved
 from cylforce.core.observation import REST_SHARE, rest_share, unusable
 from cylforce.effects.slew import Slew
 from cylforce.effects.tip_force import TipForce
-from cylforce.machine.candidate import Alteration, Candidate, Distortion, ForceLaw, Incident, Place, Weight, places
+from cylforce.machine.candidate import (
+    THIRDS,
+    Alteration,
+    Candidate,
+    Distortion,
+    ForceLaw,
+    Incident,
+    Place,
+    Share,
+    Weight,
+    places,
+)
 from cylforce.machine.effect import Effect, Halves, Parameter
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion
@@ -25,6 +36,8 @@ from cylforce.regression.regressor import FilteredRegressor, Regressor
 from cylforce.words.estimate import Array
 
 RATE_HZ = 20.0
+BLOCK = 60  # rows that are judged as one: three seconds
+DEAD_SLEW = 0.01  # rad/s, below which a slew sensor may be dead
 
 
 class Recorded(NamedTuple):
@@ -39,7 +52,7 @@ class Recorded(NamedTuple):
 
 class Rows(NamedTuple):
     """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
-    (T, R, 8) columns of incidents (see `INCIDENTAL`), `left` (T, R) [N m] what the tares leave, NaN where not usable,
+    (T, R, I) columns of incidents (see `INCIDENTAL`), `left` (T, R) [N m] what the tares leave, NaN where not usable,
     `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N)."""
 
     base: Array
@@ -65,8 +78,6 @@ class _Laws:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (T, N, E)."""
-        if not self.laws:
-            return Halves(None, np.zeros((*moving.q.shape, 0)))
         each = [law.force(moving.speed[:, c], moving.force[:, c], self.t) for law, c in self.laws]
         levers = np.stack([moving.lever[:, c] for _, c in self.laws], axis=-1)
         return Halves(None, levers * np.stack(each, axis=-1)[:, None, :])
@@ -113,13 +124,13 @@ class Viewer:
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         t = recorded.begins + (steps + 0.5) / self.slow.filters.rate_hz
         laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
-        found = self._filtered(self.slow.machine, _Laws(laws, t)).run(moved.motion)
+        found = self._filtered(self.slow.machine, *([_Laws(laws, t)] if laws else [])).run(moved.motion)
         size = len(self.tares)
         base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
         forces = iter(np.moveaxis(found.columns[..., size:], -1, 0))
         lasting = [(p, e) for p in wanted for e in p.group if not isinstance(e, Incident)]
         parts = [self._columns(p, e, recorded, base, forces) for p, e in lasting]
-        effects = np.concatenate(parts, axis=-1)
+        effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
         lost = self._lost(moved)
         m = moved.motion
         posture = np.diff(m.a, axis=1, prepend=0.0)
@@ -135,14 +146,18 @@ class Viewer:
         )
 
     def _incidental(self, recorded: Recorded, moved: Moved, base: Array) -> Array:
-        """Columns (T', R, 8) of incidents."""
+        """Columns (T', R, I) of incidents; a slew that is measured is none."""
         machine, f = self.model.machine, self.slow.filters
         turning = moved.motion._replace(slew=np.ones_like(moved.motion.slew))
         plain = Regressor(machine, (TipForce(), Slew()))
         found = FilteredRegressor(plain, 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz).run(turning).columns
-        slew = found[..., 3:] @ self._slewing(plain.names[3:])
-        late = self._late(recorded)
-        return np.concatenate([base @ self.model.load, found[..., :2], slew[..., None], late], axis=-1)
+        known = dict(zip((p.name for p in self.model.parameters), self.tares.tolist(), strict=True))
+        slew = found[..., 3:] @ np.array([known.get(name, 0.0) for name in plain.names[3:]])
+        dead = np.abs(moved.motion.slew) < DEAD_SLEW
+        local = np.concatenate([found[..., :2], (slew * dead[:, None])[..., None]], axis=-1)
+        third = (np.arange(len(base)) - self.slow.settle_steps) % BLOCK * THIRDS // BLOCK
+        thirds = [local * (third == k)[:, None, None] for k in range(THIRDS)]
+        return np.concatenate([base @ self.model.load, self._late(recorded), *thirds], axis=-1)
 
     def _late(self, recorded: Recorded) -> Array:
         """What all pressures' being late by a second would leave (T', R, 1), from a hundredth of it."""
@@ -156,11 +171,6 @@ class Viewer:
             return self.left(values)
 
         return np.asarray((shifted(step) - shifted(-step))[..., None] / (2.0 * step))
-
-    def _slewing(self, names: Sequence[str]) -> Array:
-        """Values of the slew's parameters."""
-        known = dict(zip((p.name for p in self.model.parameters), self.tares.tolist(), strict=True))
-        return np.array([known.get(name, 0.0) for name in names])
 
     def _shape(self, values: Array) -> tuple[int, int]:
         """(T', R) of samples (T, S)."""
@@ -178,7 +188,14 @@ class Viewer:
             return next(forces)[..., None]
         if isinstance(effect, Weight):
             return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
+        if isinstance(effect, Share):
+            return self._known_friction(p, effect, base)
         return self._difference(p, effect, recorded)
+
+    def _known_friction(self, p: Proposal, effect: Share, base: Array) -> Array:
+        names = [f"{self.model.machine.cylinders[p.where].name}.{law}" for law in effect.laws]
+        chosen = [k for k, parameter in enumerate(self.model.parameters) if parameter.name in names]
+        return np.asarray((base[..., chosen] @ self.tares[chosen])[..., None])
 
     def _difference(self, p: Proposal, effect: Candidate, recorded: Recorded) -> Array:
         """Change of what is left with the size, by central difference: measured = true + error, so that an error of

@@ -1,0 +1,133 @@
+"""The answer as plain values, stable and documented: what `cylforce gap --json` writes."""
+
+from typing import Any
+
+import numpy as np
+
+from cylforce.core.gap.diagnosis import Cause, Search
+from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.problem import TEMPER
+from cylforce.core.gap.rank import Ranked
+from cylforce.core.gap.residuals import Ends, Gap
+from cylforce.core.gap.verdict import Judged, Named
+from cylforce.core.gap.where import Spot
+from cylforce.machine.candidate import Incident
+
+SIGMAS = 5.0  # from which on an effect is detectable
+WIDE = 1.6449  # standard errors of a 90 % interval
+
+
+def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spot]) -> dict[str, Any]:
+    """The whole answer; SI units."""
+    model = search.original.model
+    joints = [model.machine.links[j].name for j in model.machine.rows]
+    hidden = _hidden(search)
+    return {
+        "verdict": str(judged.verdict),
+        "gap": {
+            "units": "N m",
+            "fixed": _total(gap.fixed),
+            "refit": _total(gap.refit),
+            "floor": _total(gap.floor),
+            "after": _total(gap.after),
+            "parameter_shift": _shifts(search, gap),
+            "joints": {
+                name: {"fixed": a, "refit": b, "after": c, "floor": d}
+                for name, a, b, c, d in zip(
+                    joints, *(x.tolist() for x in (gap.fixed, gap.refit, gap.after, gap.floor)), strict=True
+                )
+            },
+        },
+        "where": [
+            {"channel": s.channel, "regime": s.regime, "share": s.share, "p": s.p, "found": s.found}
+            | {"rms_faulty": s.faulty, "rms_clean": s.clean}
+            for s in spots
+        ],
+        "effects": [_effect(n, gap) for n in judged.named],
+        "explained": judged.explained,
+        "end_quantities": {
+            "payload_kg": {"before": ends.payload[0], "after": ends.payload[1]},
+            "tip_force_n": {"before": ends.force[0], "after": ends.force[1]},
+        },
+        "forward": None,
+        "not_observable": hidden,
+        "next_experiment": _next(judged, hidden),
+        "evidence": [_candidate(r) for r in search.first[:20]],
+    }
+
+
+def _total(rms: "np.ndarray[Any, np.dtype[np.float64]]") -> float:
+    return float(np.sqrt(np.mean(rms**2)))
+
+
+def _shifts(search: Search, gap: Gap) -> list[dict[str, Any]]:
+    names = [p.name for p in search.original.model.parameters]
+    order = np.argsort(-np.abs(gap.shift))[:5]
+    return [{"name": names[k], "standard_errors": float(gap.shift[k])} for k in order.tolist()]
+
+
+def _effect(named: Named, gap: Gap) -> dict[str, Any]:
+    cause = named.cause
+    proposal = cause.ranked.option.proposal
+    share = named.share
+    return {
+        "name": proposal.name,
+        "at": proposal.at,
+        "when": cause.ranked.option.when,
+        "parameters": parameters(cause),
+        "shape": shape(proposal),
+        "confidence": named.confidence,
+        "confused_with": [{"name": r.key[0], "at": r.key[1]} for r in named.confused],
+        "closure": {"value": gap.closure, "low": gap.low, "high": gap.high},
+        "share": share,
+        "removed_nm": gap.removed * float(np.sqrt(share)),
+        "evidence_nats": cause.score,
+        "inflation": cause.inflation,
+    }
+
+
+def parameters(cause: Cause) -> dict[str, dict[str, Any]]:
+    """Sizes with their 90 % intervals."""
+    about = cause.ranked.option.proposal.about
+    error = float(np.sqrt(np.mean(cause.errors[: about.axes] ** 2)))
+    value = cause.size if about.axes > 1 or len(cause.sizes) > len(set(cause.ranked.option.term.columns)) else None
+    value = float(cause.sizes[0]) if value is None else value
+    return {"size": {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}}
+
+
+def shape(proposal: Proposal) -> dict[str, Any]:
+    """Numbers that the form of the effect has besides its size."""
+    effect = proposal.group[0]
+    fields = getattr(effect, "__dataclass_fields__", {})
+    return {name: getattr(effect, name) for name in fields}
+
+
+def _hidden(search: Search) -> list[dict[str, Any]]:
+    """Effects that would have to be implausibly large to be seen on these recordings."""
+    found: dict[tuple[str, str], float] = {}
+    largest: dict[tuple[str, str], float] = {}
+    for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
+        if isinstance(proposal.group[0], Incident):
+            continue
+        key, column = (proposal.name, proposal.at), places[0]
+        size = SIGMAS * search.evidence.blind(column, TEMPER)
+        found[key] = min(size, found.get(key, np.inf))
+        largest[key] = proposal.about.high
+    return [
+        {"name": name, "at": at, "smallest_detectable": size if np.isfinite(size) else None}
+        for (name, at), size in found.items()
+        if size > largest[name, at] / 2.0
+    ]
+
+
+def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
+    wanted = [n.cause.ranked.option.proposal.about.confirm for n in judged.named]
+    wanted += [r.option.proposal.about.confirm for n in judged.named for r in n.confused]
+    if hidden and not wanted:
+        wanted = ["a longer recording that moves every joint both ways, slowly and fast, empty and with a known load"]
+    return list(dict.fromkeys(wanted))
+
+
+def _candidate(ranked: Ranked) -> dict[str, Any]:
+    name, at = ranked.key
+    return {"name": name, "at": at, "nats": ranked.score, "inflation": ranked.told.inflation}

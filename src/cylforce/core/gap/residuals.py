@@ -1,0 +1,183 @@
+"""How large the gap is, in newton metres, kilograms and newtons: with the parameters as they were, with the parameters
+refitted, with the causes taken out, on stretches that the causes' sizes were not fitted on."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.gap.diagnosis import Search
+from cylforce.core.gap.evidence import Blocks, Evidence, Term
+from cylforce.core.gap.problem import Problem
+from cylforce.core.gap.rows import BLOCK
+from cylforce.machine.candidate import INCIDENTAL, THIRDS
+from cylforce.words.estimate import Array
+
+SPAN = 5  # blocks that are held out together
+FAINT = 1e-4  # weight of faulty recordings where they shall only tell what nothing else does: their loads' centres
+DRAWS = 400
+LEVEL = 90.0  # percent of the intervals
+
+
+class Gap(NamedTuple):
+    """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with the causes taken out held-out, `after`,
+    the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that the causes take away, with
+    its interval `low`..`high`, `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard
+    errors of the prior."""
+
+    fixed: Array
+    refit: Array
+    after: Array
+    floor: Array
+    closure: float
+    low: float
+    high: float
+    removed: float
+    shift: Array
+
+
+def gap(search: Search, rng: np.random.Generator) -> Gap:
+    """The size of the gap before and after."""
+    blocks = search.original.blocks(search.floor)
+    _, before = fixed(search.original, blocks)
+    refit_blocks = blocks._replace(shared=tuple(range(_base(search.original))))
+    refit_values = _fitted(refit_blocks, (), clean=0.0, faulty=1.0)
+    refit = _residuals(search.original, refit_blocks, (), refit_values)
+    after = held_out(search.problem, search.blocks, search.evidence.held)
+    squares = [np.concatenate([_blockwise(e) for e in each]) for each in (before, after)]
+    floor = search.floor.rms
+    closure, interval = _closure(squares[0], squares[1], floor, rng)
+    removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
+    n = len(search.original.model.parameters)
+    shift = refit_values[:n] / search.original.spread[:n]
+    return Gap(_rms(before), _rms(refit), _rms(after), floor, closure, *interval, float(removed), shift)
+
+
+def _base(problem: Problem) -> int:
+    """Number of columns of the model's parameters and of loads."""
+    return problem.places[0][0]
+
+
+def _fitted(blocks: Blocks, terms: Sequence[Term], clean: float, faulty: float) -> Array:
+    weight = np.repeat([clean, faulty], [len(blocks.clean), len(blocks.faulty)])
+    return Evidence(blocks, terms, weight).fitted
+
+
+def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Array]:
+    """Residuals (T, R) [N m] of the faulty recordings; each stretch predicted by what was fitted without it."""
+    count, clean = len(blocks.faulty), len(blocks.clean)
+    fold = (np.arange(count) // SPAN) % 2
+    found: list[Array] = []
+    for k in (0, 1):
+        weight = np.concatenate([np.ones(clean), np.where(fold == k, FAINT, 1.0)])
+        part = _residuals(problem, blocks, terms, Evidence(blocks, terms, weight).fitted)
+        found = part if not found else _chosen(found, part, problem, fold == k)
+    return found
+
+
+def _chosen(one: list[Array], other: list[Array], problem: Problem, second: Array) -> list[Array]:
+    return [
+        np.where(_rows(second[first:last], len(a))[:, None], b, a)
+        for a, b, (first, last) in zip(one, other, problem.spans, strict=True)
+    ]
+
+
+def _rows(per_block: Array, length: int) -> Array:
+    return np.repeat(per_block, BLOCK, axis=0)[:length]
+
+
+def _residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: Array) -> list[Array]:
+    """What values leave of each faulty recording (T, R) [N m]."""
+    coefficients = Evidence.coefficients(blocks, terms, values)[1]
+    return [
+        np.einsum("trk,tk->tr", problem.columns(seen), _rows(coefficients[first:last], len(seen.rows.t)))
+        for seen, (first, last) in zip(problem.faulty, problem.spans, strict=True)
+    ]
+
+
+def fixed(problem: Problem, blocks: Blocks) -> tuple[list[Array], list[Array]]:
+    """Residuals (T, R) [N m] of the clean and of the faulty recordings, nothing fitted to the latter."""
+    values = _fitted(blocks, (), clean=1.0, faulty=FAINT)
+    each = Evidence.coefficients(blocks, (), values)[0]
+    clean = [problem.columns(seen) @ each[0] for seen in problem.clean]
+    return clean, _residuals(problem, blocks, (), values)
+
+
+def _rms(each: Sequence[Array]) -> Array:
+    return np.asarray(np.sqrt(np.nanmean(np.concatenate(each) ** 2, axis=0)))
+
+
+def _blockwise(residual: Array) -> Array:
+    """Mean squares (B, R) of blocks; NaN where a block has no rows."""
+    found = np.full((-(-len(residual) // BLOCK), residual.shape[1]), np.nan)
+    for k in range(len(found)):
+        part = residual[k * BLOCK : (k + 1) * BLOCK]
+        good = np.isfinite(part)
+        count = np.sum(good, axis=0)
+        found[k] = np.where(count > 0, np.sum(np.where(good, part, 0.0) ** 2, axis=0) / np.maximum(count, 1), np.nan)
+    return found
+
+
+def _closure(before: Array, after: Array, floor: Array, rng: np.random.Generator) -> tuple[float, tuple[float, float]]:
+    """1 - (MSE after - floor)/(MSE before - floor), rows weighted by their floor, and its interval by drawing spans
+    of blocks anew."""
+    unit = floor**2
+    a, b = (np.nan_to_num(np.nanmean(_spans(x / unit), axis=1), nan=0.0) for x in (before, after))
+    draws = rng.integers(0, len(a), (DRAWS, len(a)))
+    each = [_share(a[k], b[k]) for k in (np.arange(len(a)), *draws)]
+    low, high = np.percentile(each[1:], [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
+    return each[0], (float(low), float(high))
+
+
+def _share(before: Array, after: Array) -> float:
+    excess = float(np.mean(before)) - 1.0
+    return 1.0 - (float(np.mean(after)) - 1.0) / excess if excess > 0.0 else 0.0
+
+
+def _spans(squares: Array) -> Array:
+    count = -(-len(squares) // SPAN)
+    padded = np.full((count * SPAN, squares.shape[1]), np.nan)
+    padded[: len(squares)] = squares
+    return padded.reshape(count, SPAN * squares.shape[1])
+
+
+class Ends(NamedTuple):
+    """What the gap does to what the product tells: error of the weight [kg], rms over recordings, and force at the
+    teeth [N], rms over blocks, that is not there; before and after."""
+
+    payload: tuple[float, float]
+    force: tuple[float, float]
+
+
+def ends(search: Search) -> Ends:
+    """Errors of payload and tip force with the parameters as they were, and with the causes taken out."""
+    blocks = search.original.blocks(search.floor)
+    before = Evidence.coefficients(blocks, (), _fitted(blocks, (), clean=1.0, faulty=FAINT))[1]
+    after = search.evidence.left(search.evidence.held, search.evidence.fitted)[1]
+    pairs = ((search.original, blocks, before), (search.problem, search.blocks, after))
+    payload = [_weighed(problem, b, left) for problem, b, left in pairs]
+    force = [_pushed(problem, b, left) for problem, b, left in pairs]
+    return Ends((payload[0], payload[1]), (force[0], force[1]))
+
+
+def _incident(problem: Problem, *names: str) -> list[int]:
+    return [problem.lasting + INCIDENTAL.index(name) for name in names]
+
+
+def _weighed(problem: Problem, blocks: Blocks, left: Array) -> float:
+    columns = _incident(problem, "load.mass", "load.X", "load.Z", "load.J")
+    each = [_solved(problem, blocks, left, columns, slice(*span))[0] for span in problem.spans]
+    return float(np.sqrt(np.mean(np.square(each))))
+
+
+def _pushed(problem: Problem, blocks: Blocks, left: Array) -> float:
+    columns = _incident(problem, *(f"tip.{axis}.{k}" for k in range(THIRDS) for axis in "xz"))
+    each = [_solved(problem, blocks, left, columns, slice(k, k + 1)) for k in range(len(blocks.faulty))]
+    return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1) / THIRDS)))
+
+
+def _solved(problem: Problem, blocks: Blocks, left: Array, columns: list[int], part: slice) -> Array:
+    gram, unit = blocks.faulty[part], problem.spread[columns]
+    score = np.einsum("bij,bj->i", gram[:, columns], left[part]) * unit
+    information = gram[:, columns][:, :, columns].sum(axis=0) * np.outer(unit, unit)
+    return np.asarray(np.linalg.solve(information + np.eye(len(columns)), score) * unit)

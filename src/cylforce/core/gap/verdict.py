@@ -1,0 +1,77 @@
+"""The verdict: which causes are named, with what confidence, what they might be confused with, or that none fits."""
+
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
+from cylforce.core.gap.problem import TEMPER
+from cylforce.core.gap.rank import Ranked
+
+NEGLIGIBLE = 0.5  # of an effect's least plausible size
+WORTH = 0.08  # of the gap's energy: a smaller part is not named
+EXPLAINED, PARTLY = 0.9, 0.7  # of the gap's energy
+CLOSE = 0.04  # relative margin of a rival's score
+LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
+OFF = 30.0  # inflation from which on the shape does not fit
+
+
+class Verdict(StrEnum):
+    """What is concluded."""
+
+    NO_GAP = "no_gap"
+    EXPLAINED = "explained"
+    PARTLY = "partly_explained"
+    AMBIGUOUS = "ambiguous"
+    UNKNOWN = "unknown"
+    NOT_OBSERVABLE = "not_observable"
+
+
+class Named(NamedTuple):
+    """A cause that is named, its `confidence`, its share of the gap's energy, and what it might be `confused` with."""
+
+    cause: Cause
+    confidence: float
+    share: float
+    confused: tuple[Ranked, ...]
+
+
+class Judged(NamedTuple):
+    """The verdict, the causes named, largest first, and the share of the gap's energy that they explain."""
+
+    verdict: Verdict
+    named: tuple[Named, ...]
+    explained: float
+
+
+def judged(search: Search) -> Judged:
+    """The verdict on a search."""
+    energy = search.energy
+    floor = float(np.sum(energy.floor))
+    before, after = float(np.sum(energy.before)), float(np.sum(energy.after))
+    excess = max(before - floor, before - after, 1e-9)
+    explained = float(np.clip((before - after) / excess, 0.0, 1.0))
+    named = sorted((_named(c, excess) for c in search.causes if _counts(c, excess)), key=lambda n: -n.share)
+    if not named:
+        return Judged(Verdict.UNKNOWN if before > (1.0 + LARGE) * floor else Verdict.NO_GAP, (), explained)
+    if explained < PARTLY or named[0].cause.inflation > OFF:
+        return Judged(Verdict.UNKNOWN, (), explained)
+    if named[0].confused:
+        return Judged(Verdict.AMBIGUOUS, tuple(named), explained)
+    return Judged(Verdict.EXPLAINED if explained > EXPLAINED else Verdict.PARTLY, tuple(named), explained)
+
+
+def _counts(cause: Cause, excess: float) -> bool:
+    plausible = cause.size >= NEGLIGIBLE * cause.ranked.option.proposal.about.low
+    return plausible and cause.score >= ENOUGH and _share(cause, excess) >= WORTH
+
+
+def _share(cause: Cause, excess: float) -> float:
+    return float(min(2.0 * TEMPER * cause.score / max(excess, 1e-9), 1.0))
+
+
+def _named(cause: Cause, excess: float) -> Named:
+    close = tuple(r for r in cause.rivals if r.score > (1.0 - CLOSE) * cause.score)
+    margin = 1.0 - max((r.score for r in cause.rivals), default=0.0) / cause.score
+    return Named(cause, float(np.clip(0.5 + margin, 0.0, 0.99)), _share(cause, excess), close)
