@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.core.adaptation import EVERY, MEMORY_SECONDS, Adapter
 from cylforce.core.identification import identify
-from cylforce.core.model import Tares
+from cylforce.core.model import CERTAIN_SHARE, Tares
 from cylforce.core.observation import chunks
 from cylforce.core.weighing import residual
 from cylforce.edges.settings import Loaded, load
@@ -69,7 +69,11 @@ def rows_of(loaded: Loaded, adapter: Adapter, tares: Tares, path: Path) -> Data:
             left = residual(model, tares, one, np.zeros(len(tares.row_error)))
             scale = 1.0 / tares.row_error
             parts.append(
-                (adapter.columns(one) * spread * scale[:, None], left.torque * scale, left.rest < left.variance)
+                (
+                    adapter.columns(one) * spread * scale[:, None],
+                    left.torque * scale,
+                    model.share_at_rest(one.columns) < CERTAIN_SHARE,
+                )
             )
     columns, observed, moves = (np.array(part) for part in zip(*parts, strict=True))
     rate = model.filters.rate_hz / EVERY

@@ -10,28 +10,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.core.model import Model, Tares
+from cylforce.core.model import CERTAIN_SHARE, Model, Tares
 from cylforce.regression.recursive import Root, forget, known, solution, update
 from cylforce.regression.regressor import Rows
 from cylforce.words.estimate import Array
 
-MEMORY_SECONDS = 60.0  # of empty motion
+MEMORY_SECONDS = 30.0  # of empty motion
 STROKE_SECONDS = 3.0
 EVERY = 5  # steps: neighbouring samples say the same
-ZERO_ERROR, ZERO_LIMIT = 1e5, 6e5  # Pa: a usual drift of a pressure sensor's zero, and more than any sound one has
-FRICTION_ERROR, FRICTION_RANGE = 0.3, (0.2, 3.0)  # of the value at commissioning
+ZERO_ERROR, ZERO_LIMIT = 3e4, 6e5  # Pa: how far a sensor's zero may be off at the start, and how far off none ever is
+FRICTION_ERROR, FRICTION_RANGE = 0.1, (0.2, 3.0)  # the same, of the value at commissioning
 SHOWN = 0.02  # share by which each update moves the drift that is shown
 
 
 class Drift(NamedTuple):
     """`values` (D,) on top of the tares (friction laws of speed, then pressure zeros), their `root`, steps since the
-    last update, number of updates, `mass` [kg] that the empty bucket would show without adaptation."""
+    last update, `mass` [kg] that the empty bucket would show without adaptation; `following`: whether this instant
+    told something, else all is frozen."""
 
     root: Root
     values: Array
     waited: int
-    updates: int
     mass: float
+    following: bool
 
 
 @dataclass(frozen=True)
@@ -60,33 +61,39 @@ class Adapter:
         return STROKE_SECONDS * self.model.filters.rate_hz / EVERY
 
     def begin(self) -> Drift:
-        """No drift, as well known as friction and zeros usually hold."""
+        """No drift, and hardly more to be expected yet: what motion shows loosens it within the memory."""
         zero = [ZERO_ERROR * c.area_head for c in self.model.machine.cylinders]
         floor = [1e-3 * self.model.machine.cylinders[0].area_head * 1e5] * len(self._friction)
         friction = np.maximum(FRICTION_ERROR * np.abs(self.tares.values[self._friction]), floor)
         spread = np.concatenate([friction, zero])
-        return Drift(known(np.zeros_like(spread), spread), np.zeros_like(spread), 0, 0, 0.0)
+        return Drift(known(np.zeros_like(spread), spread), np.zeros_like(spread), 0, 0.0, False)
 
     def columns(self, rows: Rows) -> Array:
         """Columns (R, D) of what drifts."""
         return np.concatenate([rows.columns[..., self._friction], rows.columns[..., self.model.zero]], axis=-1)
 
     def step(self, drift: Drift, rows: Rows, torque: Array, variance: Array) -> Drift:
-        """Take in what is unexplained, the drift so far taken off, of an instant at which the bucket is known to be
-        empty and in the air: `torque` (R,) with `variance` (R,), infinite where a row does not count."""
+        """Take in what is unexplained, the drift so far taken off, of an instant: `torque` (R,) with `variance` (R,),
+        infinite unless the bucket is known to be empty and in the air.
+
+        Rows whose cylinder is hardly faster than at rest do not count: break-away friction there would look like a
+        pressure's zero, and with the opposite sign like Coulomb friction, of which a boom that only sinks when the
+        bucket is empty shows the sum alone."""
+        good = np.isfinite(variance) & (self.model.share_at_rest(rows.columns) < CERTAIN_SHARE)
+        if not good.any():
+            return drift._replace(following=False)
         if drift.waited + 1 < EVERY:
-            return drift._replace(waited=drift.waited + 1)
+            return drift._replace(waited=drift.waited + 1, following=True)
         columns = self.columns(rows)
-        good = np.isfinite(variance)
         keep = 1.0 - EVERY / (MEMORY_SECONDS * self.model.filters.rate_hz)
-        root = forget(drift.root, columns[good], keep) if np.any(good) else drift.root
+        root = forget(drift.root, columns[good], keep)
         observed = torque + columns @ drift.values
         root = update(root, columns[good], observed[good], self._memory * variance[good])
         values, _ = solution(root)
         held = np.clip(values, *self._limits)
         if np.any(held != values):
             root = Root(root.factor, root.factor @ held)
-        return Drift(root, held, 0, drift.updates + 1, self._mass(drift, columns @ held, rows))
+        return Drift(root, held, 0, self._mass(drift, columns @ held, rows), True)
 
     def _mass(self, drift: Drift, torque: Array, rows: Rows) -> float:
         """The load that would explain the drift's torque, smoothed."""

@@ -27,6 +27,7 @@ FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 
 # Standard errors of what nobody measured yet: as shares of the largest force, of it per m/s, or of the force itself.
 SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.03, "directional": 0.01, "delay": 0.01}
+CERTAIN_SHARE = 0.02  # at rest, above which friction is not what it is in motion: biased by noise, by break-away
 ABSOLUTE = ("load_dependent", "delay")  # do not grow with the cylinder
 
 
@@ -99,6 +100,12 @@ class Model:
         """The columns of the unknown friction."""
         first = len(self.parameters) + 3
         return slice(first, first + len(self.machine.cylinders))
+
+    def share_at_rest(self, columns: Array) -> Array:
+        """The share (..., R) of the levers of rows (..., R, P) at which the direction of friction is unknown."""
+        unknown = columns[..., self.at_rest].sum(axis=-1)
+        lever = np.abs(columns[..., self.coulomb]).sum(axis=-1)
+        return np.asarray(unknown / np.maximum(lever + unknown, 1e-12))
 
     @property
     def zero(self) -> slice:

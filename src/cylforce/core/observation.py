@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, signal
 
-from cylforce.core.model import Model
+from cylforce.core.model import CERTAIN_SHARE, Model
 from cylforce.core.motion import Moved
 from cylforce.regression import blocks
 from cylforce.regression.blocks import Factors, joined, row_factors
@@ -20,7 +20,6 @@ CHUNK_SECONDS = 60.0  # of a recording that are worked on at once
 MOST_BLOCKS = 256  # kept apart; beyond, neighbours merge
 MOVING = 0.005  # m/s of a cylinder
 REST_SHARE = 0.1  # of the lever: above it a row hardly tells the direction of friction
-CERTAIN_SHARE = 0.02  # above it friction is not what it is in motion: biased by noise, by break-away
 SEQUENCE = 20  # bits of the maximal-length sequence that stands in for noise
 NEAR = 100  # samples that tell how strong the noise is
 USUAL = 0.999  # share of the differences between samples that are taken for noise; larger ones count as these
@@ -57,7 +56,7 @@ def observe(model: Model, values: Array, first: int = 0) -> Observed:
     and friction of unknown direction are masked."""
     moved = model.channels.run(values)
     rows = model.filtered.run(moved.motion)
-    unknown = rest_share(model, rows.columns)
+    unknown = model.share_at_rest(rows.columns)
     torque = np.where(np.logical_or(unusable(model, moved), unknown > REST_SHARE), np.nan, rows.torque)
     posture = np.diff(moved.motion.a, axis=1, prepend=0.0)
     own, tool = rows.columns[..., : len(model.parameters)], rows.columns[..., model.tool]
@@ -102,13 +101,6 @@ def _stays(bad: Array, steps: int) -> Array:
     """Also the `steps` samples after each bad one: the filters remember it."""
     since = np.convolve(bad.astype(np.float64), np.ones(steps + 1))[: bad.size]
     return np.asarray(since > 0.5)
-
-
-def rest_share(model: Model, columns: Array) -> Array:
-    """The share (T, R) of a row's levers at which the direction of friction is unknown."""
-    unknown = np.sum(columns[..., model.at_rest], axis=-1)
-    lever = np.sum(np.abs(columns[..., model.coulomb]), axis=-1)
-    return np.asarray(unknown / np.maximum(lever + unknown, 1e-12))
 
 
 def block_factors(model: Model, seen: Observed) -> Factors:

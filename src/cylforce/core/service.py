@@ -51,4 +51,4 @@ class Service(NamedTuple):
     filters: Filters
     health: Health
     effects: tuple[str, ...]  # friction laws to choose from, by name
-    adapt: bool = False  # friction and zero follow temperature and wear in service
+    adapt: bool = True  # friction and zero follow temperature and wear in service

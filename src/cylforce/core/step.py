@@ -119,6 +119,11 @@ class Core:
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
 
     @property
+    def adapts(self) -> bool:
+        """Whether friction and zeros follow temperature and wear; a data sheet's tares would follow their errors."""
+        return self.service.adapt and self.tares.identified
+
+    @property
     def period_us(self) -> int:
         """The fixed step."""
         return round(1e6 / self.service.filters.rate_hz)
@@ -210,9 +215,9 @@ def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> St
     left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ drift.values)
     usable = pipe.waiting == 0
     weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
-    if core.service.adapt and core.tares.identified and core.weigher.is_empty(weighing):
-        known = np.logical_and(usable, left.rest < left.variance)
-        drift = core.adapter.step(drift, rows, left.torque, np.where(known, left.variance, np.inf))
+    if core.adapts:
+        empty = np.logical_and(usable, core.weigher.is_empty(weighing))
+        drift = core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
     force = core.force_sensor.estimate(rows, left, usable)
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         load, force = Load(*(_degrade(q) for q in load)), _each(force, _degrade)

@@ -31,6 +31,7 @@ PRODUCT, REVISION = 1, 1  # in 1018h; vendor 0: nobody has given us a number
 ZERO, TARE = 0x6125, 0x6139  # commands, at sub-index 1
 UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
 INT16, INT32 = 0x7130, 0x9130  # process values
+ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperature and wear, and its states
 
 _SLOTS = 8  # entries of a mapping that can be written
 _SYNC = 0x80
@@ -72,8 +73,14 @@ def own_objects(
             *(made for pdo in pdos for made in _tpdo(pdo, "ro", len(pdo.fields))),
             *(_carried(field, _NAMES[404] | _OURS) for field in fields),
             *_own_channels(channels(fields)),
+            group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
         ]
     )
+
+
+def _adaptation() -> tuple[Entry, ...]:
+    drift = Entry(1, "Adaptation drift, in 0.1 kg of payload", "i", "ro", 0)
+    return drift, Entry(2, "Adaptation state: 0 off, 1 frozen, 2 following", "B", "ro", OFF)
 
 
 def sensor_objects(node: SensorNode) -> tuple[Object, ...]:

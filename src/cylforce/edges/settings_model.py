@@ -145,12 +145,13 @@ class PublicationTable(Table):
 
 
 class FrictionTable(Table):
-    """[friction]: the friction laws to choose from; `adapt`: friction and zero follow temperature and wear."""
+    """[friction]: the friction laws to choose from; `adapt`: friction and zero of identified tares follow
+    temperature and wear."""
 
     effects: tuple[str, ...] = Field(
         default=("coulomb", "viscous", "delay", "load_dependent", "directional"), strict=False
     )
-    adapt: bool = False
+    adapt: bool = True
 
 
 class TimeColumn(Table):

@@ -13,6 +13,7 @@ from cylforce.core.step import Core, Output, Scale, State, step
 from cylforce.edges.bus import Bus, open_bus
 from cylforce.edges.clock import now_us
 from cylforce.edges.logfile import LogWriter
+from cylforce.edges.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
 from cylforce.edges.settings import Loaded
 from cylforce.programs.replay import header_of, make_core
 from cylforce.programs.station import Counts, Station, serve
@@ -53,6 +54,7 @@ class Daemon(Station):
         if self.counts.steps % self._every == 0:
             for number, data in out.frames:
                 self.node.publish(number, data)
+            self._show_drift()
 
     def after_sync(self) -> None:
         """Tell what has changed."""
@@ -64,6 +66,13 @@ class Daemon(Station):
         if out.verdict is not None:
             self._tell.info("zero or tare", abort=hex(out.verdict), **self.state.scale._asdict())
         return out
+
+    def _show_drift(self) -> None:
+        """What adaptation does, for whoever reads the object dictionary."""
+        if self.core.adapts:
+            drift = self.state.drift
+            self.node.set_value(ADAPTATION, 1, round(10.0 * drift.mass))
+            self.node.set_value(ADAPTATION, 2, FOLLOWING if drift.following else FROZEN)
 
     def _say_changes(self, estimate: Estimate) -> None:
         """One line when the measurement is lost or back, one for every booking."""
@@ -90,7 +99,8 @@ class Daemon(Station):
 
     def _say_booking(self, booking: Booking) -> None:
         kg = {"mass_kg": round(booking.mass, 1), "standard_error_kg": round(booking.standard_error, 1)}
-        self._tell.info("booked", number=booking.number, **kg)
+        drift = {"drift_kg": round(self.state.drift.mass, 1)} if self.core.adapts else {}
+        self._tell.info("booked", number=booking.number, **kg, **drift)
 
 
 def _ignore(estimate: Estimate) -> None:

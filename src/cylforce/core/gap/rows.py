@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cylforce.core.gap.library import Proposal
 from cylforce.core.model import Model
 from cylforce.core.motion import Moved
-from cylforce.core.observation import REST_SHARE, rest_share, unusable
+from cylforce.core.observation import REST_SHARE, unusable
 from cylforce.effects.slew import Slew
 from cylforce.effects.tip_force import TipForce
 from cylforce.machine.candidate import (
@@ -177,7 +177,7 @@ class Viewer:
         return len(values[:: self._thin]) - 1, len(self.model.machine.rows)
 
     def _lost(self, moved: Moved) -> NDArray[np.bool_]:
-        share = rest_share(self.slow, self.slow.filtered.run(moved.motion).columns)
+        share = self.slow.share_at_rest(self.slow.filtered.run(moved.motion).columns)
         return np.asarray(np.logical_or(unusable(self.slow, moved), share > REST_SHARE))
 
     def _columns(

@@ -1,0 +1,75 @@
+"""Slow adaptation: it follows what the empty machine in motion shows, freezes otherwise, and stays within bounds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cylforce.core.adaptation import Adapter
+from cylforce.core.model import Model
+from cylforce.edges.settings import load
+from cylforce.regression.regressor import Rows
+from scenarios import EXCAVATOR, moved
+
+STILL = np.full(3, np.inf)
+SURE = np.full(3, 100.0**2)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """An adapter and rows (columns, torque) of half a minute of moves."""
+    loaded = load(EXCAVATOR)
+    model = Model(loaded.service.machine, loaded.service.filters, ("coulomb", "viscous"))
+    values = model.data_sheet.values.copy()
+    for k, p in enumerate(model.parameters):
+        values[k] = {"coulomb": 3e3, "viscous": 1e4}.get(p.name.partition(".")[2], values[k])
+    adapter = Adapter(model, model.data_sheet._replace(values=values, identified=True))
+    rows = model.filtered.run(model.channels.run(moved(loaded, seconds=30.0)).motion)
+    return SimpleNamespace(adapter=adapter, columns=rows.columns[model.settle_steps :])
+
+
+def adapted(bench, true, drift=None):
+    """The drift after all rows, when what is not explained by the tares is that of `true` (D,)."""
+    adapter, drift = bench.adapter, bench.adapter.begin() if drift is None else drift
+    for columns in bench.columns:
+        rows = Rows(columns, np.zeros(3))
+        drift = adapter.step(drift, rows, adapter.columns(rows) @ (true - drift.values), SURE)
+    return drift
+
+
+def true_drift(adapter):
+    """Friction falls by a fifth, the boom's pressures read half a bar too much."""
+    friction = -0.2 * np.array([3e3] * 3 + [1e4] * 3)
+    return np.concatenate([friction, [0.5e5 * adapter.model.machine.cylinders[0].area_head, 0.0, 0.0]])
+
+
+def test_it_follows_what_motion_shows(bench):
+    """After a minute, two memories, less than a seventh of the drift's torque is left; it is told in kilograms."""
+    true = true_drift(bench.adapter)
+    drift = adapted(bench, true, adapted(bench, true))
+    columns = bench.adapter.columns(Rows(bench.columns, np.zeros(bench.columns.shape[:2])))
+    left, whole = (np.sqrt(np.mean((columns @ v) ** 2)) for v in (true - drift.values, true))
+    assert left < whole / 7.0
+    assert drift.mass != 0.0
+
+
+def test_it_is_frozen_when_not_told_and_at_rest(bench):
+    """Loaded, touching or parked: not one bit changes but the word that it follows."""
+    drift = adapted(bench, true_drift(bench.adapter))
+    moving = Rows(bench.columns[500], np.zeros(3))
+    parked = bench.columns[500].copy()
+    model = bench.adapter.model
+    parked[:, model.at_rest], parked[:, model.coulomb] = np.abs(parked[:, model.coulomb]), 0.0
+    for rows, variance in ((moving, STILL), (Rows(parked, np.zeros(3)), SURE)):
+        frozen = bench.adapter.step(drift, rows, np.full(3, 5e3), variance)
+        assert frozen == drift._replace(following=False)
+
+
+def test_it_stays_within_what_is_physical(bench):
+    """No friction below a fifth or above three times the reference, no zero beyond six bar."""
+    low, high = -0.8 * np.array([3e3] * 3 + [1e4] * 3), 2.0 * np.array([3e3] * 3 + [1e4] * 3)
+    for sign in (-1.0, 1.0):
+        drift = adapted(bench, sign * 30.0 * np.abs(true_drift(bench.adapter)))
+        assert np.all(drift.values[:6] >= low)
+        assert np.all(drift.values[:6] <= high)
+        assert np.all(np.isfinite(drift.values))
