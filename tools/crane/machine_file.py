@@ -90,6 +90,10 @@ standard_error_m = 1e-4
 
 """)
 TAIL = Template("""\
+# The empty crane is to be read as it was identified, not as it has been learned to be empty.
+[friction]
+adapt = false
+
 [filter]
 rate_hz = 100
 channel_hz = 2
