@@ -145,13 +145,15 @@ def test_bad_wishes_are_refused(change, told):
 
 def test_extra_effects_come_from_a_file(tmp_path):
     path, truth = tmp_path / "effects.toml", tmp_path / "truth.csv"
-    path.write_text('[[effects]]\nname = "coulomb"\nat = "boom"\nvalue = 500.0\n')
+    path.write_text('[[effects]]\nname = "coulomb_friction"\nat = "boom"\nvalue = 500.0\n')
     run_sim(EXCAVATOR, cycles=1, seed=7, truth=truth, effects=path)
     plain = tmp_path / "plain.csv"
     run_sim(EXCAVATOR, cycles=1, seed=7, truth=plain)
-    more, less = (read_truth(p).header["parameters"]["boom.coulomb"] for p in (truth, plain))
-    assert more == pytest.approx(less + 500.0)
-    path.write_text('[[effects]]\nname = "coulomb"\nat = "tail"\nvalue = 500.0\n')
+    more, less = (read_truth(p) for p in (truth, plain))
+    assert more.header["effects"] == [{"name": "coulomb_friction", "at": "boom", "value": [500.0]}]
+    excess = more.columns["friction.boom"] - less.columns["friction.boom"]
+    assert np.percentile(np.abs(excess), 95) == pytest.approx(500.0, rel=0.01)
+    path.write_text('[[effects]]\nname = "coulomb_friction"\nat = "tail"\nvalue = 500.0\n')
     with pytest.raises(SettingsError, match="no cylinder"):
         run_sim(EXCAVATOR, cycles=1, effects=path)
     path.write_text('[[effects]]\nname = "coulomb"\nplace = "boom"\nvalue = 1.0\n')

@@ -11,10 +11,11 @@ import pytest
 
 from cylforce.core.scenario import cycles, moves
 from cylforce.core.sensing import lag_filter, perfect, run, true_values
+from cylforce.core.simulated_effects import Imposed
 from cylforce.core.simulator import (
+    ROUNDING,
     Truth,
     base_values,
-    cause,
     draw_truth,
     pressures,
     rigid_torque,
@@ -23,6 +24,7 @@ from cylforce.core.simulator import (
 )
 from cylforce.core.soil import Load, load
 from cylforce.core.trajectory import Course, Kinematics, Phase, Scene, Step, follow, working_range
+from cylforce.effects.load_dependent_friction import LoadDependentFriction
 from cylforce.machine.linkages import FourBar, Triangle
 from cylforce.machine.machine import Cylinder, Link, Machine
 from cylforce.machine.motion import Attitude, joint_torque
@@ -120,7 +122,8 @@ def test_needed_torque_is_that_of_an_independent_library(make):
     scene = scenes(machine, 1, swing=False)[1]
     t = grid(scene, 0.2)
     course, carried, attitude = follow(scene, t), load(scene.dig, t), standing(0.05, -0.03, np.zeros_like(t))
-    tau = rigid_torque(machine, machine.links, course, attitude._replace(slew=course.slew), carried)
+    value = base_values(machine.links, carried)
+    tau = rigid_torque(machine, value, course, attitude._replace(slew=course.slew))
     expected = []
     for k in range(t.size):
         model, data = oracle(machine, heap(carried, k), yaw=False)
@@ -140,7 +143,7 @@ def test_swinging_house_on_a_slope_is_that_of_an_independent_library():
     pitch, roll = 0.06, -0.04
     course, carried = follow(scene, t), load(scene.dig, t)
     attitude = standing(pitch, roll, course.turn)._replace(slew=course.slew)
-    tau = rigid_torque(machine, machine.links, course, attitude, carried)
+    tau = rigid_torque(machine, base_values(machine.links, carried), course, attitude)
     turn_acceleration = scene.slew.at(t)[2]
     expected = []
     for k in range(t.size):
@@ -210,7 +213,7 @@ def test_at_rest_with_a_load_the_joints_hold_weights_by_hand():
     still = np.zeros((1, 2))
     course = Kinematics(np.array([[0.0, -pi / 2]]), still, still, np.zeros(1), np.zeros(1), np.zeros(1))
     carried = Load(np.array([800.0]), np.array([[0.7, 0.1]]), np.array([500.0]))
-    tau = rigid_torque(machine, machine.links, course, Attitude(), carried)[0]
+    tau = rigid_torque(machine, base_values(machine.links, carried), course, Attitude())[0]
     stick, bucket = machine.links
     # the bucket's x axis points down, its z axis forward
     second = G * (bucket.mass * bucket.cz + 800.0 * 0.1)
@@ -244,17 +247,16 @@ def test_cylinders_supply_torque_friction_and_soil():
     """lever^T (F - friction) is the torque of links, load and soil; friction works against the motion."""
     machine = excavator()
     rng = np.random.default_rng(4)
-    extra = (cause(machine, "load_dependent", "lift", 0.05),)
+    extra = (Imposed((LoadDependentFriction(ROUNDING),), "lift", 0, (0.05,)),)
     truth = draw_truth(machine, rng, 0.1, extra)
     scene = scenes(machine, 4)[1]
     found = simulate(machine, truth, scene, grid(scene))
-    free = simulate(machine, truth._replace(friction=()), scene, grid(scene))
+    free = simulate(machine, truth._replace(friction=(), effects=()), scene, grid(scene))
     bare = found.moving._replace(force=found.moving.force - found.friction)
     np.testing.assert_allclose(joint_torque(bare), joint_torque(free.moving), atol=1e-4)
     assert np.all(found.friction * found.moving.speed >= -1e-9)
     moving = np.abs(found.moving.speed[:, 0]) > 0.05
-    names = [c.effect.parameters(machine)[0].unit for c in truth.friction]
-    assert names == ["N", "N s/m", "N", "1"]
+    assert [c.law.about.unit for c in truth.friction] == ["N", "N s/m", "N"]
     coulomb, viscous = truth.friction[0].value[0], truth.friction[1].value[0]
     law = (coulomb + 0.05 * np.abs(found.moving.force[:, 0])) * np.sign(found.moving.speed[:, 0])
     law += viscous * found.moving.speed[:, 0]
@@ -373,11 +375,3 @@ def test_a_course_without_strokes_stays():
     np.testing.assert_array_equal(course.at(np.arange(3.0)), [[0.3] * 3, [0] * 3, [0] * 3])
     scene = Scene(1.0, (course, Course(0.1, (Step(0.0, 1.0, 0.5),))), Course(0.0), ((0.0, Phase.AIR),))
     assert follow(scene, np.array([2.0])).theta[0].tolist() == [0.3, 0.6]
-
-
-def test_an_unknown_extra_effect_is_refused_by_name():
-    machine = excavator()
-    with pytest.raises(ValueError, match="'glue' is not known"):
-        cause(machine, "glue", "lift", 1.0)
-    with pytest.raises(ValueError, match="no cylinder"):
-        cause(machine, "stribeck", "tail", 1.0)

@@ -87,7 +87,7 @@ def true_parameters(model: Model, truth: Truth, delay: float) -> dict[str, float
             zip((f"{name}.{symbol}" for symbol in ("J", "X", "Z", "D_excess", "E")), (*base, *slew), strict=True)
         )
     for cause in truth.friction:
-        true |= {p.name: float(v) for p, v in zip(cause.effect.parameters(machine), cause.value, strict=True)}
+        true |= {f"{c.name}.{cause.name}": float(v) for c, v in zip(machine.cylinders, cause.value, strict=True)}
     return true
 
 

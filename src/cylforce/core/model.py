@@ -9,12 +9,17 @@ import numpy as np
 
 from cylforce.core.motion import Channels
 from cylforce.core.service import Filters
+from cylforce.effects.asymmetric_friction import AsymmetricFriction
+from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.delay import Delay
-from cylforce.effects.friction import AtRest, Coulomb, Directional, LoadDependent, Viscous
+from cylforce.effects.friction import AtRest, Friction
+from cylforce.effects.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.pressure_zero import PressureZero
 from cylforce.effects.rigid import Rigid
 from cylforce.effects.slew import Slew, slew_parameters
 from cylforce.effects.tip_force import TipForce
+from cylforce.effects.viscous_friction import ViscousFriction
+from cylforce.machine.candidate import ForceLaw
 from cylforce.machine.effect import Effect, Parameter
 from cylforce.machine.machine import Machine, base_parameter_covariance, base_parameters
 from cylforce.regression.batch import Prior
@@ -59,15 +64,16 @@ class Model:
     @cached_property
     def empty(self) -> Regressor:
         """Gravity, inertia, centrifugal terms of the slew where it is measured, friction."""
-        laws: dict[str, Effect] = {
-            "coulomb": Coulomb(self.filters.direction_speed),
-            "viscous": Viscous(),
-            "load_dependent": LoadDependent(self.filters.direction_speed),
-            "directional": Directional(self.filters.direction_speed),
-            "delay": Delay(),
+        rounding = self.filters.direction_speed
+        laws: dict[str, ForceLaw] = {
+            "coulomb": CoulombFriction(rounding),
+            "viscous": ViscousFriction(),
+            "load_dependent": LoadDependentFriction(rounding),
+            "directional": AsymmetricFriction(rounding),
         }
         turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
-        return Regressor(self.machine, (Rigid(), *turning, *(laws[name] for name in self.friction)))
+        friction = (Delay() if name == "delay" else Friction(name, laws[name]) for name in self.friction)
+        return Regressor(self.machine, (Rigid(), *turning, *friction))
 
     @cached_property
     def _slews(self) -> bool:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.core.soil import draw_dig
+from cylforce.core.soil import carried, draw_dig
 from cylforce.core.trajectory import Course, Phase, Scene, Step, driven, stroke_time, working_range
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
@@ -15,6 +15,7 @@ FASTEST = 0.30  # m/s, of any cylinder
 CLEAR = 0.3  # of their range: lifting joints stay above it in empty moves, which keeps the tool off the ground
 ALONE = 0.45  # of the time, joints move one by one
 SHAKE = 0.02  # how far a via point of one cycle lies from another's, in ranges
+TURN = 4.0  # s for a swing of the house
 HEADWAY = 2.4  # s of empty motion before the first cycle
 
 
@@ -119,10 +120,13 @@ def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tupl
     return Course(float(begin[j]), tuple(steps))
 
 
-def moves(machine: Machine, rng: np.random.Generator, duration: float) -> Scene:
-    """Empty commissioning moves of `duration` [s]: first one joint after the other, slow and fast, both ways
+def moves(
+    machine: Machine, rng: np.random.Generator, duration: float, *, payload: float = 0.0, turning: bool = False
+) -> Scene:
+    """Commissioning moves of `duration` [s]: first one joint after the other, slow and fast, both ways
     (the paper's procedure), then, from the share ALONE of the time on, all at once at drawn speeds between
-    drawn postures."""
+    drawn postures. `payload` [kg] lies in the bucket all the time; `turning`: the house turns to and fro as well, from
+    the share ALONE on."""
     ranges = working_range(machine)
     begin = _begin(machine, (0.6, 0.5, 0.5))
     for j in range(machine.size):
@@ -133,7 +137,20 @@ def moves(machine: Machine, rng: np.random.Generator, duration: float) -> Scene:
     for j in driven(machine):
         steps[j] += _wander(machine, ranges, rng, pose, j=j, window=(ALONE * duration, duration - 0.5))
     courses = tuple(Course(float(begin[j]), tuple(steps[j])) for j in range(machine.size))
-    return Scene(duration, courses, Course(0.0), ((0.0, Phase.AIR),))
+    house = Course(0.0, _turns(rng, ALONE * duration, duration) if turning else ())
+    held = carried(payload, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach)) if payload else None
+    return Scene(duration, courses, house, ((0.0, Phase.AIR),), held)
+
+
+def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Step, ...]:
+    """Swings of the house to either side and back, with rests, from `start` to `stop` [s]."""
+    steps: list[Step] = []
+    clock, side = start + 1.0, 1.0
+    while clock + 2 * TURN < stop:
+        angle = side * float(rng.uniform(1.0, 1.5))
+        steps += [Step(clock, clock + TURN, angle), Step(clock + TURN + 1.0, clock + 2 * TURN + 1.0, -angle)]
+        clock, side = clock + 2 * TURN + 3.0, -side
+    return tuple(steps)
 
 
 def _one_by_one(

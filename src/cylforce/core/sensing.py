@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core.service import SensorNode
+from cylforce.core.simulated_effects import distorted
 from cylforce.core.simulator import Physics, Truth, simulate
 from cylforce.core.trajectory import Scene
 from cylforce.machine.machine import Machine
@@ -35,7 +36,7 @@ class Sensors(NamedTuple):
 
 class Record(NamedTuple):
     """A scene as measured at T instants: `t` (T,) [s] from the start of the run, the physics, the sensors'
-    inner `analog` values (T, S) before noise and resolution, `values` (T, S) as sent; SI units."""
+    inner `analog` values (T, S), errors included, before noise and resolution, `values` (T, S) as sent; SI units."""
 
     t: Array
     physics: Physics
@@ -113,17 +114,20 @@ def run(
     rng: np.random.Generator,
 ) -> Iterator[Record]:
     """Scenes one after the other, sampled at the multiples of `dt` [s] that fall into each; lags carry
-    over."""
+    over, and what comes late comes from the scene before."""
     filters = [lag_filter(float(lag), dt) for lag in made.lag]
     states: list[Array] = []
-    begin = 0.0
+    begin, before = 0.0, np.zeros((0, len(machine.signals)))
     for scene in scenes:
         grid = dt * np.arange(ceil(begin / dt), ceil((begin + scene.duration) / dt), dtype=np.float64)
-        found = simulate(machine, truth, scene, grid - begin)
+        found = simulate(machine, truth, scene, grid - begin, begin)
         ideal = true_values(machine, found)
         states = states or [f.steady(x) for f, x in zip(filters, ideal[0], strict=True)]
         passed = [f.run(s, x) for f, s, x in zip(filters, states, ideal.T, strict=True)]
         states = [state for state, _ in passed]
         analog = np.stack([y for _, y in passed], axis=-1) if passed else ideal
-        yield Record(grid, found, analog, as_sent(made, analog, rng))
+        both, last = np.concatenate([before, analog]), slice(len(before), None)
+        t = grid[0] + dt * (np.arange(len(both)) - len(before)) if len(grid) else grid
+        before, seen = analog, distorted(machine, truth.effects, both, t)[last]
+        yield Record(grid, found, seen, as_sent(made, seen, rng))
         begin += scene.duration

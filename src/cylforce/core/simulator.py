@@ -5,19 +5,29 @@ It uses the product's own effects: figures reached on it show that the programs 
 right.
 """
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.core.simulated_effects import (
+    Imposed,
+    added_parameters,
+    altered,
+    changed_load,
+    excess_force,
+    touching,
+    unseen_slew,
+)
 from cylforce.core.soil import Load, load, resistance, soil_force
 from cylforce.core.trajectory import Kinematics, Scene, follow
-from cylforce.effects.friction import Coulomb, LoadDependent, Stribeck, Viscous
+from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.rigid import Rigid
 from cylforce.effects.slew import Slew, slew_parameters
+from cylforce.effects.stribeck import Stribeck
 from cylforce.effects.tip_force import TipForce
+from cylforce.effects.viscous_friction import ViscousFriction
+from cylforce.machine.candidate import ForceLaw
 from cylforce.machine.chain import Complex
-from cylforce.machine.effect import Effect
 from cylforce.machine.machine import Link, Machine, base_parameters
 from cylforce.machine.motion import Attitude, Motion, motion
 from cylforce.words.estimate import Array
@@ -31,21 +41,24 @@ SUPPLY = 4e5  # Pa: no chamber falls below this
 
 
 class Cause(NamedTuple):
-    """An effect of the simulated machine and the values (P,) of its parameters."""
+    """A law of friction that every cylinder has, called `name`, and its sizes `value` (C,)."""
 
-    effect: Effect
+    name: str
+    law: ForceLaw
     value: Array
 
 
 class Truth(NamedTuple):
     """The machine as it really is: its links, its friction, `back` (C,) [Pa/(m/s)^2] of the return side, the
-    ground's pitch and roll [rad] below a house that looks along its tracks."""
+    ground's pitch and roll [rad] below a house that looks along its tracks; `effects` that nobody told the estimator
+    of."""
 
     links: tuple[Link, ...]
     friction: tuple[Cause, ...]
     back: Array
     pitch: float
     roll: float
+    effects: tuple[Imposed, ...] = ()
 
 
 class Physics(NamedTuple):
@@ -67,7 +80,9 @@ class Physics(NamedTuple):
     load: Load
 
 
-def draw_truth(machine: Machine, rng: np.random.Generator, mass_error: float, extra: tuple[Cause, ...] = ()) -> Truth:
+def draw_truth(
+    machine: Machine, rng: np.random.Generator, mass_error: float, effects: tuple[Imposed, ...] = ()
+) -> Truth:
     """A machine whose masses differ from the machine file's by the fraction `mass_error` either way, centres
     and inertias by up to half of it besides; friction and return-side pressure as usual for the cylinders'
     sizes. A machine whose tilt nobody measures stands level."""
@@ -77,13 +92,13 @@ def draw_truth(machine: Machine, rng: np.random.Generator, mass_error: float, ex
     area = np.array([c.area_head for c in machine.cylinders])
     coulomb, viscous = area * rng.uniform((1.0e5, 2e5), (1.6e5, 5e5), (area.size, 2)).T
     friction = (
-        Cause(Coulomb(ROUNDING), coulomb),
-        Cause(Viscous(), viscous),
-        Cause(Stribeck(ROUNDING, STRIBECK_SPEED), coulomb * rng.uniform(0.3, 0.6, area.size)),
+        Cause("coulomb", CoulombFriction(ROUNDING), coulomb),
+        Cause("viscous", ViscousFriction(), viscous),
+        Cause("stribeck", Stribeck(STRIBECK_SPEED, ROUNDING), coulomb * rng.uniform(0.3, 0.6, area.size)),
     )
     seen = {signal.kind for signal in machine.signals}
     pitch, roll = rng.uniform(-0.03, 0.03, 2) * (Kind.PITCH in seen, Kind.ROLL in seen)
-    return Truth(links, friction + extra, rng.uniform(2e7, 4e7, area.size), float(pitch), float(roll))
+    return Truth(links, friction, rng.uniform(2e7, 4e7, area.size), float(pitch), float(roll), effects)
 
 
 def _off(link: Link, factor: float, rest: Array) -> Link:
@@ -101,37 +116,23 @@ def _off(link: Link, factor: float, rest: Array) -> Link:
     )
 
 
-FRICTION_LAWS = ("coulomb", "viscous", "load_dependent", "stribeck")
-
-
-def cause(machine: Machine, name: str, at: str, value: float, width: float = STRIBECK_SPEED) -> Cause:
-    """An extra friction law by its name, with `value` at the cylinder `at` and nothing at the others."""
-    laws: Mapping[str, Effect] = {
-        "coulomb": Coulomb(ROUNDING),
-        "viscous": Viscous(),
-        "load_dependent": LoadDependent(ROUNDING),
-        "stribeck": Stribeck(ROUNDING, width),
-    }
-    names = [c.name for c in machine.cylinders]
-    if name not in laws:
-        raise ValueError(f"effect {name!r} is not known: choose one of {', '.join(FRICTION_LAWS)}")
-    if at not in names:
-        raise ValueError(f"effect {name!r} sits at {at!r}, which is no cylinder: choose one of {', '.join(names)}")
-    return Cause(laws[name], np.array([value if n == at else 0.0 for n in names]))
-
-
-def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array) -> Physics:
-    """What the machine needs to follow `scene` at times `t` (T,) [s]."""
-    course, carried = follow(scene, t), load(scene.dig, t)
-    attitude = standing(truth.pitch, truth.roll, course.turn)._replace(slew=course.slew)
+def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: float = 0.0) -> Physics:
+    """What the machine needs to follow `scene` at times `t` (T,) [s] from the scene's start, which is `begin` [s] after
+    the run's."""
+    clock, machine = t + begin, altered(machine, truth.effects)
+    course, carried = follow(scene, t), changed_load(truth.effects, load(scene.dig, t), clock)
+    slew = np.sqrt(course.slew**2 + unseen_slew(truth.effects, clock))
+    attitude = standing(truth.pitch, truth.roll, course.turn)._replace(slew=slew)
     unknown = np.zeros((*t.shape, len(machine.cylinders)))
     moving = motion(machine, course.theta, course.thetad, unknown, attitude)
     tip = machine.tool_point(course.theta)
     turn = np.exp(1j * np.asarray(attitude.pitch))
     velocity = _plane(turn * np.sum(tip.gradient * course.thetad, axis=-1))
-    soil = soil_force(resistance(scene.dig, t), velocity)
-    tau = rigid_torque(machine, truth.links, course, attitude, carried) + tip_torque(machine, moving, soil)
-    moving, friction = balance(machine, truth, moving, tau)
+    soil = soil_force(resistance(scene.dig, t), velocity) + touching(truth.effects, clock)
+    value = base_values(truth.links, carried)
+    value[..., :3] += added_parameters(machine, truth.effects, clock)
+    tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
+    moving, friction = balance(truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
     return Physics(t, course, moving, attitude, friction, head, rod, soil, velocity, _plane(turn * tip.place), carried)
 
@@ -166,14 +167,11 @@ def base_values(links: tuple[Link, ...], carried: Load) -> Array:
     return values
 
 
-def rigid_torque(
-    machine: Machine, links: tuple[Link, ...], course: Kinematics, attitude: Attitude, carried: Load
-) -> Array:
-    """tau = d/dt(momentum) @ value + static @ value (T, N) [N m], value: the links and the load.
+def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: Attitude) -> Array:
+    """tau = d/dt(momentum) @ value + static @ value (T, N) [N m], `value` (T, N, 5): see `base_values`.
 
     Momentum depends on place and speed only, so along the parabola of each instant its difference gives d/dt.
     Material joins and leaves at the bucket's own velocity: value itself is not differentiated."""
-    value = base_values(links, carried)
     now = _later(course, attitude, 0.0)
     columns = Rigid().halves(machine, now).static
     for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
@@ -202,16 +200,17 @@ def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:
     return np.asarray((TipForce().halves(machine, moving).static[..., :2] @ force[..., None])[..., 0])
 
 
-def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array) -> tuple[Motion, Array]:
+def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
     """Cylinder forces, friction included (in the motion returned), and that friction (T, C) [N]: lever^T F =
-    tau + friction's torque. Friction may depend on the force itself, so the two are found by turns."""
+    tau + friction's torque, at times (T,) [s] of the run. Friction may depend on the force itself, so the two are found
+    by turns."""
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     bare = (inverse @ tau[..., None])[..., 0]
     friction = np.zeros_like(bare)
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
-        torque = sum((c.effect.halves(machine, loaded).static @ c.value for c in truth.friction), np.zeros_like(tau))
-        found = (inverse @ torque[..., None])[..., 0]
+        usual = [c.law.force(loaded.speed, loaded.force, t) * c.value for c in truth.friction]
+        found = sum(usual, excess_force(truth.effects, loaded, t))
         change, friction = np.max(np.abs(found - friction), initial=0.0), found
         if change < 1e-9:
             break

@@ -37,6 +37,11 @@ class Load(NamedTuple):
     inertia: Array
 
 
+def carried(mass: float, centre: tuple[float, float]) -> Dig:
+    """A load [kg] that lay in the bucket before and stays there."""
+    return Dig(-2.0, -1.0, 1e9, 2e9, mass, centre, (0.0, 0.0), np.zeros((0, 3)))
+
+
 def smooth(t: Array, start: float, stop: float) -> Array:
     """0 before `start`, 1 after `stop`, minimum jerk between."""
     u = np.clip((t - start) / (stop - start), 0.0, 1.0)

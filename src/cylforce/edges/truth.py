@@ -32,19 +32,27 @@ class TruthTable(NamedTuple):
 
 
 def describe(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
-    """What the machine really is: base parameters, friction, return side, slope; keys are parameters'
-    names."""
+    """What the machine really is: base parameters, friction, slope, effects; keys are parameters' names."""
     base, slew = base_parameters(truth.links).reshape(-1, 3), slew_parameters(truth.links)
     parameters: dict[str, JsonValue] = {}
     for link, row in zip(truth.links, np.concatenate([base, slew], axis=1).tolist(), strict=True):
         symbols = ("J", "X", "Z", "D_excess", "E")
         parameters |= {f"{link.name}.{s}": value for s, value in zip(symbols, row, strict=True)}
     for cause in truth.friction:
-        for parameter, value in zip(cause.effect.parameters(machine), cause.value.tolist(), strict=True):
-            have = parameters.get(parameter.name, 0.0)
-            parameters[parameter.name] = value + (have if isinstance(have, float) else 0.0)
+        parameters |= {
+            f"{c.name}.{cause.name}": v for c, v in zip(machine.cylinders, cause.value.tolist(), strict=True)
+        }
     masses: dict[str, JsonValue] = {link.name: link.mass for link in truth.links}
-    return {"parameters": parameters, "masses": masses, "pitch": truth.pitch, "roll": truth.roll}
+    effects: list[JsonValue] = [
+        {"name": e.group[0].about.name, "at": e.at, "value": list(e.sizes)} for e in truth.effects
+    ]
+    return {
+        "parameters": parameters,
+        "masses": masses,
+        "pitch": truth.pitch,
+        "roll": truth.roll,
+        "effects": effects,
+    }
 
 
 def truth_columns(machine: Machine, record: Record, cycle: int) -> tuple[tuple[str, ...], Array]:

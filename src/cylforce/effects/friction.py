@@ -1,22 +1,16 @@
-"""Friction in the cylinder's own coordinate v = d(length)/dt (PHYSICS section 6): what the cylinder must push in
-excess.
-
-Each effect is a force law with one parameter per cylinder; the lever turns it into torque.
-"""
+"""Friction of all cylinders at once, as columns of the model: any law (PHYSICS section 6), and what hides at rest."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from cylforce.machine.candidate import ForceLaw
 from cylforce.machine.effect import Halves, Parameter
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion
 from cylforce.words.estimate import Array
 
-
-def direction(speed: Array, rounding: float) -> Array:
-    """sgn(v), rounded as tanh(v / rounding) so that noise at rest averages out; `rounding` in m/s."""
-    return np.asarray(np.tanh(speed / rounding))
+NEVER = np.zeros(())  # s: the laws of a model do not depend on time
 
 
 def _columns(law: Array, lever: Array) -> Halves:
@@ -25,79 +19,19 @@ def _columns(law: Array, lever: Array) -> Halves:
 
 
 @dataclass(frozen=True, slots=True)
-class Coulomb:
-    """f_c sgn(v) (paper (8))."""
+class Friction:
+    """A law that every cylinder has with a size of its own, called `name`; one that depends on the instant alone."""
 
-    rounding: float
+    name: str
+    law: ForceLaw
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """f_c [N] of every cylinder."""
-        return tuple(Parameter(f"{c.name}.coulomb", "N") for c in machine.cylinders)
+        """The size at every cylinder."""
+        return tuple(Parameter(f"{c.name}.{self.name}", self.law.about.unit) for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (..., N, C)."""
-        return _columns(direction(moving.speed, self.rounding), moving.lever)
-
-
-@dataclass(frozen=True, slots=True)
-class Viscous:
-    """f_v v (paper (8))."""
-
-    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """f_v [N s/m] of every cylinder."""
-        return tuple(Parameter(f"{c.name}.viscous", "N s/m") for c in machine.cylinders)
-
-    def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C)."""
-        return _columns(moving.speed, moving.lever)
-
-
-@dataclass(frozen=True, slots=True)
-class LoadDependent:
-    """a |F| sgn(v): friction that grows with the force of the cylinder."""
-
-    rounding: float
-
-    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """a [1] of every cylinder."""
-        return tuple(Parameter(f"{c.name}.load_dependent", "1") for c in machine.cylinders)
-
-    def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C)."""
-        return _columns(np.abs(moving.force) * direction(moving.speed, self.rounding), moving.lever)
-
-
-@dataclass(frozen=True, slots=True)
-class Stribeck:
-    """f_s exp(-(v/v_s)^2) sgn(v): the extra force of break-away, gone above the speed `width` = v_s [m/s]."""
-
-    rounding: float
-    width: float
-
-    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """f_s [N] of every cylinder."""
-        return tuple(Parameter(f"{c.name}.stribeck", "N") for c in machine.cylinders)
-
-    def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C)."""
-        fading = np.exp(-((moving.speed / self.width) ** 2))
-        return _columns(fading * direction(moving.speed, self.rounding), moving.lever)
-
-
-@dataclass(frozen=True, slots=True)
-class Directional:
-    """f_d |sgn(v)|: what friction has in excess when the cylinder extends and lacks when it retracts; a zero error of
-    the pressures looks the same in motion."""
-
-    rounding: float
-
-    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """f_d [N] of every cylinder."""
-        return tuple(Parameter(f"{c.name}.directional", "N") for c in machine.cylinders)
-
-    def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C)."""
-        return _columns(np.abs(direction(moving.speed, self.rounding)), moving.lever)
+        return _columns(self.law.force(moving.speed, moving.force, NEVER), moving.lever)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,5 +47,5 @@ class AtRest:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (..., N, C), never negative."""
-        unknown = 1.0 - np.abs(direction(moving.speed, self.rounding))
+        unknown = 1.0 - np.abs(np.tanh(moving.speed / self.rounding))
         return _columns(unknown, np.abs(moving.lever))

@@ -3,6 +3,7 @@
 import secrets
 import tomllib
 from collections.abc import Iterable, Iterator
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,8 @@ from cylforce.core.scenario import moves
 from cylforce.core.sensing import Record, Sensors, run, sensors
 from cylforce.core.sensor_bus import bus_events
 from cylforce.core.service import Service
-from cylforce.core.simulator import STRIBECK_SPEED, Cause, Truth, cause, draw_truth
+from cylforce.core.simulated_effects import Imposed, imposed
+from cylforce.core.simulator import Truth, draw_truth
 from cylforce.core.trajectory import Scene
 from cylforce.edges.candump import event_line
 from cylforce.edges.files import replacing
@@ -45,14 +47,16 @@ class Play(NamedTuple):
 
 
 class _EffectTable(BaseModel):
-    """An extra friction law of the simulated machine, at one cylinder; SI units."""
+    """An effect of the diagnosis' library, switched on in the simulated machine; SI units."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     at: str
-    value: float
-    width_m_s: float = STRIBECK_SPEED
+    value: float | tuple[float, ...]
+    shape: dict[str, float] = {}
+    from_s: float = 0.0
+    until_s: float = inf
 
 
 class _EffectsFile(BaseModel):
@@ -70,6 +74,8 @@ def run_sim(
     seed: int | None = None,
     mass_error: float = 0.1,
     effects: Path | None = None,
+    payload: float = 0.0,
+    turning: bool = False,
     truth: Path | None = None,
     bus: str | None = None,
     log: Path | None = None,
@@ -82,13 +88,16 @@ def run_sim(
     machine_file
         The machine file (TOML); the simulated machine's masses are off from it by the fraction `mass_error`.
     scenario
-        "moves": empty commissioning moves for `duration` [s]. "cycles": `cycles` digging cycles of at most 15
+        "moves": commissioning moves for `duration` [s]. "cycles": `cycles` digging cycles of at most 15
         s.
     seed
         One seed is one machine, whatever the scenario, and one run; None draws one.
     effects
-        A TOML file of extra friction laws: tables `[[effects]]` with `name` (coulomb, viscous,
-        load_dependent, stribeck), `at` (a cylinder), `value` (SI), for stribeck also `width_m_s`.
+        A TOML file of effects of the diagnosis' library (`core/gap/library.py`): tables `[[effects]]` with `name`,
+        `at` (a cylinder, a sensor, a link or "machine"), `value` (SI; a list where the effect has several sizes) and,
+        if need be, `shape` (a table of its other parameters), `from_s` and `until_s`.
+    payload, turning
+        The moves with so much in the bucket [kg], with the house turning to and fro.
     truth
         Where the truth goes (CSV after one line of JSON), never to be read by the daemon.
     bus
@@ -103,6 +112,7 @@ def run_sim(
         One sentence each.
     """
     _check(scenario, cycles, duration, mass_error)
+    _check_moves(scenario, payload, turning)
     seed = secrets.randbits(32) if seed is None else seed
     play = prepare(
         load(machine_file),
@@ -111,6 +121,8 @@ def run_sim(
         mass_error,
         amount=cycles if scenario == "cycles" else duration,
         effects=effects,
+        payload=payload,
+        turning=turning,
     )
     print(f"seed {seed}", flush=True)
     if bus is not None:
@@ -131,8 +143,23 @@ def _check(scenario: str, cycles: int, duration: float, mass_error: float) -> No
         raise SettingsError(f"a mass error of {mass_error} is not a fraction from 0 to 0.5")
 
 
+def _check_moves(scenario: str, payload: float, turning: bool) -> None:
+    if scenario != "moves" and (payload or turning):
+        raise SettingsError("a payload and turning belong to the scenario moves: cycles dig their own load and swing")
+    if not 0.0 <= payload <= 1e5:
+        raise SettingsError(f"a payload of {payload} kg cannot be carried: give 0 to 100000 kg")
+
+
 def prepare(
-    loaded: Loaded, scenario: str, seed: int, mass_error: float, *, amount: float, effects: Path | None = None
+    loaded: Loaded,
+    scenario: str,
+    seed: int,
+    mass_error: float,
+    *,
+    amount: float,
+    effects: Path | None = None,
+    payload: float = 0.0,
+    turning: bool = False,
 ) -> Play:
     """A run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own."""
     machine = loaded.service.machine
@@ -141,25 +168,29 @@ def prepare(
     header: dict[str, JsonValue] = {"seed": seed, "scenario": scenario, "mass_error": mass_error}
     header |= {"machine_sha256": loaded.sha256, **describe(machine, truth)}
     made = sensors(machine, loaded.service.nodes)
-    scenes = _scenes(loaded.service, scenario, np.random.default_rng((seed, 1)), amount)
+    rng = np.random.default_rng((seed, 1))
+    if scenario == "moves":
+        scenes: Iterable[Scene] = [moves(machine, rng, amount, payload=payload, turning=turning)]
+    else:
+        scenes = _digging(loaded.service, rng, round(amount))
     noise = np.random.default_rng((seed, 2))
     records = run(machine, truth, made, scenes, dt=1.0 / loaded.service.filters.rate_hz, rng=noise)
     return Play(loaded, seed, truth, made, header, records)
 
 
-def _scenes(service: Service, scenario: str, rng: np.random.Generator, amount: float) -> Iterable[Scene]:
-    if scenario == "moves":
-        return [moves(service.machine, rng, amount)]
+def _digging(service: Service, rng: np.random.Generator, count: int) -> Iterable[Scene]:
     swing = any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in service.machine.signals)
-    return digging_cycles(service.machine, rng, round(amount), swing)
+    return digging_cycles(service.machine, rng, count, swing)
 
 
-def read_effects(path: Path, loaded: Loaded) -> tuple[Cause, ...]:
-    """The extra friction laws of a file. Raises SettingsError."""
+def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
+    """The effects of a file. Raises SettingsError."""
     try:
         file = _EffectsFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
         machine = loaded.service.machine
-        return tuple(cause(machine, e.name, e.at, e.value, e.width_m_s) for e in file.effects)
+        return tuple(
+            imposed(machine, e.name, e.at, e.value, shape=e.shape, begin=e.from_s, end=e.until_s) for e in file.effects
+        )
     except ValidationError as error:
         first = error.errors()[0]
         raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
