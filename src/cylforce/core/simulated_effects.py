@@ -11,8 +11,6 @@ import numpy as np
 from cylforce.core.gap.library import LIBRARY, Group
 from cylforce.core.soil import RAMP, Load, smooth
 from cylforce.machine.candidate import (
-    INCIDENTAL,
-    INCIDENTAL_UNITS,
     PRESSURES,
     Alteration,
     Candidate,
@@ -26,6 +24,17 @@ from cylforce.machine.candidate import (
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion
 from cylforce.words.estimate import Array
+
+# What incidents change, and its unit: load, force at the teeth, square of the slew rate, time of all pressures.
+CHANGED = {
+    "load.mass": "kg",
+    "load.X": "kg m",
+    "load.Z": "kg m",
+    "tip.x": "N",
+    "tip.z": "N",
+    "slew": "rad^2/s^2",
+    "clock": "s",
+}
 
 
 class Imposed(NamedTuple):
@@ -80,7 +89,7 @@ def units(group: Group) -> tuple[str, ...]:
     if isinstance(first, Weight):
         return first.units
     if isinstance(first, Incident):
-        each = tuple(INCIDENTAL_UNITS[INCIDENTAL.index(column)] for column in first.columns)
+        each = tuple(CHANGED[what] for what in _changed(first))
         return (*each, "s/s") if first.course is Course.CLOCK else each
     return tuple(effect.about.unit for effect in group)
 
@@ -162,15 +171,21 @@ def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> 
     return found
 
 
-def _incidents(effects: Sequence[Imposed], t: Array, columns: Sequence[str]) -> Array:
-    """Sizes (T, K) of some columns of incidents."""
-    found = np.zeros((len(t), len(INCIDENTAL)))
+def _changed(effect: Incident) -> list[str]:
+    """What an incident changes; the diagnosis may split it up in time, `what.0`, `what.1`, ..."""
+    return list(dict.fromkeys(what for column in effect.columns for what in CHANGED if column.startswith(what)))
+
+
+def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> Array:
+    """Sizes (T, K) of some of what incidents change."""
+    found = np.zeros((len(t), len(wanted)))
     for each in effects:
         effect = each.group[0]
-        if isinstance(effect, Incident) and effect.course is not Course.CLOCK:
-            for column, size in zip(effect.columns, each.sizes, strict=True):
-                found[:, INCIDENTAL.index(column)] += size * each.during(t)
-    return found[:, [INCIDENTAL.index(column) for column in columns]]
+        if isinstance(effect, Incident):
+            for what, size in zip(_changed(effect), each.sizes, strict=False):
+                if what in wanted:
+                    found[:, wanted.index(what)] += size * each.during(t)
+    return found
 
 
 def changed_load(effects: Sequence[Imposed], carried: Load, t: Array) -> Load:
@@ -194,7 +209,7 @@ def touching(effects: Sequence[Imposed], t: Array) -> Array:
     found = np.zeros((len(t), 2))
     for each in effects:
         effect = each.group[0]
-        if isinstance(effect, Incident) and effect.columns == ("tip.x", "tip.z"):
+        if isinstance(effect, Incident) and _changed(effect) == ["tip.x", "tip.z"]:
             inside = smooth(t, each.begin, each.begin + RAMP)
             if each.end < inf:
                 inside = inside * (1.0 - smooth(t, each.end - RAMP, each.end))

@@ -1,6 +1,7 @@
 """Discrete low-pass filters: one step for a live sample, one run for a recording; both give the same to rounding."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import pi
 
 import numpy as np
@@ -50,6 +51,7 @@ def first_order(cutoff_hz: float, dt: float) -> Filter:
     return Filter((a / (1 + a), a / (1 + a)), (1.0, -(1 - a) / (1 + a)))
 
 
+@lru_cache
 def second_order(cutoff_hz: float, dt: float) -> Filter:
     """Butterworth low-pass of second order; the cut-off must lie below half the sampling rate."""
     b, a = signal.butter(2, cutoff_hz, fs=1.0 / dt)

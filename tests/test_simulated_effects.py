@@ -1,0 +1,188 @@
+"""Every effect of the library acts on the simulated machine as its equation says; what cannot be is refused by name."""
+
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cylforce.core.gap.library import LIBRARY
+from cylforce.core.scenario import moves
+from cylforce.core.sensing import perfect, run
+from cylforce.core.simulated_effects import imposed, units
+from cylforce.core.simulator import draw_truth
+from cylforce.edges.settings import load
+from cylforce.machine.candidate import places
+from cylforce.machine.motion import joint_torque
+
+MACHINE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service.machine
+SECONDS, LOAD = 30.0, 800.0
+
+
+def simulated(*effects, payload=LOAD):
+    """The one scene of a run by perfect sensors."""
+    truth = draw_truth(MACHINE, np.random.default_rng(1), 0.1)._replace(effects=effects)
+    scene = moves(MACHINE, np.random.default_rng(2), SECONDS, payload=payload, turning=True)
+    (record,) = run(MACHINE, truth, perfect(MACHINE), [scene], dt=0.01, rng=np.random.default_rng(3))
+    return record
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return simulated()
+
+
+def signal(record, name):
+    return record.values[:, [s.name for s in MACHINE.signals].index(name)]
+
+
+def torque(record):
+    return joint_torque(record.physics.moving)
+
+
+def test_a_force_law_acts_in_its_cylinder_and_shows_in_its_pressures(plain):
+    found = simulated(
+        imposed(MACHINE, "coulomb_friction", "stick", 900.0, shape={"rounding": 1e-3}, begin=5.0, end=20.0)
+    )
+    excess = found.physics.moving.force - plain.physics.moving.force
+    during = (plain.t >= 5.0) & (plain.t < 20.0)
+    law = 900.0 * np.tanh(plain.physics.moving.speed[:, 1] / 1e-3) * during
+    np.testing.assert_allclose(excess, np.stack([0 * law, law, 0 * law], axis=-1), atol=1e-6)
+    cylinder = MACHINE.cylinders[1]
+    head, rod = (signal(found, f"stick_{side}_pressure") for side in ("head", "rod"))
+    np.testing.assert_allclose(head * cylinder.area_head - rod * cylinder.area_rod, found.physics.moving.force[:, 1])
+
+
+def test_a_drifting_law_knows_the_time_of_the_run(plain):
+    found = simulated(imposed(MACHINE, "friction_temperature_drift", "boom", -9e5))
+    excess = (found.physics.moving.force - plain.physics.moving.force)[:, 0]
+    np.testing.assert_allclose(excess, -9e5 * plain.physics.moving.speed[:, 0] * plain.t / 3600.0, atol=1e-6)
+
+
+def test_a_distortion_is_seen_but_does_not_act(plain):
+    found = simulated(imposed(MACHINE, "angle_offset", "stick_angle", 0.02, begin=10.0))
+    np.testing.assert_array_equal(found.physics.moving.force, plain.physics.moving.force)
+    np.testing.assert_allclose(signal(found, "stick_angle") - signal(plain, "stick_angle"), 0.02 * (plain.t >= 10.0))
+
+
+def test_a_late_sensor_tells_of_the_scene_before():
+    truth = draw_truth(MACHINE, np.random.default_rng(1), 0.1)
+    late = truth._replace(effects=(imposed(MACHINE, "sensor_delay", "boom_angle", 0.1),))
+    first, second = (moves(MACHINE, np.random.default_rng(seed), 12.0) for seed in (2, 3))
+    first = first._replace(duration=6.005)  # breaks off while the boom moves
+    whole, seen = (
+        np.concatenate(
+            [
+                signal(r, "boom_angle")
+                for r in run(MACHINE, t, perfect(MACHINE), [first, second], dt=0.01, rng=np.random.default_rng(0))
+            ]
+        )
+        for t in (truth, late)
+    )
+    np.testing.assert_allclose(seen[10:], whole[:-10], atol=1e-12)
+
+
+def test_all_pressures_are_late_from_an_instant_on_and_more_and_more(plain):
+    found = simulated(imposed(MACHINE, "clock_fault", "machine", [0.05, 0.002], begin=8.0))
+    t = plain.t
+    late = np.where(t >= 8.0, 0.05 + 0.002 * (t - 8.0), 0.0)
+    for name in ("boom_head_pressure", "bucket_rod_pressure"):
+        np.testing.assert_allclose(signal(found, name), np.interp(t - late, t, signal(plain, name)))
+    np.testing.assert_array_equal(signal(found, "boom_angle"), signal(plain, "boom_angle"))
+
+
+def test_an_altered_linkage_moves_the_same_joints_by_other_levers(plain):
+    found = simulated(imposed(MACHINE, "linkage_geometry", "stick", 0.02, shape={"measure": 1}))
+    np.testing.assert_array_equal(found.physics.course.theta, plain.physics.course.theta)
+    before, after = plain.physics.moving, found.physics.moving
+    assert np.max(np.abs(after.lever[:, 1] - before.lever[:, 1])) > 1e-3
+    np.testing.assert_array_equal(after.lever[:, [0, 2]], before.lever[:, [0, 2]])
+    bare = [p.moving._replace(force=p.moving.force - p.friction) for p in (plain.physics, found.physics)]
+    np.testing.assert_allclose(joint_torque(bare[1]), joint_torque(bare[0]), atol=1e-3)
+
+
+def test_a_mass_on_a_link_loads_this_joint_and_those_before(plain):
+    """At rest, 300 kg at 1.2 m along the stick ask for their weight times its arm."""
+    at = MACHINE.links[1].name
+    found = simulated(imposed(MACHINE, "extra_mass", at, [300.0, 360.0, 0.0, 432.0]))
+    (still,) = (0,)
+    q, excess = plain.physics.moving.q[still], (torque(found) - torque(plain))[still]
+    g = plain.physics.moving.g[still]
+    arm = 1.2 * np.cos(q[1])
+    expected = 300.0 * g * np.array([MACHINE.links[0].length * np.cos(q[0]) + arm, arm, 0.0])
+    np.testing.assert_allclose(excess, expected, rtol=1e-3, atol=1.0)
+
+
+def test_what_falls_out_of_the_bucket_is_gone_from_then_on(plain):
+    at = MACHINE.links[-1].name
+    x, z = plain.physics.load.centre[0]
+    found = simulated(imposed(MACHINE, "payload_spill", at, [-300.0, -300.0 * x, -300.0 * z], begin=12.0))
+    lighter = simulated(payload=LOAD - 300.0)
+    before, after = plain.t < 12.0, plain.t >= 12.0
+    np.testing.assert_allclose(torque(found)[before], torque(plain)[before])
+    np.testing.assert_allclose(torque(found)[after], torque(lighter)[after], atol=1e-6)
+
+
+def test_a_load_that_moves_keeps_its_mass(plain):
+    found = simulated(imposed(MACHINE, "payload_shift", MACHINE.links[-1].name, [120.0, 40.0], begin=12.0))
+    np.testing.assert_array_equal(found.physics.load.mass, plain.physics.load.mass)
+    shift = (found.physics.load.centre - plain.physics.load.centre)[-1]
+    np.testing.assert_allclose(shift * LOAD, [120.0, 40.0])
+
+
+def test_what_the_tool_touches_asks_for_its_force_at_the_teeth(plain):
+    found = simulated(imposed(MACHINE, "soil_contact", MACHINE.links[-1].name, [2e3, 5e3], begin=10.0, end=14.0))
+    force = found.physics.soil - plain.physics.soil
+    np.testing.assert_allclose(force[(plain.t > 11.0) & (plain.t < 13.0)], [[2e3, 5e3]] * 199)
+    assert not np.any(force[(plain.t < 10.0) | (plain.t >= 14.0)])
+
+
+def test_an_unseen_turn_pulls_outwards_and_no_sensor_says_so(plain):
+    found = simulated(imposed(MACHINE, "slew_centrifugal", "machine", 0.16, begin=1.0, end=4.0))
+    during = (plain.t > 1.0) & (plain.t < 4.0)
+    np.testing.assert_array_equal(signal(found, "slew_rate"), signal(plain, "slew_rate"))
+    np.testing.assert_allclose(found.physics.moving.slew[during], 0.4)
+    assert np.all(np.abs((torque(found) - torque(plain))[during, 0]) > 100.0)
+
+
+@pytest.mark.parametrize("group", LIBRARY, ids=lambda g: repr(g[0]))
+def test_every_effect_of_the_library_changes_what_is_seen(group, plain):
+    """At every of its places some signal differs, and without a size nothing does."""
+    about = group[0].about
+    size = {"payload_spill": -100.0}.get(about.name, about.high / 4.0)
+    shape = {f: getattr(group[0], f) for f in group[0].__dataclass_fields__}
+    at = places(MACHINE, about.place)[-1][0]
+    sizes = [size] + [0.0] * (len(units(group)) - 1)
+    if about.name == "linkage_geometry" and shape["measure"] > 5:
+        at = "bucket"
+    changed = simulated(imposed(MACHINE, about.name, at, sizes, shape=shape))
+    nothing = simulated(imposed(MACHINE, about.name, at, [0.0] * len(sizes), shape=shape))
+    assert np.max(np.abs(changed.values - plain.values) / np.std(plain.values, axis=0)) > 1e-3
+    np.testing.assert_allclose(nothing.values, plain.values, atol=1e-9, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("wish", "told"),
+    [
+        (("glue", "boom", 1.0, {}), "'glue' is not known: choose one of coulomb_friction"),
+        (("stribeck", "tail", 1.0, {}), "'tail', which is no cylinder: choose one of boom, stick, bucket"),
+        (("pressure_gain", "boom_angle", 0.01, {}), "no pressure sensor"),
+        (("stribeck", "boom", -500.0, {}), "only the other sign"),
+        (("angle_offset", "boom_angle", 3.0, {}), "plausible is up to 0.06"),
+        (("angle_offset", "boom_angle", float("nan"), {}), "plausible"),
+        (("extra_mass", "stick", 100.0, {}), r"wants 4 value\(s\) \(kg, kg m, kg m, kg m\^2\), not 1"),
+        (("stribeck", "boom", 500.0, {"shape": {"breadth": 0.1}}), "no parameter 'breadth' of its shape: width"),
+        (("linkage_geometry", "boom", 0.01, {"shape": {"measure": 7}}), "no such part"),
+        (("soil_contact", "bucket", [1.0, 2.0], {"begin": 3.0, "end": 2.0}), "begin before it ends"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(wish, told):
+    name, at, value, more = wish
+    with pytest.raises(ValueError, match=told):
+        imposed(MACHINE, name, at, value, **more)
+
+
+def test_more_than_there_is_cannot_fall_out():
+    spill = imposed(MACHINE, "payload_spill", MACHINE.links[-1].name, [-900.0, 0.0, 0.0], begin=5.0, end=inf)
+    with pytest.raises(ValueError, match="more falls out of the bucket"):
+        simulated(spill)
