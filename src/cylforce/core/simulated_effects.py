@@ -18,6 +18,7 @@ from cylforce.machine.candidate import (
     Distortion,
     ForceLaw,
     Incident,
+    Share,
     Weight,
     places,
 )
@@ -158,6 +159,16 @@ def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
                 c = each.where
                 force[:, c] += each.during(t) * size * law.force(moving.speed[:, c], moving.force[:, c], t)
     return force
+
+
+def friction_level(effects: Sequence[Imposed], law: str, cylinders: int, t: Array) -> Array:
+    """By which factor (T, C) the friction law of that name is larger."""
+    level = np.ones((len(t), cylinders))
+    for each in effects:
+        for share, size in each.members():
+            if isinstance(share, Share) and law in share.laws:
+                level[:, each.where] += size * each.during(t)
+    return level
 
 
 def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> Array:

@@ -15,6 +15,7 @@ from cylforce.core.simulated_effects import (
     altered,
     changed_load,
     excess_force,
+    friction_level,
     touching,
     unseen_slew,
 )
@@ -206,10 +207,13 @@ def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion,
     by turns."""
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     bare = (inverse @ tau[..., None])[..., 0]
+    sizes = [c.value * friction_level(truth.effects, c.name, len(c.value), t) for c in truth.friction]
     friction = np.zeros_like(bare)
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
-        usual = [c.law.force(loaded.speed, loaded.force, t) * c.value for c in truth.friction]
+        usual = [
+            c.law.force(loaded.speed, loaded.force, t) * size for c, size in zip(truth.friction, sizes, strict=True)
+        ]
         found = sum(usual, excess_force(truth.effects, loaded, t))
         change, friction = np.max(np.abs(found - friction), initial=0.0), found
         if change < 1e-9:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.core.gap.correction import Applied, bends, without
 from cylforce.core.gap.evidence import Blocks, Evidence
-from cylforce.core.gap.library import LIBRARY, Group, proposals
+from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
 from cylforce.core.gap.rank import Ranked, magnitude, ranking
 from cylforce.core.gap.rows import Recorded, Viewer
@@ -64,7 +64,7 @@ class Search(NamedTuple):
 def search(
     viewer: Viewer,
     faulty: Sequence[Recorded],
-    clean: Sequence[Recorded],
+    clean: Sequence[Recorded | Seen],
     library: tuple[Group, ...] = LIBRARY,
     watch: Watch = lambda _: None,
     known: Array | None = None,
@@ -73,12 +73,17 @@ def search(
     errors of the viewer's tares, by default the data sheet's."""
     wanted = proposals(viewer.model.machine, library)
     watch("columns of every effect")
-    seen = [[Seen(r, viewer.rows(r, wanted)) for r in group] for group in (clean, faulty)]
+    seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
-    problem = Problem(viewer.model, spread, wanted, tuple(seen[0]), tuple(seen[1]))
+    problem = Problem(viewer.model, spread, wanted, *seen)
     floor = noise_floor(problem)
     blocks = problem.blocks(floor)
     return _greedy(viewer, problem, blocks, floor, list(faulty), watch)
+
+
+def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
+    """Recordings with their rows; those that have them keep them, if they were computed for the same proposals."""
+    return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted)) for r in group)
 
 
 def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:

@@ -11,13 +11,12 @@ import numpy as np
 
 from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams
 from cylforce.core.gap.library import Proposal
-from cylforce.core.gap.rows import BLOCK, Recorded, Rows
+from cylforce.core.gap.rows import BLOCK, CENTRE, Recorded, Rows
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
 from cylforce.machine.candidate import INCIDENTAL, THIRDS, Course, Incident, Weight
 from cylforce.words.estimate import Array
 
-CENTRE = (300.0, 300.0, 600.0)  # kg m, kg m, kg m^2: how little is known of a load but its mass
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual sizes of what incidents change
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
@@ -143,19 +142,22 @@ class Problem:
 
     def _after(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
         for (first, last), seen in zip(self.spans, self.faulty, strict=True):
-            for k in range(first + 1, last - 1) if seen.recorded.load else ():
-                course = np.zeros(len(self.times))
-                course[k:last] = 1.0
-                when = f"from {self.times[k]:.0f} s on"
-                yield Option(p, when, Term(places, np.tile(course, (len(places), 1))), float(np.log(INSTANTS)))
+            for k in range(first + 1, last - 2) if seen.recorded.load else ():
+                yield self._from(p, places, k, last)
+
+    def _from(self, p: Proposal, places: tuple[int, ...], k: int, last: int) -> Option:
+        """The columns in blocks k + 1 to last - 1, and with sizes of their own in block k, in which it begins."""
+        course, number = np.zeros((2, len(self.times))), np.arange(len(self.times))
+        course[0], course[1] = (number > k) & (number < last), number == k
+        term = Term(places * 2, np.repeat(course, len(places), axis=0))
+        return Option(p, f"from {self.times[k]:.0f} s on", term, float(np.log(INSTANTS)))
 
     def _clocks(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
         one = np.ones_like(self.times)
         yield Option(p, "always", Term(places, one[None]), 0.0)
         yield Option(p, "growing", Term(places * 2, np.stack([one, self.times / 100.0])), 0.0)
-        for k in range(1, len(one) - 1):
-            course = np.where(np.arange(len(one)) >= k, 1.0, 0.0)
-            yield Option(p, f"from {self.times[k]:.0f} s on", Term(places, course[None]), float(np.log(INSTANTS)))
+        for k in range(1, len(one) - 2):
+            yield self._from(p, places, k, len(one))
 
     def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
         gains = self._local(places, evidence)

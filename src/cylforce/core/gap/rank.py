@@ -26,9 +26,14 @@ class Ranked(NamedTuple):
 
 
 def leading(found: Ranked, values: Array) -> Array:
-    """The sizes along the axes of the magnitude, (W, A): one row per window or recording."""
-    width = len(dict.fromkeys(found.option.term.columns))
-    return values.reshape(-1, width)[:, : found.option.proposal.about.axes]
+    """The sizes along the axes of the magnitude, (W, A): one row per window or recording; of what begins at an instant
+    the block in which it begins does not count."""
+    effect, term = found.option.proposal.group[0], found.option.term
+    width = len(dict.fromkeys(term.columns))
+    sizes = values.reshape(-1, width)[:, : found.option.proposal.about.axes]
+    if isinstance(effect, Incident) and effect.course is not Course.WINDOWS:
+        sizes = sizes[np.count_nonzero(term.course, axis=1)[::width] > 1]
+    return sizes
 
 
 def magnitude(found: Ranked, values: Array) -> float:

@@ -38,6 +38,7 @@ from cylforce.words.estimate import Array
 RATE_HZ = 20.0
 BLOCK = 60  # rows that are judged as one: three seconds
 DEAD_SLEW = 0.01  # rad/s, below which a slew sensor may be dead
+CENTRE = (300.0, 300.0, 600.0)  # kg m, kg m, kg m^2: how little is known of a load but its mass
 
 
 class Recorded(NamedTuple):
@@ -48,6 +49,13 @@ class Recorded(NamedTuple):
     values: Array
     load: float
     begins: float = 0.0
+
+
+class Loaded(NamedTuple):
+    """A recording and the tares (P,) of the machine with what it carries there."""
+
+    recorded: Recorded
+    tares: Array
 
 
 class Rows(NamedTuple):
@@ -111,11 +119,11 @@ class Viewer:
         effects = (*Model(machine, f, self.model.friction).empty.effects, *more)
         return FilteredRegressor(Regressor(machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
-    def left(self, values: Array, machine: Machine | None = None) -> Array:
-        """What the tares leave (T', R) of samples (T, S), on another machine than the model's if one is given."""
+    def left(self, values: Array, tares: Array, machine: Machine | None = None) -> Array:
+        """What tares (P,) leave (T', R) of samples (T, S), on another machine than the model's if one is given."""
         slow = self.slow if machine is None else Model(machine, self.slow.filters, self.slow.friction)
         moved = slow.channels.run(self.thinned(values))
-        return self._filtered(slow.machine).left(moved.motion, self.tares)
+        return self._filtered(slow.machine).left(moved.motion, tares)
 
     def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> Rows:
         """The rows of a recording; see `columns_of` for the order of the effects' columns."""
@@ -129,23 +137,38 @@ class Viewer:
         base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
         forces = iter(np.moveaxis(found.columns[..., size:], -1, 0))
         lasting = [(p, e) for p in wanted for e in p.group if not isinstance(e, Incident)]
-        parts = [self._columns(p, e, recorded, base, forces) for p, e in lasting]
-        effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
         lost = self._lost(moved)
+        left = np.where(lost, np.nan, left)
+        tares = self.tares + self._carried(recorded.load, base[late], left[late])
+        parts = [self._columns(p, e, Loaded(recorded, tares), base, forces) for p, e in lasting]
+        effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
         m = moved.motion
         posture = np.diff(m.a, axis=1, prepend=0.0)
         return Rows(
             base[late],
             np.where(np.isfinite(effects), effects, 0.0)[late],
-            self._incidental(recorded, moved, base)[late],
-            np.where(lost, np.nan, left)[late],
+            self._incidental(Loaded(recorded, tares), moved, base)[late],
+            left[late],
             t[late],
             m.speed[late],
             m.force[late],
             posture[late],
         )
 
-    def _incidental(self, recorded: Recorded, moved: Moved, base: Array) -> Array:
+    def _carried(self, load: float, base: Array, left: Array) -> Array:
+        """What a known load [kg] adds to the tares (P,): it matters for what an error of the sensors does. Its moments
+        and inertia by least squares of what is left (T, R), every row counted by its rms."""
+        if not load:
+            return np.zeros_like(self.tares)
+        each, scale = base @ self.model.load, np.sqrt(np.nanmean(left**2, axis=0)) + 1e-9
+        good = np.isfinite(left)
+        columns = (each / scale[:, None])[good]
+        rest = (left / scale)[good] - columns[:, 0] * load
+        prior = np.diag(np.array(CENTRE) ** -2.0)
+        moments = np.linalg.solve(columns[:, 1:].T @ columns[:, 1:] + prior, columns[:, 1:].T @ rest)
+        return np.asarray(self.model.load @ np.array([load, *moments]))
+
+    def _incidental(self, loaded: Loaded, moved: Moved, base: Array) -> Array:
         """Columns (T', R, I) of incidents; a slew that is measured is none."""
         machine, f = self.model.machine, self.slow.filters
         turning = moved.motion._replace(slew=np.ones_like(moved.motion.slew))
@@ -157,18 +180,18 @@ class Viewer:
         local = np.concatenate([found[..., :2], (slew * dead[:, None])[..., None]], axis=-1)
         third = (np.arange(len(base)) - self.slow.settle_steps) % BLOCK * THIRDS // BLOCK
         thirds = [local * (third == k)[:, None, None] for k in range(THIRDS)]
-        return np.concatenate([base @ self.model.load, self._late(recorded), *thirds], axis=-1)
+        return np.concatenate([base @ self.model.load, self._late(loaded), *thirds], axis=-1)
 
-    def _late(self, recorded: Recorded) -> Array:
+    def _late(self, loaded: Loaded) -> Array:
         """What all pressures' being late by a second would leave (T', R, 1), from a hundredth of it."""
-        step, t = 0.01, np.arange(len(recorded.values)) / self.model.filters.rate_hz
+        step, t = 0.01, np.arange(len(loaded.recorded.values)) / self.model.filters.rate_hz
         pressures = [k for _, k in places(self.model.machine, Place.PRESSURE)]
 
         def shifted(by: float) -> Array:
-            values = recorded.values.copy()
+            values = loaded.recorded.values.copy()
             for k in pressures:
-                values[:, k] = np.interp(t - by, t, recorded.values[:, k])
-            return self.left(values)
+                values[:, k] = np.interp(t - by, t, loaded.recorded.values[:, k])
+            return self.left(values, loaded.tares)
 
         return np.asarray((shifted(step) - shifted(-step))[..., None] / (2.0 * step))
 
@@ -180,9 +203,7 @@ class Viewer:
         share = self.slow.share_at_rest(self.slow.filtered.run(moved.motion).columns)
         return np.asarray(np.logical_or(unusable(self.slow, moved), share > REST_SHARE))
 
-    def _columns(
-        self, p: Proposal, effect: Candidate, recorded: Recorded, base: Array, forces: Iterator[Array]
-    ) -> Array:
+    def _columns(self, p: Proposal, effect: Candidate, loaded: Loaded, base: Array, forces: Iterator[Array]) -> Array:
         """Columns (T', R, M) of one effect at its place."""
         if isinstance(effect, ForceLaw):
             return next(forces)[..., None]
@@ -190,27 +211,29 @@ class Viewer:
             return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
         if isinstance(effect, Share):
             return self._known_friction(p, effect, base)
-        return self._difference(p, effect, recorded)
+        return self._difference(p, effect, loaded)
 
     def _known_friction(self, p: Proposal, effect: Share, base: Array) -> Array:
         names = [f"{self.model.machine.cylinders[p.where].name}.{law}" for law in effect.laws]
         chosen = [k for k, parameter in enumerate(self.model.parameters) if parameter.name in names]
         return np.asarray((base[..., chosen] @ self.tares[chosen])[..., None])
 
-    def _difference(self, p: Proposal, effect: Candidate, recorded: Recorded) -> Array:
+    def _difference(self, p: Proposal, effect: Candidate, loaded: Loaded) -> Array:
         """Change of what is left with the size, by central difference: measured = true + error, so that an error of
         the readings adds what distorting them once more adds, an error of the machine file what the true machine
         takes off."""
         step = np.sqrt(effect.about.low * effect.about.high)
-        machine, values = self.model.machine, recorded.values
+        machine, (recorded, tares) = self.model.machine, loaded
+        values = recorded.values
         if isinstance(effect, Distortion):
             t = recorded.begins + np.arange(len(values)) / self.model.filters.rate_hz
-            more, less = (self.left(effect.distorted(machine, values, t, p.where, s * step)) for s in (1.0, -1.0))
+            both = (effect.distorted(machine, values, t, p.where, s * step) for s in (1.0, -1.0))
+            more, less = (self.left(each, tares) for each in both)
         elif isinstance(effect, Alteration):
             others = [effect.altered(machine, p.where, s * step) for s in (1.0, -1.0)]
             if others[0] is machine:
                 return np.zeros((*self._shape(values), 1))
-            less, more = (self.left(values, other) for other in others)
+            less, more = (self.left(values, tares, other) for other in others)
         else:
             raise TypeError(f"{effect!r} is no force law, distortion, alteration or weight")
         return np.asarray((more - less)[..., None] / (2.0 * step))
