@@ -18,7 +18,8 @@ from cylforce.words.estimate import Array
 MIN_SECONDS = 20.0
 ONE_WAY, ONE_WAY_SECONDS = 0.05, 2.0  # share of a cylinder's motion below which a way was not moved; motion that counts
 FOLDS = 5
-CERTAIN = ("coulomb", "delay")  # laws that no machine is without
+CERTAIN = ("coulomb", "delay", "load_dependent")  # laws that no machine is without
+BEYOND = 0.005  # of the force: friction under a load against that of the empty machine, continued
 TOLD = 0.5  # of the prior's standard error: a parameter above it is not told by the recording
 
 
@@ -62,7 +63,8 @@ def identify(
     names = tuple(p.name for p in best.parameters)
     seen = np.sum(held.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
     left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
-    tares = Tares(laws, names, fit.values, fit.covariance, left, True, 1.0, best.scale_error)
+    covariance = under_load(best, fit.covariance)
+    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error)
     return Identification(
         best,
         consistent(best, tares) if enforce else tares,
@@ -72,6 +74,18 @@ def identify(
         errors,
         violations(best, fit.values),
     )
+
+
+def under_load(model: Model, covariance: Array) -> Array:
+    """`covariance` (P, P) of what the empty machine tells, with what its friction may be BEYOND that under a load: the
+    law is a straight line through forces that the empty machine never reaches. Each coefficient is left so uncertain,
+    and the other parameters follow as the recording demands, so that the empty machine is as well known as before."""
+    wider = covariance.copy()
+    for k, p in enumerate(model.parameters):
+        if p.name.endswith(".load_dependent"):
+            along = covariance[:, k] / covariance[k, k]
+            wider += BEYOND**2 * np.outer(along, along)
+    return wider
 
 
 def _watched(model: Model, segments: Iterable[Array], evidence: list[Evidence]) -> Iterator[Array]:
@@ -152,8 +166,9 @@ def _of(model: Model, part: Model) -> list[int]:
 def _choose(model: Model, held: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
     """Friction laws by held-out prediction: blocks of like posture are left out together, so that what is scored is
     prediction into postures that were not seen. A law joins when it predicts better by more than two standard errors
-    over the folds. Certain are Coulomb friction and the delay: every sensor lags, and viscous friction would take the
-    place of a delay that is left out, with too small a standard error."""
+    over the folds. Certain are Coulomb friction, the delay (every sensor lags, and viscous friction would take its place,
+    with too small a standard error) and friction that grows with the load: the empty machine may not need it to
+    explain itself, the loaded one does, and left out it would be taken for known."""
     folds = _folds(model, held)
     laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]
     best = _errors(model, laws, held, noise, folds)

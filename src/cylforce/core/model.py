@@ -31,8 +31,9 @@ from cylforce.words.signals import Kind
 FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 
 # Standard errors of what nobody measured yet: as shares of the largest force, of it per m/s, or of the force itself.
-SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.03, "directional": 0.01, "delay": 0.01}
 CERTAIN_SHARE = 0.02  # at rest, above which friction is not what it is in motion: biased by noise, by break-away
+SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.01, "directional": 0.01, "delay": 0.01}
+USUAL = {"load_dependent": 0.01}  # means where they are not zero: seals and pins rub the more the more they carry
 ABSOLUTE = ("load_dependent", "delay")  # do not grow with the cylinder
 
 
@@ -183,7 +184,8 @@ class Model:
         for law in self.friction:
             for c in self.machine.cylinders:
                 largest = 300e5 * c.area_head  # the force at a usual relief pressure
-                guesses.append((f"{c.name}.{law}", 0.0, SPREAD[law] * (1.0 if law in ABSOLUTE else largest)))
+                spread = SPREAD[law] * (1.0 if law in ABSOLUTE else largest)
+                guesses.append((f"{c.name}.{law}", USUAL.get(law, 0.0), spread))
         return guesses
 
     @cached_property

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from cylforce.core.identification import Identification
+from cylforce.core.known_load import with_known_load
 from cylforce.core.publication import published
 from cylforce.core.step import Core, State, step
 from cylforce.edges.candump import Sent
@@ -18,7 +19,7 @@ from cylforce.edges.logfile import Header, file_sha256, mismatches, running_vers
 from cylforce.edges.logreader import log_header, with_ticks
 from cylforce.edges.recording import Events, open_recording, sensor_frames
 from cylforce.edges.settings import Loaded
-from cylforce.programs.identify import model_of
+from cylforce.programs.identify import model_of, recorded_segments
 from cylforce.words.estimate import Array, Booking, Estimate, Status
 from cylforce.words.events import Event
 
@@ -40,24 +41,11 @@ def make_core(loaded: Loaded, identified: Path | None) -> Core:
 
 
 def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
-    """The same with the scale that a lift of a known weight tells. Raises RecordingError when the lift was not
-    booked."""
-    played = replay_through(Core(loaded.service, found.tares), loaded, lift, warn)
-    held = played.state.weighing.candidate  # the weight may still hang when the recording ends
-    booked = [(b.mass, b.standard_error) for b in played.bookings] + ([held[:2]] if held else [])
-    if not booked:
-        raise RecordingError(
-            f"{lift}: no lift was booked: lift the known weight clear of the ground, move it, set it down"
-        )
-    mass, spread = np.mean(booked, axis=0).tolist()
-    error = spread / mass / float(np.sqrt(len(booked)))
-    scale = found.tares.scale * known_kg / mass
-    if not SOUND_SCALE[0] <= scale <= SOUND_SCALE[1]:
-        raise RecordingError(
-            f"{lift}: what was lifted weighs about {mass:.0f} kg, not {known_kg:g} kg: give its true weight, and lift "
-            "nothing else"
-        )
-    return found._replace(tares=found.tares._replace(scale=scale, scale_error=scale * error))
+    """The same with what a lift of a known weight tells. Raises RecordingError when the weight is not seen to hang."""
+    try:
+        return with_known_load(found, recorded_segments(loaded, lift), known_kg)
+    except ValueError as error:
+        raise RecordingError(f"{lift}: {error}") from error
 
 
 def header_of(loaded: Loaded, identified: Path | None, bus: str, zero: float, tare: float) -> Header:

@@ -1,0 +1,85 @@
+"""A lift of a known weight tells more than a scale: the tares are fitted once more with it, friction under load
+included."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from cylforce.core import observation
+from cylforce.core.identification import Identification
+from cylforce.core.observation import Observed, chunks, observe
+from cylforce.core.weighing import MIN_SECONDS, Weigher, residual
+from cylforce.regression import blocks
+from cylforce.regression.batch import Prior, least_squares
+from cylforce.regression.blocks import Factors, joined
+from cylforce.regression.regressor import Rows
+from cylforce.words.estimate import Array
+
+ALIKE = 0.1  # share of the known weight within which a weight must lie to be it
+WRONG_SCALE = 0.01  # standard error of the scale before: areas, levers, gains of the sensors
+ENOUGH_SECONDS = 5.0  # of the weight hanging
+
+
+def with_known_load(found: Identification, segments: Iterable[Array], known_kg: float) -> Identification:
+    """The tares and the scale after a lift of `known_kg` in gapless segments of samples (T, S). Where the weight hangs
+    is seen by weighing.
+
+    With the load's first moments and inertia c and a scale error s unknown, its rows are
+    torque - known l_m = W Phi + l_c c + s known l_m: linear, with what the empty machine told as prior.
+    Raises ValueError, in a sentence, when the weight is not seen to hang for long enough."""
+    model, tares = found.model, found.tares
+    parts = [_factors(found, piece, known_kg) for piece in chunks(model, segments)]
+    held = joined(parts, observation.MOST_BLOCKS) if parts else None
+    seconds = 0.0 if held is None else float(np.max(np.sum(held.samples, axis=0))) / model.filters.rate_hz
+    if held is None or seconds < ENOUGH_SECONDS:
+        raise ValueError(
+            f"{known_kg:.0f} kg are seen to hang for {seconds:.1f} s only: lift the known weight clear of the ground, "
+            "move it up and down, set it down, and check its mass"
+        )
+    size = len(model.parameters)
+    fit = least_squares(held, tares.row_error, _before(found))
+    error = float(np.sqrt(fit.covariance[-1, -1]))
+    fitted = tares._replace(values=fit.values[:size], covariance=fit.covariance[:size, :size])
+    return found._replace(tares=fitted._replace(scale=1.0 / (1.0 + float(fit.values[-1])), scale_error=error))
+
+
+def _before(found: Identification) -> Prior:
+    """What is known before the lift of Phi (P), c (3) and s."""
+    machine, size = found.model.machine, len(found.model.parameters)
+    moment = machine.rated_payload * machine.payload_reach
+    spread = np.array([moment, moment, moment * machine.payload_reach, WRONG_SCALE])
+    covariance = np.zeros((size + 4, size + 4))
+    covariance[:size, :size], covariance[size:, size:] = found.tares.covariance, np.diag(spread**2)
+    return Prior(np.append(found.tares.values, np.zeros(4)), covariance)
+
+
+def _factors(found: Identification, values: Array, known_kg: float) -> Factors:
+    """Factors of the rows in which the weight hangs."""
+    model = found.model
+    seen, size = observe(model, values), len(model.parameters)
+    load, noisy = seen.columns @ model.load, seen.noise[..., :size] @ model.load
+    hangs = np.array([*_hanging(found, values, known_kg)])[model.settle_steps :]
+    observed = np.where(hangs[:, None], seen.torque - known_kg * load[..., 0], np.nan)
+    columns = np.concatenate([seen.columns, load[..., 1:], known_kg * load[..., :1]], axis=-1)
+    shift = seen.noise[..., -1:] - known_kg * noisy[..., :1]
+    noise = np.concatenate([seen.noise[..., :size], noisy[..., 1:], known_kg * noisy[..., :1], shift], axis=-1)
+    rows = blocks.Rows(columns, observed, noise, seen.certain, _mark(seen))
+    return blocks.row_factors(rows, int(observation.BLOCK_SECONDS * model.filters.rate_hz))
+
+
+def _mark(seen: Observed) -> Array:
+    return np.concatenate([seen.posture, np.abs(seen.speed)], axis=1)
+
+
+def _hanging(found: Identification, values: Array, known_kg: float) -> Iterator[bool]:
+    """For each step of samples (T, S) whether the weight hangs."""
+    model, weigher = found.model, Weigher(found.model, found.tares)
+    moved = model.channels.run(values)
+    rows, state = model.filtered.run(moved.motion), weigher.begin()
+    usable = np.stack([np.all(moved.usable[:, acting], axis=1) for acting in model.acting], axis=-1)
+    nothing, enough = np.zeros(len(model.machine.rows)), MIN_SECONDS * model.filters.rate_hz
+    for k, good in enumerate(usable):
+        left = residual(model, found.tares, Rows(rows.columns[k], rows.torque[k]), nothing)
+        state, _ = weigher.step(state, left, good & (k > model.settle_steps), k)
+        lift = state.lift
+        yield bool(lift.taken > enough and not lift.refused and abs(lift.values[0] - known_kg) < ALIKE * known_kg)
