@@ -97,7 +97,11 @@ def _true_parameter(truth: Recording, name: str) -> float:
 
 
 def weights(loaded: Loaded, found: Identification, path: Path, truth: Recording, suffix: str) -> dict[str, Any]:
-    """Booked against true loads: the slope's error (the scale) and each load's, as shares of the rated payload."""
+    """Booked against true loads: the scale's error and each load's as a share of the rated payload.
+
+    The scale is the slope through the origin: an empty bucket reads zero (that is what the tares are for), so a line
+    with a free intercept would hide in that intercept what the heavier loads are wrong by. Its error times the rated
+    payload is what a rated load is wrong by on average."""
     booked = replay_through(Core(loaded.service, found.tares), loaded, path, lambda _: None).bookings
     pieces = truth.header["pieces"]
     assert isinstance(pieces, list)
@@ -121,7 +125,8 @@ def weights(loaded: Loaded, found: Identification, path: Path, truth: Recording,
 def covered(seed: int) -> list[bool]:
     """Whether each parameter's 95 % interval holds the truth, where the model family is right: exact geometry,
     massless linkages, friction of our own laws, and of the sensors' errors those that are no bias (noise, resolution,
-    jitter)."""
+    jitter). The intervals are the fit's own: what the tares add for friction under loads that the empty machine never
+    reaches is for a family that is wrong."""
     parts = ("noise", "quantisation", "jitter")
     machine: Machine = draw(seed, friction="own", sensors=parts, geometry=False, linkage_masses=False)
     with TemporaryDirectory() as name:
@@ -131,7 +136,7 @@ def covered(seed: int) -> list[bool]:
         model = Model(loaded.service.machine, loaded.service.filters, OWN_LAWS[:3])
         found = identify(model, recorded_segments(loaded, path))
     true = {p.name: _true_parameter(recording, p.name) for p in found.model.parameters} | _true_friction(recording)
-    error = np.sqrt(np.diag(found.tares.covariance))
+    error = np.sqrt(np.diag(found.fit.covariance))
     told = [k for k, p in enumerate(found.model.parameters) if p.name not in found.not_identified]
     names = [found.model.parameters[k].name for k in told]
     return [abs(found.tares.values[k] - true[name]) < 1.96 * error[k] for k, name in zip(told, names, strict=True)]

@@ -166,8 +166,8 @@ def _of(model: Model, part: Model) -> list[int]:
 def _choose(model: Model, held: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
     """Friction laws by held-out prediction: blocks of like posture are left out together, so that what is scored is
     prediction into postures that were not seen. A law joins when it predicts better by more than two standard errors
-    over the folds. Certain are Coulomb friction, the delay (every sensor lags, and viscous friction would take its place,
-    with too small a standard error) and friction that grows with the load: the empty machine may not need it to
+    over the folds. Certain are Coulomb friction, the delay (every sensor lags, and viscous friction would take its
+    place, with too small a standard error) and friction that grows with the load: the empty machine may not need it to
     explain itself, the loaded one does, and left out it would be taken for known."""
     folds = _folds(model, held)
     laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]

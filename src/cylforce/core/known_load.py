@@ -1,14 +1,15 @@
 """A lift of a known weight tells more than a scale: the tares are fitted once more with it, friction under load
 included."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.core import observation
 from cylforce.core.identification import Identification
 from cylforce.core.observation import Observed, chunks, observe
-from cylforce.core.weighing import MIN_SECONDS, Weigher, residual
+from cylforce.core.weighing import MIN_SECONDS, SMALLEST, Weigher, residual
 from cylforce.regression import blocks
 from cylforce.regression.batch import Prior, least_squares
 from cylforce.regression.blocks import Factors, joined
@@ -26,21 +27,37 @@ def with_known_load(found: Identification, segments: Iterable[Array], known_kg: 
 
     With the load's first moments and inertia c and a scale error s unknown, its rows are
     torque - known l_m = W Phi + l_c c + s known l_m: linear, with what the empty machine told as prior.
-    Raises ValueError, in a sentence, when the weight is not seen to hang for long enough."""
+    Raises ValueError, in a sentence, when the weight is not seen to hang for long enough, or another one is."""
     model, tares = found.model, found.tares
-    parts = [_factors(found, piece, known_kg) for piece in chunks(model, segments)]
-    held = joined(parts, observation.MOST_BLOCKS) if parts else None
-    seconds = 0.0 if held is None else float(np.max(np.sum(held.samples, axis=0))) / model.filters.rate_hz
-    if held is None or seconds < ENOUGH_SECONDS:
-        raise ValueError(
-            f"{known_kg:.0f} kg are seen to hang for {seconds:.1f} s only: lift the known weight clear of the ground, "
-            "move it up and down, set it down, and check its mass"
-        )
+    pieces = [(piece, _hanging(found, piece)) for piece in chunks(model, segments)]
+    _check_weight(found, np.concatenate([np.zeros(0), *(seen for _, seen in pieces)]), known_kg)
+    held = joined((_factors(found, piece, seen, known_kg) for piece, seen in pieces), observation.MOST_BLOCKS)
     size = len(model.parameters)
     fit = least_squares(held, tares.row_error, _before(found))
     error = float(np.sqrt(fit.covariance[-1, -1]))
     fitted = tares._replace(values=fit.values[:size], covariance=fit.covariance[:size, :size])
     return found._replace(tares=fitted._replace(scale=1.0 / (1.0 + float(fit.values[-1])), scale_error=error))
+
+
+def _check_weight(found: Identification, seen: Array, known_kg: float) -> None:
+    """Raises ValueError when `seen` (T,) [kg], what hangs, is not the known weight for long enough."""
+    rate = found.model.filters.rate_hz
+    if np.sum(_alike(seen, known_kg)) >= ENOUGH_SECONDS * rate:
+        return
+    hanging = seen[seen > SMALLEST * found.model.machine.rated_payload]
+    if hanging.size >= ENOUGH_SECONDS * rate:
+        raise ValueError(
+            f"what was lifted weighs about {np.median(hanging):.0f} kg, not {known_kg:g} kg: give its true weight, and "
+            "lift nothing else"
+        )
+    raise ValueError(
+        f"no lift of {known_kg:g} kg is seen: lift the known weight clear of the ground, move it up and down for at "
+        f"least {ENOUGH_SECONDS:.0f} s, set it down"
+    )
+
+
+def _alike(seen: Array, known_kg: float) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(seen - known_kg) < ALIKE * known_kg)
 
 
 def _before(found: Identification) -> Prior:
@@ -53,12 +70,12 @@ def _before(found: Identification) -> Prior:
     return Prior(np.append(found.tares.values, np.zeros(4)), covariance)
 
 
-def _factors(found: Identification, values: Array, known_kg: float) -> Factors:
-    """Factors of the rows in which the weight hangs."""
+def _factors(found: Identification, values: Array, hanging: Array, known_kg: float) -> Factors:
+    """Factors of the rows in which the weight hangs; `hanging` (T-1,) [kg]."""
     model = found.model
     seen, size = observe(model, values), len(model.parameters)
     load, noisy = seen.columns @ model.load, seen.noise[..., :size] @ model.load
-    hangs = np.array([*_hanging(found, values, known_kg)])[model.settle_steps :]
+    hangs = _alike(hanging, known_kg)[model.settle_steps :]
     observed = np.where(hangs[:, None], seen.torque - known_kg * load[..., 0], np.nan)
     columns = np.concatenate([seen.columns, load[..., 1:], known_kg * load[..., :1]], axis=-1)
     shift = seen.noise[..., -1:] - known_kg * noisy[..., :1]
@@ -71,15 +88,18 @@ def _mark(seen: Observed) -> Array:
     return np.concatenate([seen.posture, np.abs(seen.speed)], axis=1)
 
 
-def _hanging(found: Identification, values: Array, known_kg: float) -> Iterator[bool]:
-    """For each step of samples (T, S) whether the weight hangs."""
+def _hanging(found: Identification, values: Array) -> Array:
+    """What hangs (T-1,) [kg] at each step of samples (T, S), as weighing sees it; 0 where it does not know."""
     model, weigher = found.model, Weigher(found.model, found.tares)
     moved = model.channels.run(values)
     rows, state = model.filtered.run(moved.motion), weigher.begin()
     usable = np.stack([np.all(moved.usable[:, acting], axis=1) for acting in model.acting], axis=-1)
+    usable[: model.settle_steps] = False
     nothing, enough = np.zeros(len(model.machine.rows)), MIN_SECONDS * model.filters.rate_hz
+    hanging = np.zeros(len(usable))
     for k, good in enumerate(usable):
         left = residual(model, found.tares, Rows(rows.columns[k], rows.torque[k]), nothing)
-        state, _ = weigher.step(state, left, good & (k > model.settle_steps), k)
-        lift = state.lift
-        yield bool(lift.taken > enough and not lift.refused and abs(lift.values[0] - known_kg) < ALIKE * known_kg)
+        state, _ = weigher.step(state, left, good, k)
+        if state.lift.taken > enough and not state.lift.refused:
+            hanging[k] = state.lift.values[0]
+    return hanging

@@ -14,7 +14,7 @@ from cylforce.core.publication import published
 from cylforce.core.step import Core, State, step
 from cylforce.edges.candump import Sent
 from cylforce.edges.files import RecordingError, replacing, warn
-from cylforce.edges.identified import SOUND_SCALE, read_identified
+from cylforce.edges.identified import read_identified
 from cylforce.edges.logfile import Header, file_sha256, mismatches, running_versions
 from cylforce.edges.logreader import log_header, with_ticks
 from cylforce.edges.recording import Events, open_recording, sensor_frames
