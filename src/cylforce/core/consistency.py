@@ -14,6 +14,7 @@ from cylforce.words.estimate import Array
 
 MASS_BOUND = 3.0  # standard errors above the data sheet's: no link is heavier
 INSIDE = 1e-6  # of the scaled margins: what is enforced holds after rounding
+SURE = 3.0  # standard errors
 NEVER_NEGATIVE = (".coulomb", ".viscous", ".load_dependent")
 
 
@@ -52,8 +53,12 @@ def _friction(name: str, k: int, scale: float) -> Law:
     return Law(f"{name}: friction cannot push", lambda values: float(values[k]) / scale)
 
 
-def violations(model: Model, values: Array) -> tuple[str, ...]:
-    """Sentences for the laws that `values` (P,) break."""
+def violations(model: Model, values: Array, error: Array | None = None) -> tuple[str, ...]:
+    """Sentences for the laws that `values` (P,) break; with their standard errors `error` (P,): for sure, for a
+    friction that is found a little below zero may be none."""
+    if error is not None:
+        friction = np.array([p.name.endswith(NEVER_NEGATIVE) for p in model.parameters])
+        values = np.where(friction & (values < 0.0), np.minimum(values + SURE * error, 0.0), values)
     return tuple(law.sentence for law in laws(model) if law.margin(values) < 0.0)
 
 

@@ -72,7 +72,7 @@ def identify(
         _not_told(best, fit),
         seconds,
         errors,
-        violations(best, fit.values),
+        violations(best, fit.values, np.sqrt(np.diag(fit.covariance))),
     )
 
 
