@@ -101,7 +101,7 @@ MENDABLE = [
     ("identify M @/notes.txt -o @/o.toml", "is none of the recordings"),
     ("identify M @/moves.log -o @/absent/o.toml", r"o\.toml: cannot be written"),
     ("identify M @/moves.log -o @/o.toml --known-kg 500", "go together"),
-    ("identify M @/moves.log -o @/o.toml --known-kg 500 --lift @/moves.log", "no lift was booked"),
+    ("identify M @/moves.log -o @/o.toml --known-kg 500 --lift @/moves.log", "no lift of 500 kg is seen"),
     ("replay M @/absent.log", r"absent\.log: does not exist"),
     ("replay M @/bad.log", r"bad\.log, line 1"),
     ("replay M @/lacking.csv", r"lacking\.csv: has no column"),
