@@ -28,9 +28,9 @@ class FirstMomentChange:
         )
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Units of its sizes."""
-        return ("kg m", "kg m", "kg m^2")
+    def usual(self) -> tuple[float, ...]:
+        """Usual sizes of X, Z [kg m] and J [kg m^2]."""
+        return (1000.0, 1000.0, 3000.0)
 
     def change(self, machine: Machine, where: int) -> Array:
         """(3N, 3): first moments X and Z of the link, and its inertia J."""

@@ -31,7 +31,8 @@ from cylforce.words.estimate import Array
 from cylforce.words.events import Frame, Tick
 
 SHORTEST_S = 20.0  # of a stretch
-MOVING_S = 15.0  # of usable rows, below which nothing is concluded
+MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
+BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 SEED = 1  # of the permutations and of the bootstrap
 
 
@@ -65,7 +66,7 @@ def diagnose(
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     viewer, known = _viewer(loaded, question, clean)
     found = search(viewer, faulty, clean, _only(library, question.only), lambda doing: watch(doing, None), known)
-    seconds = float(np.sum(found.blocks.faulty_rows)) / max(len(found.floor.rms), 1) / RATE_HZ
+    seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     verdict, rng = judged(found), np.random.default_rng(SEED)
@@ -105,7 +106,7 @@ def _viewer(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tu
     service = loaded.service
     if question.identified is None and not clean:
         sheet = Model(service.machine, service.filters, ())
-        return Viewer(sheet, sheet.prior.mean), None
+        return Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance))
     model = Model(service.machine, service.filters, FRICTION)
     if question.identified is None:
         return Viewer(model, fitted_tares(model, clean)), None

@@ -10,15 +10,16 @@ from cylforce.core.gap.evidence import Blocks, Evidence
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
 from cylforce.core.gap.rank import Ranked, magnitude, ranking
-from cylforce.core.gap.rows import Recorded, Viewer
+from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
 from cylforce.core.gap.whitening import Floor, floor_of
 from cylforce.core.model import Model
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
-MOST = 4  # effects
+MOST = 6  # effects
 MINOR = 0.04  # of the gap's energy: a lesser cause is not looked for
 FOLDS = 4
+RIVALS = 8  # of a cause, that are asked again
 NEAR = 0.6  # of the best's score
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
@@ -104,20 +105,44 @@ def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
 
 
 def noise_floor(problem: Problem) -> Floor:
-    """From the clean recordings' residual, all lasting columns fitted; without clean ones, the faulty ones'."""
+    """From the clean recordings' residual, all lasting columns fitted. Without clean ones the faulty ones' is all there
+    is: what every fifth of them leaves when it is predicted from the others."""
     held = problem.clean or problem.faulty
     columns = [problem.columns(seen) for seen in held]
-    scale = FIRST_GUESS * np.sqrt(np.nanmean(np.concatenate([c[..., -1] for c in columns]) ** 2, axis=0)) + 1e-9
-    size, rows = problem.lasting, columns[0].shape[1]
-    prior = np.diag(problem.spread[:size] ** -2.0)
-    floor = Floor(scale, np.zeros((rows, 1)), scale)
+    scale = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9
+    size = problem.lasting
+    floor = Floor(scale, np.zeros((len(scale), 1)), scale)
     for _ in range(2):
-        gram = np.zeros((size, size + 1))
-        for c in columns:
-            gram += _normal(c, floor, size)
-        values = np.linalg.solve(gram[:, :-1] + prior, gram[:, -1])
-        floor = floor_of([c[..., -1] - c[..., :size] @ values for c in columns])
+        whole = np.sum([_normal(c, floor, size) for c in columns], axis=0)
+        values = _ridge(problem, whole)
+        left = [c[..., -1] - c[..., :size] @ values for c in columns]
+        if not problem.clean:
+            left = [_predicted(problem, c, whole, floor) for c in columns]
+        floor = floor_of(left)
     return floor
+
+
+def _mean(x: Array) -> Array:
+    """Mean (R,) over time of what is known; 1 where nothing is."""
+    good = np.isfinite(x)
+    count = np.sum(good, axis=0)
+    return np.asarray(np.where(count > 0, np.sum(np.where(good, x, 0.0), axis=0) / np.maximum(count, 1), 1.0))
+
+
+def _ridge(problem: Problem, gram: Array) -> Array:
+    size = problem.lasting
+    return np.asarray(np.linalg.solve(gram[:, :-1] + np.diag(problem.spread[:size] ** -2.0), gram[:, -1]))
+
+
+def _predicted(problem: Problem, columns: Array, whole: Array, floor: Floor) -> Array:
+    """Residual (T, R) of every fifth part of a recording, predicted from all else."""
+    found, size = np.full(columns.shape[:2], np.nan), problem.lasting
+    part = np.arange(len(columns)) // (5 * BLOCK) % 5
+    for k in range(5):
+        here = columns[part == k]
+        values = _ridge(problem, whole - _normal(here, floor, size))
+        found[part == k] = here[..., -1] - here[..., :size] @ values
+    return found
 
 
 def _normal(columns: Array, floor: Floor, size: int) -> Array:
@@ -156,11 +181,34 @@ def _greedy(
             applied = _sizes(blocks, held, applied)
             problem = without(problem, viewer, _bending(held, applied), original)
             blocks = problem.blocks(floor)
+    held = _exchanged(problem, blocks, held, rivals, applied)
     evidence = Evidence(blocks, [r.option.term for r in held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
     energy = Energy(before, after, usual, clean)
     causes = _causes(blocks, held, rivals, applied, evidence)
     return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence)
+
+
+def _exchanged(
+    problem: Problem,
+    blocks: Blocks,
+    held: list[Ranked],
+    rivals: list[tuple[Ranked, ...]],
+    applied: dict[int, Array],
+) -> list[Ranked]:
+    """Each cause against its rivals again, now that the others are known: what was ranked beside nothing may have
+    carried a part of them. Causes that were taken out of the recordings stay."""
+    for n in range(len(held) if len(held) > 1 else 0):
+        others = [r for k, r in enumerate(held) if k != n]
+        near = [held[n], *rivals[n][:RIVALS]]
+        if n in applied or any(bends(r.option) for r in near[1:2]):
+            continue
+        evidence = Evidence(blocks, [r.option.term for r in others])
+        ranked = ranking(problem, evidence, [r.option.proposal for r in near], besides=others)
+        if ranked:
+            held[n] = ranked[0]
+            rivals[n] = tuple(r for r in ranked[1:] if r.score > NEAR * ranked[0].score)
+    return held
 
 
 def _usual(blocks: Blocks) -> Array:

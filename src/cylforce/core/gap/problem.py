@@ -20,7 +20,8 @@ from cylforce.words.estimate import Array
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual sizes of what incidents change
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
-MOST_WINDOWS = 25
+RARE = 0.4  # of all blocks: what happens more often is no incident
+FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 INSTANTS = 20.0  # that could as well have been the one
 
 
@@ -160,12 +161,16 @@ class Problem:
             yield self._from(p, places, k, len(one))
 
     def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
-        gains = self._local(places, evidence)
-        hit = [int(k) for k in np.argsort(-gains)[:MOST_WINDOWS] if gains[k] > NOTICED]
-        if hit:
-            course = np.repeat(np.eye(len(self.times))[sorted(hit)], len(places), axis=0)
+        hit = np.flatnonzero(self._local(places, evidence) > NOTICED)
+        seen = np.sum(evidence.blocks.faulty_rows > 0.0)
+        if 0 < len(hit) <= RARE * seen and not self._free(p):
+            course = np.repeat(np.eye(len(self.times))[hit], len(places), axis=0)
             cost = len(hit) * float(np.log(len(self.times)))
             yield Option(p, f"{len(hit)} times", Term(places * len(hit), course), cost)
+
+    def _free(self, p: Proposal) -> bool:
+        """Whether the effect has as many freedoms as there are rows."""
+        return p.about.axes >= THIRDS * (FREEDOM - 1) and len(self.model.machine.rows) < FREEDOM
 
     def _local(self, places: tuple[int, ...], evidence: Evidence) -> Array:
         """Evidence (B,) [nats] for the columns in each faulty block by itself."""
@@ -181,9 +186,7 @@ class Problem:
 def _sizes(effect: object) -> tuple[float, ...]:
     """Usual sizes of an effect's columns."""
     if isinstance(effect, Weight):
-        high = effect.about.high
-        usual = {"kg": high / 2.0, "kg m": high / 2.0, "kg m^2": 3.0 * high}
-        return tuple(usual[unit] for unit in effect.units)
+        return effect.usual
     about = getattr(effect, "about")  # noqa: B009
     return (about.high / 2.0,)
 
