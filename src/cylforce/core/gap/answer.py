@@ -130,4 +130,4 @@ def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
 
 def _candidate(ranked: Ranked) -> dict[str, Any]:
     name, at = ranked.key
-    return {"name": name, "at": at, "nats": ranked.score, "inflation": ranked.told.inflation}
+    return {"name": name, "at": at, "nats": ranked.score}

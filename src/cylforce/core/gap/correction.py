@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core.gap.problem import Option, Problem, Seen
-from cylforce.core.gap.rows import Recorded, Viewer
+from cylforce.core.gap.rows import Recorded, Rows, Viewer
 from cylforce.machine.candidate import Alteration, Course, Distortion, Incident, Place, places
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
@@ -41,8 +41,28 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origin
         for each in reversed(applied):
             values = _corrected(problem, viewer.model.machine, each, recorded._replace(values=values))
         found = recorded._replace(values=values)
-        faulty.append(Seen(found, other.rows(found, problem.proposals)))
+        faulty.append(Seen(found, _renewed(problem, other, found, applied)))
     return replace(problem, faulty=tuple(faulty))
+
+
+def _renewed(problem: Problem, viewer: Viewer, recorded: Recorded, applied: Sequence[Applied]) -> Rows:
+    """The rows of a corrected recording; the columns of effects that were not applied stay as they were."""
+    proposals = [each.option.proposal for each in applied]
+    old = next(
+        seen.rows
+        for seen in problem.faulty
+        if seen.recorded.begins == recorded.begins and seen.recorded.name == recorded.name
+    )
+    new = viewer.rows(recorded, proposals)
+    effects, k = old.effects.copy(), 0
+    for proposal in proposals:
+        if isinstance(proposal.group[0], Incident):
+            continue
+        places = problem.places[problem.proposals.index(proposal)]
+        here = [place - problem.first for place in places]
+        effects[..., here] = new.effects[..., k : k + len(here)]
+        k += len(here)
+    return new._replace(effects=effects)
 
 
 def _altered(machine: Machine, applied: Applied) -> Machine:

@@ -9,7 +9,7 @@ from cylforce.core.gap.correction import Applied, bends, without
 from cylforce.core.gap.evidence import Blocks, Evidence
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
-from cylforce.core.gap.rank import Ranked, magnitude, ranking
+from cylforce.core.gap.rank import TIE, Ranked, magnitude, ranking
 from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
 from cylforce.core.gap.whitening import Floor, floor_of
 from cylforce.core.model import Model
@@ -17,9 +17,9 @@ from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
 MOST = 6  # effects
-MINOR = 0.04  # of the gap's energy: a lesser cause is not looked for
+MINOR = 0.01  # of the gap's energy: a lesser cause is not looked for
 FOLDS = 4
-RIVALS = 8  # of a cause, that are asked again
+ROUNDS = 2  # in which columns are computed anew at the sizes found
 NEAR = 0.6  # of the best's score
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
@@ -158,57 +158,64 @@ def _normal(columns: Array, floor: Floor, size: int) -> Array:
 def _greedy(
     viewer: Viewer, problem: Problem, blocks: Blocks, floor: Floor, original: list[Recorded], watch: Watch
 ) -> Search:
-    first_problem = problem
-    held: list[Ranked] = []
-    applied: dict[int, Array] = {}
-    rivals: list[tuple[Ranked, ...]] = []
+    """Causes one by one, each exchanged as soon as another does better beside the others; then those that are not
+    linear in their size are taken out of the recordings, and what is left is looked at again."""
+    first_problem, usual = problem, _usual(blocks)
     base = Evidence(blocks)
     _, before = base.squares((), base.fitted)
-    usual = _usual(blocks)
-    first: tuple[Ranked, ...] = ()
-    for step in range(MOST):
-        watch(f"search, step {step + 1}")
-        evidence = Evidence(blocks, [r.option.term for r in held])
-        ranked = ranking(problem, evidence, besides=held)
-        first = first or tuple(ranked)
-        worth = MINOR * float(np.sum(before) - np.sum(usual)) / (2.0 * TEMPER)
-        if not ranked or ranked[0].score < max(ENOUGH, worth):
-            break
-        best, others = ranked[0], tuple(r for r in ranked[1:] if r.score > NEAR * ranked[0].score)
-        held.append(best)
-        rivals.append(others)
-        if bends(best.option):
-            applied = _sizes(blocks, held, applied)
-            problem = without(problem, viewer, _bending(held, applied), original)
-            blocks = problem.blocks(floor)
-    held = _exchanged(problem, blocks, held, rivals, applied)
+    worth = max(ENOUGH, MINOR * float(np.sum(before) - np.sum(usual)) / (2.0 * TEMPER))
+    watch("search")
+    first = tuple(ranking(problem, base))
+    held = _settled(problem, blocks, [], worth)
+    applied: dict[tuple[str, str], Array] = {}
+    for _ in range(ROUNDS if any(bends(r.option) for r in held) else 0):
+        watch("columns at the sizes found")
+        applied = _sizes(blocks, held, applied)
+        problem = without(problem, viewer, _bending(held, applied), original)
+        blocks = problem.blocks(floor)
+        held = _settled(problem, blocks, held, worth, kept=tuple(applied))
+        applied = {key: sizes for key, sizes in applied.items() if key in {r.key for r in held}}
     evidence = Evidence(blocks, [r.option.term for r in held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
-    energy = Energy(before, after, usual, clean)
-    causes = _causes(blocks, held, rivals, applied, evidence)
-    return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence)
+    causes = _causes(first_problem, blocks, floor, held, applied, evidence)
+    return Search(first_problem, problem, blocks, floor, causes, Energy(before, after, usual, clean), first, evidence)
+
+
+def _settled(
+    problem: Problem, blocks: Blocks, start: Sequence[Ranked], worth: float, kept: tuple[tuple[str, str], ...] = ()
+) -> list[Ranked]:
+    """A set of causes to which none can be added, of which none can be exchanged or left out; `kept` ones stay."""
+    held = list(start)
+    for _ in range(2 * MOST):
+        added = _added(problem, blocks, held, worth)
+        held = [*held, added] if added and len(held) < MOST else held
+        better = _exchanged(problem, blocks, held, worth, kept)
+        if added is None and [r.key for r in better] == [r.key for r in held]:
+            return better
+        held = better
+    return held
+
+
+def _added(problem: Problem, blocks: Blocks, held: Sequence[Ranked], worth: float) -> Ranked | None:
+    ranked = ranking(problem, Evidence(blocks, [r.option.term for r in held]), besides=held)
+    return ranked[0] if ranked and ranked[0].score >= worth and len(held) < MOST else None
 
 
 def _exchanged(
-    problem: Problem,
-    blocks: Blocks,
-    held: list[Ranked],
-    rivals: list[tuple[Ranked, ...]],
-    applied: dict[int, Array],
+    problem: Problem, blocks: Blocks, held: list[Ranked], worth: float, kept: tuple[tuple[str, str], ...]
 ) -> list[Ranked]:
-    """Each cause against its rivals again, now that the others are known: what was ranked beside nothing may have
-    carried a part of them. Causes that were taken out of the recordings stay."""
-    for n in range(len(held) if len(held) > 1 else 0):
-        others = [r for k, r in enumerate(held) if k != n]
-        near = [held[n], *rivals[n][:RIVALS]]
-        if n in applied or any(bends(r.option) for r in near[1:2]):
+    """Each cause against all others again, now that its companions are known."""
+    for n in range(len(held) - 1 if len(held) > 1 else 0):
+        if held[n].key in kept:
             continue
-        evidence = Evidence(blocks, [r.option.term for r in others])
-        ranked = ranking(problem, evidence, [r.option.proposal for r in near], besides=others)
-        if ranked:
-            held[n] = ranked[0]
-            rivals[n] = tuple(r for r in ranked[1:] if r.score > NEAR * ranked[0].score)
-    return held
+        others = [r for k, r in enumerate(held) if k != n]
+        ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), besides=others)
+        own = next((r for r in ranked if r.key == held[n].key), None)
+        if ranked and (own is None or ranked[0].score > own.score + TIE):
+            held = [*held[:n], ranked[0], *held[n + 1 :]]
+        elif own is not None:
+            held = [*held[:n], own, *held[n + 1 :]]
+    return [r for r in held if r.key in kept or r.score >= worth]
 
 
 def _usual(blocks: Blocks) -> Array:
@@ -227,36 +234,44 @@ def _usual(blocks: Blocks) -> Array:
     return np.asarray(np.sum(left[good]) / np.sum(blocks.clean_rows) * blocks.faulty_rows)
 
 
-def _sizes(blocks: Blocks, held: Sequence[Ranked], applied: dict[int, Array]) -> dict[int, Array]:
-    """Total sizes of all held terms: what is taken out already and what is left of it."""
+def _sizes(
+    blocks: Blocks, held: Sequence[Ranked], applied: dict[tuple[str, str], Array]
+) -> dict[tuple[str, str], Array]:
+    """Total sizes of all causes that bend: what is taken out already and what is left of it."""
     evidence = Evidence(blocks, [r.option.term for r in held])
-    k, found = len(blocks.shared), dict(applied)
-    for n, r in enumerate(held):
+    k, found = len(blocks.shared), {}
+    for r in held:
         m = len(r.option.term.columns)
         if bends(r.option):
-            found[n] = found.get(n, np.zeros(m)) + evidence.fitted[k : k + m]
+            found[r.key] = applied.get(r.key, np.zeros(m)) + evidence.fitted[k : k + m]
         k += m
     return found
 
 
-def _bending(held: Sequence[Ranked], applied: dict[int, Array]) -> list[Applied]:
-    return [Applied(held[n].option, sizes) for n, sizes in applied.items()]
+def _bending(held: Sequence[Ranked], applied: dict[tuple[str, str], Array]) -> list[Applied]:
+    return [Applied(r.option, applied[r.key]) for r in held if r.key in applied]
 
 
 def _causes(
+    original: Problem,
     blocks: Blocks,
+    floor: Floor,
     held: Sequence[Ranked],
-    rivals: Sequence[tuple[Ranked, ...]],
-    applied: dict[int, Array],
+    applied: dict[tuple[str, str], Array],
     evidence: Evidence,
 ) -> tuple[Cause, ...]:
+    """The causes with their total sizes; scores and rivals are those on the recordings as they were."""
     found, k = [], len(blocks.shared)
-    for n, r in enumerate(held):
+    plain = original.blocks(floor) if applied else blocks
+    for r in held:
         m = len(r.option.term.columns)
-        others = Evidence(blocks, [o.option.term for o in held if o is not r])
-        told = others.of(r.option.term, TEMPER)
-        sizes = evidence.fitted[k : k + m] + applied.get(n, np.zeros(m))
+        others = [o for o in held if o is not r]
+        ranked = ranking(original, Evidence(plain, [o.option.term for o in others]), besides=others)
+        own = next((x for x in ranked if x.key == r.key), r)
+        rivals = tuple(x for x in ranked if x.key != r.key and x.score > NEAR * own.score)
+        told = Evidence(blocks, [o.option.term for o in others]).of(r.option.term)
+        sizes = evidence.fitted[k : k + m] + applied.get(r.key, np.zeros(m))
         errors = np.sqrt(np.diag(told.covariance))
-        found.append(Cause(r, sizes, errors, magnitude(r, sizes), r.score, told.inflation, rivals[n]))
+        found.append(Cause(r, sizes, errors, magnitude(r, sizes), own.score, told.inflation, rivals))
         k += m
     return tuple(found)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from cylforce.core.gap.rows import BLOCK
 from cylforce.core.gap.whitening import Floor, whitened
@@ -37,7 +38,7 @@ class Term(NamedTuple):
 
 class Told(NamedTuple):
     """What the data tell of a term: sizes `value` (M,) with `covariance` (M, M), `evidence` [nats] against its absence,
-    and `inflation`: the scatter of the blocks' scores, the term taken off, over that of white noise."""
+    and `inflation`: scatter of the blocks' scores, the term taken off, over that of white noise (NaN: not asked)."""
 
     value: Array
     covariance: Array
@@ -73,26 +74,29 @@ class Evidence:
         self._weight, self._alone = faulty, np.tensordot(faulty, blocks.faulty, 1)
         self._base = list(blocks.shared)
         self._spread = np.concatenate([blocks.spread[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
-        known = self._joint(self.held)
-        self._root = np.linalg.cholesky(known[:-1, :-1] + np.diag(self._spread**-2.0))
-        self.fitted = self._solved(known[:-1, -1])
+        self._columns = [c for h in self.held for c in h.columns]
+        self._course = np.concatenate([np.zeros((0, len(blocks.faulty))), *(h.course for h in self.held)])
+        self._root = cho_factor(self._known() + np.diag(self._spread**-2.0))
+        self._score = np.concatenate([self._both[self._base, -1], self._held_across()[:, -1]])
+        self.fitted = self._solved(self._score)
 
-    def _joint(self, terms: Sequence[Term]) -> Array:
-        """The Gram matrix of [base | terms | left]."""
-        base, last = self._base, self._both.shape[0] - 1
-        columns = [c for term in terms for c in term.columns]
-        n, m = len(base), len(columns)
-        outer = [*range(n), n + m]
-        found = np.empty((n + m + 1, n + m + 1))
-        found[np.ix_(outer, outer)] = self._both[np.ix_([*base, last], [*base, last])]
-        if m:
-            course = np.concatenate([term.course for term in terms])
-            across = np.stack([self._across(k, c) for k, c in zip(columns, course, strict=True)])
-            within = self._within(columns, course)
-            found[n : n + m, outer] = across[:, [*base, last]]
-            found[np.ix_(outer, range(n, n + m))] = across[:, [*base, last]].T
-            found[n : n + m, n : n + m] = within
-        return found
+    def _held_across(self) -> Array:
+        """Gram rows (H, K+1) of the held terms' columns."""
+        rows = [self._across(k, c) for k, c in zip(self._columns, self._course, strict=True)]
+        return np.array(rows).reshape(-1, self._both.shape[0])
+
+    def _known(self) -> Array:
+        """The Gram matrix of [base | held terms]."""
+        across = self._held_across()[:, self._base]
+        within = self._within(self._columns, self._course, self._columns, self._course)
+        return np.block([[self._both[np.ix_(self._base, self._base)], across.T], [across, within]])
+
+    def _beside(self, term: Term) -> tuple[Array, Array, Array]:
+        """Of one more term the Gram matrices with [base | held] (N+H, M) and with itself (M, M), and its score (M,)."""
+        columns = list(term.columns)
+        across = np.stack([self._across(k, c) for k, c in zip(columns, term.course, strict=True)])
+        old = np.concatenate([across[:, self._base].T, self._within(self._columns, self._course, columns, term.course)])
+        return old, self._within(columns, term.course, columns, term.course), across[:, -1]
 
     def _across(self, column: int, course: Array) -> Array:
         """Gram row (K+1,) of a column with its course."""
@@ -101,39 +105,42 @@ class Evidence:
         on = course != 0.0
         return np.asarray((course[on] * self._weight[on]) @ self.blocks.faulty[on, column, :])
 
-    def _within(self, columns: list[int], course: Array) -> Array:
-        """Gram matrix (M, M) of columns with their courses."""
-        if np.all(course == 1.0):
-            return np.asarray(self._alone[np.ix_(columns, columns)])
-        each = self.blocks.faulty[:, columns][:, :, columns]
-        return np.asarray(np.einsum("ab,cb,b,bac->ac", course, course, self._weight, each, optimize=True))
+    def _within(self, rows: list[int], course: Array, columns: list[int], other: Array) -> Array:
+        """Gram matrix (M, N) of columns with their courses."""
+        if np.all(course == 1.0) and np.all(other == 1.0):
+            return np.asarray(self._alone[np.ix_(rows, columns)])
+        found = np.zeros((len(rows), len(columns)))
+        for m, (j, a) in enumerate(zip(rows, course, strict=True)):
+            for n, (k, b) in enumerate(zip(columns, other, strict=True)):
+                found[m, n] = (a * b * self._weight) @ self.blocks.faulty[:, j, k]
+        return found
 
     def _solved(self, right: Array) -> Array:
-        return np.asarray(np.linalg.solve(self._root.T, np.linalg.solve(self._root, right)))
+        return np.asarray(cho_solve(self._root, right))
 
     def of(self, term: Term, temper: float | None = None) -> Told:
-        """The evidence for one more term, tempered by `temper`, by default by its own inflation."""
-        joint, m = self._joint([*self.held, term]), len(term.columns)
-        old, new = slice(0, len(joint) - 1 - m), slice(len(joint) - 1 - m, len(joint) - 1)
-        gain = self._solved(joint[old, new])
+        """The evidence for one more term, tempered by `temper`; by default by its own inflation, which is then told."""
+        old, new, own = self._beside(term)
+        gain = self._solved(old)
         unit = self.blocks.spread[list(term.columns)]
-        information = (joint[new, new] - joint[old, new].T @ gain) * np.outer(unit, unit)
-        score = (joint[new, -1] - joint[old, new].T @ self.fitted) * unit
-        one = np.eye(m)
-        inflation = self._inflation(term, gain, np.linalg.solve(information + one, score) * unit, information)
-        divide = inflation if temper is None else temper
+        information = (new - old.T @ gain) * np.outer(unit, unit)
+        score = (own - old.T @ self.fitted) * unit
+        one = np.eye(len(unit))
+        divide, inflation = temper, float("nan")
+        if divide is None:
+            divide = inflation = self._inflation(
+                term, gain, np.linalg.solve(information + one, score) * unit, information
+            )
         precision = information / divide + one
         value = np.linalg.solve(precision, score / divide)
         evidence = 0.5 * float(score @ value) / divide - 0.5 * float(np.linalg.slogdet(precision)[1])
-        covariance = np.linalg.inv(information / max(inflation, divide) + one) * np.outer(unit, unit)
-        return Told(value * unit, covariance, evidence, inflation)
+        return Told(value * unit, np.linalg.inv(precision) * np.outer(unit, unit), evidence, inflation)
 
     def blind(self, column: int, temper: float) -> float:
         """Standard error of a column's size in the faulty recordings, from them alone: infinite where it shows not."""
-        joint = self._joint([*self.held, Term((column,), np.ones((1, len(self.blocks.faulty))))])
-        gain = self._solved(joint[:-2, -2])
-        information = float(joint[-2, -2] - joint[:-2, -2] @ gain) / temper
-        return float(information**-0.5) if information > 1e-12 * float(joint[-2, -2]) > 0.0 else float("inf")
+        old, new, _ = self._beside(Term((column,), np.ones((1, len(self.blocks.faulty)))))
+        information = float(new[0, 0] - old[:, 0] @ self._solved(old[:, 0])) / temper
+        return float(information**-0.5) if information > 1e-12 * float(new[0, 0]) > 0.0 else float("inf")
 
     def left(self, terms: Sequence[Term], values: Array) -> tuple[Array, Array]:
         """See `coefficients`."""
@@ -160,12 +167,6 @@ class Evidence:
         a, b = self.left(terms, values)
         clean = np.einsum("bi,bij,bj->b", a, self.blocks.clean, a, optimize=True)
         return clean, np.einsum("bi,bij,bj->b", b, self.blocks.faulty, b, optimize=True)
-
-    def joint_values(self, term: Term, told: Told) -> Array:
-        """Values of base, held terms and the term itself, fitted together."""
-        joint, m = self._joint([*self.held, term]), len(term.columns)
-        old, new = slice(0, len(joint) - 1 - m), slice(len(joint) - 1 - m, len(joint) - 1)
-        return np.concatenate([self.fitted - self._solved(joint[old, new]) @ told.value, told.value])
 
     def _inflation(self, term: Term, gain: Array, value: Array, information: Array) -> float:
         """Scatter of the blocks' scores over that of white noise, with the term itself taken off."""

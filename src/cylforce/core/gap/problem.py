@@ -62,7 +62,7 @@ class Problem:
         return np.concatenate([self.known, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
 
     @cached_property
-    def _first(self) -> int:
+    def first(self) -> int:
         """The number of the first effect's column."""
         return len(self.model.parameters) + len(CENTRE) * len(self._loaded)
 
@@ -74,7 +74,7 @@ class Problem:
     @cached_property
     def places(self) -> tuple[tuple[int, ...], ...]:
         """The columns of every proposal."""
-        found, k = [], self._first
+        found, k = [], self.first
         for p in self.proposals:
             if isinstance(p.group[0], Incident):
                 names = p.group[0].columns
@@ -102,7 +102,7 @@ class Problem:
         none = (np.zeros((0, size, size)), np.zeros(0))
         clean = [none, *(grams(self.columns(seen), floor) for seen in self.clean)]
         faulty = [grams(self.columns(seen), floor) for seen in self.faulty]
-        shared = self.lasting if self.clean else self._first
+        shared = self.lasting if self.clean else self.first
         (a, m), (b, n) = ([np.concatenate(x) for x in zip(*each, strict=True)] for each in (clean, faulty))
         return Blocks(a, b, m, n, self.spread, tuple(range(shared)))
 
@@ -157,7 +157,7 @@ class Problem:
         one = np.ones_like(self.times)
         yield Option(p, "always", Term(places, one[None]), 0.0)
         yield Option(p, "growing", Term(places * 2, np.stack([one, self.times / 100.0])), 0.0)
-        for k in range(1, len(one) - 2):
+        for k in range(1, len(one) - 2, 2):
             yield self._from(p, places, k, len(one))
 
     def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:

@@ -11,6 +11,8 @@ from cylforce.core.gap.problem import TEMPER, Option, Problem
 from cylforce.machine.candidate import THIRDS, Course, Incident
 from cylforce.words.estimate import Array
 
+TIE = 3.0  # nats that are no difference
+
 
 class Ranked(NamedTuple):
     """An option, what the data tell of it, its `score` [nats]: its evidence less what its freedom costs."""
@@ -57,7 +59,14 @@ def ranking(
         found = Ranked(option, told, told.evidence - option.cost)
         if _possible(found) and found.score > best.get(found.key, found._replace(score=-1e300)).score:
             best[found.key] = found
-    return sorted(best.values(), key=lambda r: -r.score)
+    return _simplest(sorted(best.values(), key=lambda r: -r.score))
+
+
+def _simplest(ranked: list[Ranked]) -> list[Ranked]:
+    """The ranking, but first among those as good as the best stands the one with the fewest sizes."""
+    tied = [r for r in ranked if r.score > ranked[0].score - TIE]
+    first = min(tied, key=lambda r: len(r.option.term.columns), default=None)
+    return ranked if first is None else [first, *(r for r in ranked if r is not first)]
 
 
 def _possible(found: Ranked) -> bool:

@@ -50,7 +50,7 @@ def gap(search: Search, rng: np.random.Generator) -> Gap:
     removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
     n = len(search.original.model.parameters)
     shift = refit_values[:n] / search.original.spread[:n]
-    return Gap(_rms(before), _rms(refit), _rms(after), floor, closure, *interval, float(removed), shift)
+    return Gap(rms(before), rms(refit), rms(after), floor, closure, *interval, float(removed), shift)
 
 
 def _base(problem: Problem) -> int:
@@ -103,8 +103,11 @@ def fixed(problem: Problem, blocks: Blocks) -> tuple[list[Array], list[Array]]:
     return clean, _residuals(problem, blocks, (), values)
 
 
-def _rms(each: Sequence[Array]) -> Array:
-    return np.asarray(np.sqrt(np.nanmean(np.concatenate(each) ** 2, axis=0)))
+def rms(each: Sequence[Array]) -> Array:
+    """Of all residuals together, per row (R,); 0 where nothing is known."""
+    whole = np.concatenate(each)
+    good = np.isfinite(whole)
+    return np.asarray(np.sqrt(np.sum(np.where(good, whole, 0.0) ** 2, axis=0) / np.maximum(np.sum(good, axis=0), 1)))
 
 
 def _blockwise(residual: Array) -> Array:
@@ -122,7 +125,8 @@ def _closure(before: Array, after: Array, floor: Array, rng: np.random.Generator
     """1 - (MSE after - floor)/(MSE before - floor), rows weighted by their floor, and its interval by drawing spans
     of blocks anew."""
     unit = floor**2
-    a, b = (np.nan_to_num(np.nanmean(_spans(x / unit), axis=1), nan=0.0) for x in (before, after))
+    kept = [np.any(np.isfinite(_spans(x / unit)), axis=1) for x in (before, after)]
+    a, b = (np.nanmean(_spans(x / unit)[kept[0] & kept[1]], axis=1) for x in (before, after))
     draws = rng.integers(0, len(a), (DRAWS, len(a)))
     each = [_share(a[k], b[k]) for k in (np.arange(len(a)), *draws)]
     low, high = np.percentile(each[1:], [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
@@ -139,6 +143,19 @@ def _spans(squares: Array) -> Array:
     padded = np.full((count * SPAN, squares.shape[1]), np.nan)
     padded[: len(squares)] = squares
     return padded.reshape(count, SPAN * squares.shape[1])
+
+
+def contributions(search: Search) -> Array:
+    """What each cause adds to the torques of the faulty recordings (N, R) [N m, rms], by its columns."""
+    problem, found = search.original, []
+    columns = [problem.columns(seen) for seen in problem.faulty]
+    for cause in search.causes:
+        term, each = cause.ranked.option.term, []
+        for c, (first, last) in zip(columns, problem.spans, strict=True):
+            sizes = cause.sizes[:, None] * term.course[:, first:last]
+            each.append(np.einsum("trm,tm->tr", c[..., list(term.columns)], _rows(sizes.T, len(c))))
+        found.append(rms(each))
+    return np.array(found).reshape(len(search.causes), -1)
 
 
 class Ends(NamedTuple):

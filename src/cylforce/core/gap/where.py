@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.problem import Seen
-from cylforce.core.gap.residuals import fixed
+from cylforce.core.gap.residuals import fixed, rms
 from cylforce.core.gap.rows import BLOCK
 from cylforce.words.estimate import Array
 
@@ -57,23 +57,26 @@ def where(search: Search, rng: np.random.Generator) -> list[Spot]:
     spots = []
     for r, j in enumerate(problem.model.machine.rows):
         c = problem.model.acting[r][0]
-        excess = _mean([e[:, r] for e in faulty]) - search.floor.rms[r] ** 2
+        excess = float(rms(faulty)[r] ** 2 - search.floor.rms[r] ** 2)
+        rows = float(sum(np.sum(np.isfinite(e[:, r])) for e in faulty))
         for name, regime in REGIMES.items():
             there = [
                 [np.where(regime(seen, c), e[:, r], np.nan) for seen, e in zip(group, each, strict=True)]
                 for group, each in ((problem.clean, clean), (problem.faulty, faulty))
             ]
-            found = _spot(problem.model.machine.links[j].name, name, there[0], there[1], excess, rng)
+            found = _spot(problem.model.machine.links[j].name, name, there[0], there[1], excess, rows, rng)
             spots += [found] if found else []
     return sorted(_discoveries(spots), key=lambda s: (s.p, -s.share))
 
 
-def _mean(each: list[Array]) -> float:
-    return float(np.nanmean(np.concatenate(each) ** 2))
-
-
 def _spot(
-    channel: str, regime: str, clean: list[Array], faulty: list[Array], excess: float, rng: np.random.Generator
+    channel: str,
+    regime: str,
+    clean: list[Array],
+    faulty: list[Array],
+    excess: float,
+    rows: float,
+    rng: np.random.Generator,
 ) -> Spot | None:
     a, b = (np.concatenate([_blocks(e) for e in each]) if each else np.zeros((0, 2)) for each in (clean, faulty))
     if len(b) < 3 or len(a) < 3:
@@ -83,9 +86,7 @@ def _spot(
     real = np.mean(both[: len(b)]) - np.mean(both[len(b) :])
     chance = [_exchanged(both, len(b), rng) for _ in range(EXCHANGES)]
     p = (1 + sum(x >= real for x in chance)) / (1 + EXCHANGES)
-    rows = float(b[:, 1].sum())
-    total = float(sum(np.sum(np.isfinite(e)) for e in faulty)) or rows
-    share = (here - usual) * rows / total / excess if excess > 0.0 else 0.0
+    share = (here - usual) * float(b[:, 1].sum()) / rows / excess if excess > 0.0 else 0.0
     return Spot(channel, regime, here**0.5, usual**0.5, float(np.clip(share, 0.0, 1.0)), p, found=False)
 
 

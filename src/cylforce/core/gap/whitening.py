@@ -8,6 +8,7 @@ import numpy as np
 from cylforce.words.estimate import Array
 
 ORDER = 3
+CONSTANT = 0.2  # of a constant, at least, passes the whitening
 
 
 class Floor(NamedTuple):
@@ -44,7 +45,17 @@ def _memory(left: Sequence[Array]) -> Array:
     rows = rows[np.all(np.isfinite(rows), axis=1)]
     if len(rows) < 10 * ORDER:
         return np.zeros(ORDER)
-    return np.asarray(np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0])
+    return _forgetting(np.asarray(np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]))
+
+
+def _forgetting(memory: Array) -> Array:
+    """The same with poles moved inwards until something of a constant is left: what is slow must not be taken for
+    noise."""
+    for radius in np.linspace(1.0, 0.0, 101):
+        found = memory * radius ** np.arange(1, len(memory) + 1)
+        if 1.0 - np.sum(found) >= CONSTANT:
+            return np.asarray(found)
+    return np.zeros_like(memory)
 
 
 def _rms(x: Array) -> float:
