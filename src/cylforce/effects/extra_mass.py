@@ -28,6 +28,11 @@ class ExtraMass:
         )
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Units of its sizes."""
+        return ("kg", "kg m", "kg m", "kg m^2")
+
+    @property
     def usual(self) -> tuple[float, ...]:
         """Usual sizes: mass [kg] at the link's centre, first moments about that [kg m], inertia [kg m^2]."""
         return (500.0, 60.0, 60.0, 300.0)

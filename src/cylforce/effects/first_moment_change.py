@@ -28,6 +28,11 @@ class FirstMomentChange:
         )
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Units of its sizes."""
+        return ("kg m", "kg m", "kg m^2")
+
+    @property
     def usual(self) -> tuple[float, ...]:
         """Usual sizes of X, Z [kg m] and J [kg m^2]."""
         return (1000.0, 1000.0, 3000.0)

@@ -82,8 +82,13 @@ class Weight(Candidate, Protocol):
     """Masses that differ: a change of base parameters."""
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the M sizes of which it consists, the first that of the size proper."""
+        ...
+
+    @property
     def usual(self) -> tuple[float, ...]:
-        """Usual sizes of the M parts of which it consists, the first that of the size proper."""
+        """Usual values of those sizes."""
         ...
 
     def change(self, machine: Machine, where: int) -> Array:
