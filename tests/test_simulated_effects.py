@@ -102,9 +102,10 @@ def test_an_altered_linkage_moves_the_same_joints_by_other_levers(plain):
 
 
 def test_a_mass_on_a_link_loads_this_joint_and_those_before(plain):
-    """At rest, 300 kg at 1.2 m along the stick ask for their weight times its arm."""
-    at = MACHINE.links[1].name
-    found = simulated(imposed(MACHINE, "extra_mass", at, [300.0, 360.0, 0.0, 432.0]))
+    """At rest, 300 kg ask for their weight times its arm; their first moments are told about the link's centre."""
+    link = MACHINE.links[1]
+    besides = [300.0 * (1.2 - link.cx), 300.0 * (0.0 - link.cz), 0.0]
+    found = simulated(imposed(MACHINE, "extra_mass", link.name, [300.0, *besides]))
     (still,) = (0,)
     q, excess = plain.physics.moving.q[still], (torque(found) - torque(plain))[still]
     g = plain.physics.moving.g[still]
