@@ -189,10 +189,11 @@ def gap(
     only: Annotated[str | None, typer.Option(metavar="NAME@AT", help="Fit the size of this effect alone.")] = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
     patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
+    residuals: Annotated[Path | None, typer.Option(help="Write what is left before and after there (npz).")] = None,
 ) -> None:
     """Say why recordings differ from the model: where, which effect, how far the gap shrinks with it."""
     from cylforce.edges.settings import load as load_machine
-    from cylforce.programs.gap import Question, diagnose, show, write_answer, write_patch
+    from cylforce.programs.gap import Question, diagnose, show, write_answer, write_patch, write_residuals
     from cylforce.programs.progress import progress_bar
 
     loads = {name: float(kilograms) for name, _, kilograms in (each.rpartition("=") for each in load or ())}
@@ -203,6 +204,8 @@ def gap(
         write_answer(output, found)
     if patch is not None:
         write_patch(patch, found)
+    if residuals is not None:
+        write_residuals(residuals, found)
     show(found, Console(highlight=False))
 
 

@@ -14,7 +14,7 @@ from cylforce.core.assembler import Assembler
 from cylforce.core.gap.answer import answer
 from cylforce.core.gap.diagnosis import Search, fitted_tares, search
 from cylforce.core.gap.library import LIBRARY, Group
-from cylforce.core.gap.residuals import Gap, ends, gap
+from cylforce.core.gap.residuals import Gap, courses, ends, gap
 from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
 from cylforce.core.gap.verdict import Judged, Verdict, judged
 from cylforce.core.gap.where import where
@@ -152,6 +152,16 @@ def write_answer(path: Path, found: Diagnosed) -> None:
     """The answer as JSON."""
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(found.answer, indent=1, default=float) + "\n")
+
+
+def write_residuals(path: Path, found: Diagnosed) -> None:
+    """What is left of every recording before and after (NAME.t, NAME.before, NAME.after; NumPy's npz)."""
+    columns: dict[str, Array] = {}
+    for course in courses(found.search) if found.search else ():
+        name = Path(course.name).stem
+        columns |= {f"{name}.t": course.t, f"{name}.before": course.before, f"{name}.after": course.after}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **columns)
 
 
 def write_patch(path: Path, found: Diagnosed) -> None:

@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from cylforce.core.gap.baselines import baselines
 from cylforce.core.gap.diagnosis import Cause, Search
+from cylforce.core.gap.evidence import Evidence
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
@@ -53,6 +55,7 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
         "not_observable": hidden,
         "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
+        "baselines": {method: {"name": p.name, "at": p.at} for method, p in baselines(search).items()},
     }
 
 
@@ -104,13 +107,14 @@ def shape(proposal: Proposal) -> dict[str, Any]:
 
 def _hidden(search: Search) -> list[dict[str, Any]]:
     """Effects that would have to be implausibly large to be seen on these recordings."""
+    evidence = Evidence(search.original.blocks(search.floor))
     found: dict[tuple[str, str], float] = {}
     largest: dict[tuple[str, str], float] = {}
     for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
         if isinstance(proposal.group[0], Incident):
             continue
         key, column = (proposal.name, proposal.at), places[0]
-        size = SIGMAS * search.evidence.blind(column, TEMPER)
+        size = SIGMAS * evidence.blind(column, TEMPER)
         found[key] = min(size, found.get(key, np.inf))
         largest[key] = proposal.about.high
     return [

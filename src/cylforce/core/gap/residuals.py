@@ -145,6 +145,26 @@ def _spans(squares: Array) -> Array:
     return padded.reshape(count, SPAN * squares.shape[1])
 
 
+class Course(NamedTuple):
+    """A faulty recording's name, times `t` (T,) [s] from its beginning, what is left (T, R) [N m] `before` and
+    `after`."""
+
+    name: str
+    t: Array
+    before: Array
+    after: Array
+
+
+def courses(search: Search) -> list[Course]:
+    """What is left of each faulty recording with the parameters as they were, and with the causes, held out."""
+    _, before = fixed(search.original, search.original.blocks(search.floor))
+    after = held_out(search.problem, search.blocks, search.evidence.held)
+    return [
+        Course(seen.recorded.name, seen.rows.t - seen.recorded.begins, a, b)
+        for seen, a, b in zip(search.original.faulty, before, after, strict=True)
+    ]
+
+
 def contributions(search: Search) -> Array:
     """What each cause adds to the torques of the faulty recordings (N, R) [N m, rms], by its columns."""
     problem, found = search.original, []

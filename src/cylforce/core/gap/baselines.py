@@ -1,0 +1,65 @@
+"""What simple methods would have named: a diagnosis has to be better than these."""
+
+import numpy as np
+
+from cylforce.core.gap.diagnosis import Search
+from cylforce.core.gap.evidence import Blocks, Evidence, Term
+from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.problem import Problem
+from cylforce.core.gap.residuals import FAINT, SPAN
+from cylforce.machine.candidate import Incident
+from cylforce.words.estimate import Array
+
+SPARSE = 0.1  # of the largest size (in usual sizes): what is smaller is set to zero (STLSQ: Brunton et al. 2016)
+ROUNDS = 10
+
+
+def baselines(search: Search) -> dict[str, Proposal]:
+    """The proposal that each simple method puts first: the largest raw correlation with the residual, sparse
+    regression, the best prediction held out."""
+    problem = search.original
+    blocks = problem.blocks(search.floor)
+    choices = [
+        (p, list(places))
+        for p, places in zip(problem.proposals, problem.places, strict=True)
+        if not isinstance(p.group[0], Incident)
+    ]
+    gram = blocks.faulty.sum(axis=0)
+    scores = {
+        "correlation": [_correlation(gram, places[0]) for _, places in choices],
+        "sparse_regression": _sparse(gram, problem, choices),
+        "cross_validation": [_predicted(blocks, problem.first, places) for _, places in choices],
+    }
+    return {name: choices[int(np.argmax(score))][0] for name, score in scores.items()}
+
+
+def _correlation(gram: Array, column: int) -> float:
+    size = gram[column, column] * gram[-1, -1]
+    return float(gram[column, -1] ** 2 / size) if size > 0.0 else 0.0
+
+
+def _sparse(gram: Array, problem: Problem, choices: list[tuple[Proposal, list[int]]]) -> list[float]:
+    """Sizes, in usual ones, by least squares over all effects at once; small ones are struck out again and again."""
+    columns = np.array([places[0] for _, places in choices])
+    unit = problem.spread[columns]
+    scaled = gram[np.ix_(columns, columns)] * np.outer(unit, unit)
+    score, kept, sizes = gram[columns, -1] * unit, np.ones(len(columns), dtype=bool), np.zeros(len(columns))
+    for _ in range(ROUNDS):
+        sizes = np.zeros(len(columns))
+        part = scaled[np.ix_(kept, kept)] + 1e-9 * np.eye(int(kept.sum()))
+        sizes[kept] = np.linalg.lstsq(part, score[kept], rcond=None)[0]
+        kept = np.abs(sizes) > SPARSE * np.max(np.abs(sizes))
+    return [float(x) for x in np.abs(sizes)]
+
+
+def _predicted(blocks: Blocks, first: int, places: list[int]) -> float:
+    """Squares (negative) that the effect leaves of every other span when it is fitted to the rest, with the base."""
+    count = len(blocks.faulty)
+    fold = (np.arange(count) // SPAN) % 2
+    term, total = Term(tuple(places), np.ones((len(places), count))), 0.0
+    plain = blocks._replace(shared=tuple(range(first)))
+    for k in (0, 1):
+        weight = np.concatenate([np.zeros(len(blocks.clean)), np.where(fold == k, FAINT, 1.0)])
+        evidence = Evidence(plain, [term], weight)
+        total += float(np.sum(evidence.squares([term], evidence.fitted)[1][fold == k]))
+    return -total
