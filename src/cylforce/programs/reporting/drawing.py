@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from cylforce.words.estimate import Array
 
+SHOWN = 99.5  # per cent of the points that set an axis: one spoilt sample must not
 WIDTH = 11.0  # inches of the page: letters of figures are as large as those of the text
 
 INK, PALE, GRID = "#1d2733", "#7b8794", "#d9dee4"
@@ -87,3 +88,17 @@ def banded(axes: Axes, x: Array, y: Array, edges: Array, colour: str) -> None:
     middle = (edges[:-1] + edges[1:])[kept] / 2.0
     mean, spread = (np.array([f(held[k]) for k in kept]) for f in (np.mean, np.std))
     axes.errorbar(middle, mean, spread, color=colour, fmt="o", markersize=3.5, linewidth=1.1, zorder=4)
+
+
+def cloud(figure: Figure, axes: Axes, speed: Array, seen: Array, force: Array) -> None:
+    """Forces seen (T,) [N] over a cylinder's speed (T,) [m/s], coloured by its own force (T,) [N]."""
+    points = axes.scatter(speed * 1e3, seen * 1e-3, c=force * 1e-3, s=3, alpha=0.6, linewidths=0, rasterized=True)
+    bar = figure.colorbar(points, ax=axes, label="cylinder force [kN]", location="bottom", aspect=40, pad=0.02)
+    if bar.solids is not None:
+        bar.solids.set_alpha(1.0)
+
+
+def bounded(axes: Axes, values: Array) -> None:
+    """Limits of y that show nearly all values (T,), both signs alike."""
+    most = 1.2 * float(np.percentile(np.abs(values), SHOWN)) + 1e-6
+    axes.set_ylim(-most, most)

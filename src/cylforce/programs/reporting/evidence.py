@@ -1,6 +1,6 @@
 """What a recording says of identified tares, thinned for the eye: pure, and in constant memory."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -88,12 +88,19 @@ def _pieces(model: Model, segments: Iterable[tuple[str, Array]]) -> Iterator[tup
 def seen(model: Model, tares: Tares, wanted: Plan, values: Array) -> Seen:
     """Samples (T, S) of a gapless stretch, without the filters' start."""
     rows = observe(model, values)
+    moved = drives(model, wanted.joints, wanted.cylinders, values)
+    return Seen(rows.torque, rows.columns @ tares.values, rows.posture, *moved)
+
+
+def drives(model: Model, joints: Sequence[int], cylinders: Sequence[int], values: Array) -> tuple[Array, Array, Array]:
+    """Speed (T, C) [m/s] and force (T, C) [N] of the cylinders, and their levers (T, C) [m/rad] about the joints that
+    they move, of samples (T, S), without the filters' start."""
     motion = model.channels.run(values).motion
     own = np.zeros(motion.speed.shape)
-    for j, c in zip(wanted.joints, wanted.cylinders, strict=True):
+    for j, c in zip(joints, cylinders, strict=True):
         own[:, c] = motion.lever[:, c, j]
-    filtered = (_through(model.filters, x)[model.settle_steps :] for x in (motion.speed, motion.force, own))
-    return Seen(rows.torque, rows.columns @ tares.values, rows.posture, *filtered)
+    speed, force, lever = (_through(model.filters, x)[model.settle_steps :] for x in (motion.speed, motion.force, own))
+    return speed, force, lever
 
 
 def _through(filters: Filters, x: Array) -> Array:

@@ -6,12 +6,24 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 
 from cylforce.core.identification import Identification
-from cylforce.programs.reporting.drawing import BLUE, GREEN, GRID, INK, ORANGE, PALE, banded, canvas, noted, nothing
+from cylforce.programs.reporting.drawing import (
+    BLUE,
+    GREEN,
+    GRID,
+    INK,
+    ORANGE,
+    PALE,
+    banded,
+    bounded,
+    canvas,
+    cloud,
+    noted,
+    nothing,
+)
 from cylforce.programs.reporting.evidence import Evidence, Seen, Stretch, friction, push
 from cylforce.words.estimate import Array
 
 SPEED_BINS = 16
-SHOWN = 99.5  # per cent of the points that set an axis: one spoilt sample must not
 
 
 def torques(found: Identification, shown: Evidence) -> Figure:
@@ -86,19 +98,12 @@ def _law(figure: Figure, axes: Axes, found: Identification, points: Seen, left: 
     good = np.isfinite(left)
     speed, force = points.speed[good, c], points.force[good, c]
     seen = friction(found.model, found.tares, c, speed, force)[0] + left[good]
-    _cloud(figure, axes, speed, seen, force)
+    cloud(figure, axes, speed, seen, force)
     at = np.linspace(-1.0, 1.0, 201) * np.max(np.abs(speed))
     law, error = friction(found.model, found.tares, c, at, np.full_like(at, np.median(force)))
     axes.fill_between(at * 1e3, (law - 1.96 * error) * 1e-3, (law + 1.96 * error) * 1e-3, color=ORANGE, alpha=0.35)
     axes.plot(at * 1e3, law * 1e-3, color=ORANGE, linewidth=2.0)
-    _bounded(axes, seen * 1e-3)
-
-
-def _cloud(figure: Figure, axes: Axes, speed: Array, seen: Array, force: Array) -> None:
-    points = axes.scatter(speed * 1e3, seen * 1e-3, c=force * 1e-3, s=3, alpha=0.6, linewidths=0, rasterized=True)
-    bar = figure.colorbar(points, ax=axes, label="cylinder force [kN]", location="bottom", aspect=40, pad=0.02)
-    if bar.solids is not None:
-        bar.solids.set_alpha(1.0)
+    bounded(axes, seen * 1e-3)
 
 
 def _left(axes: Axes, speed: Array, left: Array) -> None:
@@ -108,12 +113,7 @@ def _left(axes: Axes, speed: Array, left: Array) -> None:
     banded(axes, speed * 1e3, left * 1e-3, np.linspace(-fast, fast, SPEED_BINS + 1) * 1e3, INK)
     axes.axhline(0.0, color=PALE, linewidth=0.8)
     axes.set_xlabel("← retracting · speed [mm/s] · extending →")
-    _bounded(axes, left[good] * 1e-3)
-
-
-def _bounded(axes: Axes, values: Array) -> None:
-    most = 1.2 * float(np.percentile(np.abs(values), SHOWN)) + 1e-6
-    axes.set_ylim(-most, most)
+    bounded(axes, left[good] * 1e-3)
 
 
 def laws(found: Identification) -> Figure:

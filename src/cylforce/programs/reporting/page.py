@@ -1,30 +1,26 @@
 """The page: figures and findings in one file of HTML that loads nothing."""
 
-from collections.abc import Callable, Mapping
-from importlib.resources import files
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from cylforce.core.coverage import NEEDED_S
 from cylforce.core.expectation import Expected
 from cylforce.core.identification import Identification
 from cylforce.programs.reporting import fits, maps
 from cylforce.programs.reporting.advice import middle
-from cylforce.programs.reporting.drawing import style, svg
 from cylforce.programs.reporting.evidence import Evidence
 from cylforce.programs.reporting.findings import Findings
+from cylforce.programs.reporting.template import Wanted, drawn, rendered
 
 
 def page(found: Identification, shown: Evidence, told: Findings, origin: Mapping[str, Any]) -> str:
     """The HTML. `origin`: what identified.toml says of its provenance, its own name `output` and `output_sha256`."""
     machine = found.model.machine
-    made = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = made.from_string((files(__package__) / "page.html.j2").read_text(encoding="utf-8"))
-    return template.render(
+    return rendered(
+        "page.html.j2",
         machine=machine.name,
         found=found,
         told=told,
@@ -56,7 +52,7 @@ def _scale(found: Identification) -> str:
 
 def _figures(found: Identification, shown: Evidence, told: Findings) -> dict[str, Markup]:
     machine = found.model.machine
-    wanted: dict[str, tuple[Callable[[], Figure], str]] = {
+    wanted: Wanted = {
         "torques": (lambda: fits.torques(found, shown), "measured and predicted torque of every joint"),
         "residuals": (lambda: fits.residuals(found, shown), "friction and residual over the speed of every cylinder"),
         "covered": (lambda: maps.covered(machine, shown), "seconds of motion in every part of every joint's range"),
@@ -64,9 +60,4 @@ def _figures(found: Identification, shown: Evidence, told: Findings) -> dict[str
         "parameters": (lambda: maps.parameters(told), "parameters with error bars against the data sheet"),
         "laws": (lambda: fits.laws(found), "held-out error of the friction laws tried"),
     }
-    return {name: _drawn(name, *how) for name, how in wanted.items()}
-
-
-def _drawn(name: str, draw: Callable[[], Figure], told: str) -> Markup:
-    with style(name):
-        return Markup(svg(draw(), told))  # noqa: S704 - our own drawing; names in it are escaped where it is drawn
+    return drawn(wanted)
