@@ -1,13 +1,19 @@
-"""`cylforce identify --report`: one file of HTML that says how well the machine is known, and what to do about it."""
+"""The reports, each one file of HTML: of `cylforce identify`, how well the machine is known; of `cylforce gap`,
+why it differs from its model."""
 
 import tomllib
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
+import cylforce
 from cylforce.core.identification import Identification
 from cylforce.edges.files import RecordingError, replacing
 from cylforce.edges.logfile import file_sha256
+from cylforce.edges.settings import Loaded
+from cylforce.programs.gap import Diagnosed, Question, sentence
 from cylforce.programs.progress import Watch, silent
 from cylforce.words.estimate import Array
 
@@ -41,3 +47,30 @@ def write_report(
     text = page(found, shown, findings(found, shown), origin)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def gap_report(loaded: Loaded, question: Question, found: Diagnosed, watch: Watch = silent) -> str:
+    """The report of a diagnosis, as HTML."""
+    from cylforce.programs.reporting.gap_page import gap_page
+
+    watch("drawing the report", None)
+    told = sentence(found.answer)
+    if found.answer["effects"]:
+        told += f" Confidence: {100 * found.answer['effects'][0]['confidence']:.0f} %."
+    parts = None if found.search is None or found.gap is None else (found.search, found.judged, found.gap)
+    return gap_page(parts, {"next_experiment": ()} | found.answer, told, _origin(loaded, question))
+
+
+def _origin(loaded: Loaded, question: Question) -> dict[str, Any]:
+    identified = () if question.identified is None else (question.identified,)
+    groups = {"field": question.field, "reference": question.reference, "identified": identified}
+    return {
+        "machine": loaded.service.machine.name,
+        "machine_sha256": loaded.sha256,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "version": cylforce.__version__,
+    } | {kind: [_file(path, question.loads) for path in paths] for kind, paths in groups.items()}
+
+
+def _file(path: Path, loads: dict[str, float]) -> dict[str, Any]:
+    return {"name": path.name, "sha256": file_sha256(path), "load": loads.get(path.name, 0.0)}

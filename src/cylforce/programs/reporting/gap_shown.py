@@ -1,0 +1,172 @@
+"""What the report of a gap draws, from the diagnosis' search and verdict: pure."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.core.gap.diagnosis import Search
+from cylforce.core.gap.evidence import Term
+from cylforce.core.gap.problem import Problem, Seen
+from cylforce.core.gap.residuals import Gap, fixed, held_out
+from cylforce.core.gap.rows import BLOCK, RATE_HZ, Viewer
+from cylforce.core.gap.verdict import Judged, Named
+from cylforce.core.gap.where import REGIMES
+from cylforce.programs.reporting import evidence
+from cylforce.words.estimate import Array
+
+STRETCH_S = 30.0
+
+
+class Heat(NamedTuple):
+    """Residual [N m, rms] of R joints in G regimes (R, G): `before`, `after`, and as clean recordings have it."""
+
+    joints: tuple[str, ...]
+    regimes: tuple[str, ...]
+    before: Array
+    after: Array
+    usual: Array
+
+
+class Overlay(NamedTuple):
+    """The stretch in which an effect shows most: title, recording, times (T,) [s], residual (T,) [N m] with the other
+    causes taken out, what the effect does there (T,) [N m]."""
+
+    title: str
+    recording: str
+    t: Array
+    residual: Array
+    effect: Array
+
+
+class Shown(NamedTuple):
+    """All that is drawn: heat map; samples of all faulty recordings, thinned, `before` and `after` (as `push` takes
+    them, residual as measured torque); overlays; `steps`: (label, residual (R,) [N m, rms])."""
+
+    heat: Heat
+    before: evidence.Seen
+    after: evidence.Seen
+    overlays: tuple[Overlay, ...]
+    steps: tuple[tuple[str, Array], ...]
+
+
+def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
+    """What is drawn of a diagnosis."""
+    clean, before = fixed(search.original, search.original.blocks(search.floor))
+    after = held_out(search.problem, search.blocks, search.evidence.held)
+    return Shown(
+        _heat(search, clean, before, after),
+        _points(search.original, before),
+        _points(search.original, after),
+        _overlays(search, judged.named, before),
+        _steps(search, judged.named, gap),
+    )
+
+
+def _heat(search: Search, clean: list[Array], before: list[Array], after: list[Array]) -> Heat:
+    problem = search.original
+    machine = problem.model.machine
+    groups = ((problem.faulty, before), (problem.faulty, after), (problem.clean, clean))
+    tables = [np.array([_row(problem, *g, r) for r in range(len(machine.rows))]) for g in groups]
+    usual = np.where(np.isfinite(tables[2]), tables[2], search.floor.rms[:, None])
+    return Heat(tuple(machine.links[j].name for j in machine.rows), tuple(REGIMES), *tables[:2], usual)
+
+
+def _row(problem: Problem, seen: tuple[Seen, ...], residuals: list[Array], r: int) -> list[float]:
+    """Residual of a joint in every regime; NaN where there is none."""
+    c = problem.model.acting[r][0]
+    pairs = list(zip(seen, residuals, strict=True))
+    return [_rms([e[regime(s, c), r] for s, e in pairs]) for regime in REGIMES.values()]
+
+
+def _rms(parts: list[Array]) -> float:
+    values = np.concatenate([*parts, np.zeros(0)])
+    good = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")
+
+
+def _points(problem: Problem, residuals: list[Array]) -> evidence.Seen:
+    viewer = Viewer(problem.model, np.zeros(len(problem.model.parameters)))
+    joints, cylinders = movers(problem)
+    parts = []
+    for seen, left in zip(problem.faulty, residuals, strict=True):
+        moved = evidence.drives(viewer.slow, joints, cylinders, viewer.thinned(seen.recorded.values))
+        parts.append(evidence.Seen(left, np.zeros_like(left), seen.rows.posture, *moved))
+    step = -(-sum(len(p.speed) for p in parts) // evidence.MOST_POINTS)
+    return evidence.Seen(*(np.concatenate(column)[::step] for column in zip(*parts, strict=True)))
+
+
+def movers(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The joints whose torque is measured, and the cylinder that moves each."""
+    model = problem.model
+    return tuple(model.machine.rows), tuple(acting[0] for acting in model.acting)
+
+
+def _overlays(search: Search, named: tuple[Named, ...], before: list[Array]) -> tuple[Overlay, ...]:
+    problem = search.original
+    each = [[_signature(problem, n, k) for k in range(len(problem.faulty))] for n in named]
+    left = [e - sum(own[k] for own in each) for k, e in enumerate(before)]
+    found = []
+    for n, own in zip(named, each, strict=True):
+        k, r, span = _most(search, own)
+        title = f"{plain(n.cause.ranked.key)}: {problem.model.machine.links[problem.model.machine.rows[r]].name}"
+        rows, part = problem.faulty[k], own[k][span, r]
+        found.append(Overlay(title, rows.recorded.name, rows.rows.t[span], left[k][span, r] + part, part))
+    return tuple(found)
+
+
+def plain(key: tuple[str, str]) -> str:
+    """Name and place for the reader."""
+    return f"{key[0].replace('_', ' ')} at {key[1]}"
+
+
+def _signature(problem: Problem, named: Named, k: int) -> Array:
+    """What an effect of the size found adds to the k-th recording's residual (T, R) [N m]."""
+    term: Term = named.cause.ranked.option.term
+    first, last = problem.spans[k]
+    columns = problem.columns(problem.faulty[k])[..., list(term.columns)]
+    course = np.repeat(named.cause.sizes[:, None] * term.course[:, first:last], BLOCK, axis=1)[:, : len(columns)]
+    return np.asarray(np.einsum("trm,mt->tr", columns, course))
+
+
+def _most(search: Search, own: list[Array]) -> tuple[int, int, slice]:
+    """The recording, row and stretch in which a signature is largest against the floor."""
+    length, best, most = round(STRETCH_S * RATE_HZ), (0, 0, slice(0, None)), -1.0
+    for k, signature in enumerate(own):
+        usable = np.isfinite(search.original.faulty[k].rows.left)
+        squares = np.where(usable, signature / search.floor.rms, 0.0) ** 2
+        totals = np.cumsum(np.vstack([np.zeros_like(squares[:1]), squares]), axis=0)
+        width = min(length, len(squares))
+        inside = totals[width:] - totals[:-width]
+        at, r = np.unravel_index(int(np.argmax(inside)), inside.shape)
+        if inside[at, r] > most:
+            most, best = float(inside[at, r]), (k, int(r), slice(int(at), int(at) + width))
+    return best
+
+
+def _steps(search: Search, named: tuple[Named, ...], gap: Gap) -> tuple[tuple[str, Array], ...]:
+    """The gap as effect after effect is taken out, on stretches that the sizes were not fitted on."""
+    problem, terms = search.original, [n.cause.ranked.option.term for n in named]
+    blocks = problem.blocks(search.floor)
+    labels = [f"+ {plain(n.cause.ranked.key)}" for n in named]
+    all_named = len(named) == len(search.causes)
+    part = len(terms) - 1 if all_named else len(terms)
+    steps = [_mean(held_out(problem, blocks, terms[: k + 1])) for k in range(part)]
+    if search.causes:
+        steps.append(gap.after)
+        labels += [] if all_named else ["+ what else was tried"]
+    return (
+        ("as it was, parameters fixed", gap.fixed),
+        ("parameters refitted", gap.refit),
+        *zip(labels, steps, strict=True),
+        ("noise floor", gap.floor),
+    )
+
+
+def _mean(residuals: list[Array]) -> Array:
+    return np.asarray([_rms([e[:, r] for e in residuals]) for r in range(residuals[0].shape[1])])
+
+
+def excess(heat: Heat, values: Array) -> NDArray[np.float64]:
+    """How many times the usual residual."""
+    return np.asarray(values / heat.usual)

@@ -1,0 +1,138 @@
+"""What the report of a gap says in words and numbers, in the reader's units: pure."""
+
+from typing import Any, NamedTuple
+
+from cylforce.core.gap.answer import SIGMAS
+from cylforce.core.gap.diagnosis import Search
+from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.problem import TEMPER
+from cylforce.core.gap.verdict import Judged, Verdict
+from cylforce.machine.candidate import Incident
+from cylforce.machine.machine import Machine
+from cylforce.programs.reporting.findings import Card
+from cylforce.programs.reporting.units import interval, shown
+from cylforce.words.signals import Kind
+
+SURE = 0.9  # confidence from which on a name may be acted upon
+CLOSED = 0.9  # of the gap's energy
+FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit
+
+
+class Line(NamedTuple):
+    """A cause that is named, for the table."""
+
+    effect: str
+    at: str
+    size: str
+    interval: str
+    form: str
+    confidence: str
+    shows: str
+
+
+class Rival(NamedTuple):
+    """What might be the cause instead: its evidence relative to that of the one named, what would tell them apart."""
+
+    named: str
+    rival: str
+    relative: str
+    close: bool
+    confirm: str
+
+
+class Least(NamedTuple):
+    """Smallest detectable sizes of one effect, (place, size, whether implausibly large) each."""
+
+    effect: str
+    plausible: str
+    places: tuple[tuple[str, str, bool], ...]
+
+
+def cards(answer: dict[str, Any]) -> tuple[Card, ...]:
+    """The numbers that are read first."""
+    gap, ends, effects = answer["gap"], answer["end_quantities"], answer["effects"]
+    good = answer["verdict"] in (Verdict.EXPLAINED, Verdict.NO_GAP)
+    found = [Card("Verdict", answer["verdict"].replace("_", " "), _causes(len(effects)), good)]
+    if effects:
+        sure, closure = effects[0]["confidence"], effects[0]["closure"]
+        low, high = (100.0 * closure[k] for k in ("low", "high"))
+        found.append(Card("Confidence", f"{100 * sure:.0f} %", "that the first cause is right", sure >= SURE))
+        value = closure["value"]
+        found.append(Card("Gap closed", f"{100 * value:.0f} %", f"90 %: {low:.0f} to {high:.0f} %", value >= CLOSED))
+    left = f"of {gap['fixed']:.0f} N m; floor {gap['floor']:.0f} N m"
+    found.append(Card("Residual torque", f"{gap['after']:.0f} N m", left, gap["after"] < 1.5 * gap["floor"]))
+    for title, key, unit in (("Weight error", "payload_kg", "kg"), ("Force error", "tip_force_n", "N")):
+        before, after = (ends[key][k] for k in ("before", "after"))
+        found.append(Card(title, shown(after, unit), f"before: {shown(before, unit)}", after <= before))
+    return tuple(found)
+
+
+def _causes(count: int) -> str:
+    return "no cause is named" if not count else "one cause" if count == 1 else f"{count} causes"
+
+
+def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[Line, ...]:
+    """The named causes."""
+    return tuple(
+        _line(machine, named.cause.ranked.option.proposal, effect)
+        for named, effect in zip(judged.named, answer["effects"], strict=True)
+    )
+
+
+def _line(machine: Machine, proposal: Proposal, effect: dict[str, Any]) -> Line:
+    size, unit = effect["parameters"]["size"], unit_of(machine, proposal)
+    form = [f"{name} {shown(effect['shape'][name], si)}" for name, si in FORMS.items() if name in effect["shape"]]
+    return Line(
+        effect["name"].replace("_", " "),
+        effect["at"],
+        shown(size["value"], unit),
+        interval(size["low"], size["high"], unit),
+        ", ".join([*([effect["when"]] if effect["when"] else []), *form]),
+        f"{100 * effect['confidence']:.0f} %",
+        proposal.about.shows,
+    )
+
+
+def unit_of(machine: Machine, proposal: Proposal) -> str:
+    """SI unit of an effect's size; a joint's angle may be measured as a cylinder's length."""
+    unit = proposal.about.unit
+    if unit != "rad (m)":
+        return unit
+    return "m" if machine.signals[proposal.where].kind is Kind.CYLINDER_LENGTH else "rad"
+
+
+def rivals(judged: Judged) -> tuple[Rival, ...]:
+    """What else would explain nearly as much, the closest first."""
+    found = []
+    for n in judged.named:
+        close = {r.key for r in n.confused}
+        for r in n.cause.rivals:
+            names = [" at ".join(key).replace("_", " ") for key in (n.cause.ranked.key, r.key)]
+            confirm = r.option.proposal.about.confirm
+            relative = f"{100 * r.score / n.cause.score:.0f} %"
+            found.append(Rival(names[0], names[1], relative, r.key in close, confirm))
+    return tuple(found)
+
+
+def least(search: Search, judged: Judged) -> tuple[Least, ...]:
+    """Smallest detectable size (5 sigma) of every effect at every place, the named ones taken as present."""
+    named = {n.cause.ranked.key for n in judged.named}
+    best: dict[str, dict[str, tuple[float, Proposal]]] = {}
+    for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
+        if isinstance(proposal.group[0], Incident) or (proposal.name, proposal.at) in named:
+            continue
+        size, held = SIGMAS * search.evidence.blind(places[0], TEMPER), best.setdefault(proposal.name, {})
+        if proposal.at not in held or size < held[proposal.at][0]:
+            held[proposal.at] = (size, proposal)
+    machine = search.original.model.machine
+    return tuple(_least(machine, name, list(held.values())) for name, held in best.items())
+
+
+def _least(machine: Machine, name: str, held: list[tuple[float, Proposal]]) -> Least:
+    about = held[0][1].about
+    unit = unit_of(machine, held[0][1])
+    return Least(
+        name.replace("_", " "),
+        f"{interval(about.low, about.high, unit)} {shown(1.0, unit).partition(' ')[2]}",
+        tuple((p.at, shown(size, unit_of(machine, p)), bool(size > about.high / 2.0)) for size, p in held),
+    )
