@@ -133,9 +133,11 @@ def overlays(shown: tuple[Overlay, ...]) -> Figure:
 
 
 def _laid_over(upper: Axes, lower: Axes, each: Overlay) -> None:
-    upper.plot(each.t, each.residual * 1e-3, color=INK, linewidth=2.2, label="residual")
-    upper.plot(each.t, each.effect * 1e-3, color=ORANGE, linewidth=1.3, label="the effect, in the size found")
-    upper.set_title(f"{each.title} torque [kN m]")
+    upper.plot(
+        each.t, each.residual * 1e-3, color=INK, linewidth=2.2, label="residual without the effect, all else fitted"
+    )
+    upper.plot(each.t, each.effect * 1e-3, color=ORANGE, linewidth=1.3, label="what the effect explains")
+    upper.set_title(f"{each.title} [kN m]")
     upper.tick_params(labelbottom=False, bottom=False)
     lower.axhline(0.0, color=PALE, linewidth=0.8)
     lower.plot(each.t, (each.residual - each.effect) * 1e-3, color=BLUE, linewidth=0.9)

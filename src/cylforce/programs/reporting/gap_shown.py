@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.core.gap.diagnosis import Search
-from cylforce.core.gap.evidence import Term
+from cylforce.core.gap.evidence import Blocks, Evidence, Term
 from cylforce.core.gap.problem import Problem, Seen
 from cylforce.core.gap.residuals import Gap, fixed, held_out
 from cylforce.core.gap.rows import BLOCK, RATE_HZ, Viewer
@@ -29,8 +29,8 @@ class Heat(NamedTuple):
 
 
 class Overlay(NamedTuple):
-    """The stretch in which an effect shows most: title, recording, times (T,) [s], residual (T,) [N m] with the other
-    causes taken out, what the effect does there (T,) [N m]."""
+    """The stretch in which an effect shows most: title, recording, times (T,) [s], residual (T,) [N m] with the effect
+    denied and all else refitted, what admitting it explains of that (T,) [N m]."""
 
     title: str
     recording: str
@@ -58,7 +58,7 @@ def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
         _heat(search, clean, before, after),
         _points(search.original, before),
         _points(search.original, after),
-        _overlays(search, judged.named, before),
+        _overlays(search, judged.named),
         _steps(search, judged.named, gap),
     )
 
@@ -102,31 +102,39 @@ def movers(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(model.machine.rows), tuple(acting[0] for acting in model.acting)
 
 
-def _overlays(search: Search, named: tuple[Named, ...], before: list[Array]) -> tuple[Overlay, ...]:
-    problem = search.original
-    each = [[_signature(problem, n, k) for k in range(len(problem.faulty))] for n in named]
-    left = [e - sum(own[k] for own in each) for k, e in enumerate(before)]
-    found = []
-    for n, own in zip(named, each, strict=True):
-        k, r, span = _most(search, own)
-        title = f"{plain(n.cause.ranked.key)}: {problem.model.machine.links[problem.model.machine.rows[r]].name}"
-        rows, part = problem.faulty[k], own[k][span, r]
-        found.append(Overlay(title, rows.recorded.name, rows.rows.t[span], left[k][span, r] + part, part))
-    return tuple(found)
+def _overlays(search: Search, named: tuple[Named, ...]) -> tuple[Overlay, ...]:
+    """Each named effect denied and admitted, all else refitted: the difference is what it explains."""
+    problem, terms = search.original, [c.ranked.option.term for c in search.causes]
+    blocks = problem.blocks(search.floor)
+    admitted = _left(problem, blocks, terms)
+    return tuple(_overlay(search, n, _left(problem, blocks, _without(n, terms)), admitted) for n in named)
+
+
+def _without(named: Named, terms: list[Term]) -> list[Term]:
+    return [term for term in terms if term is not named.cause.ranked.option.term]
+
+
+def _overlay(search: Search, named: Named, denied: list[Array], admitted: list[Array]) -> Overlay:
+    machine, own = search.original.model.machine, [a - b for a, b in zip(denied, admitted, strict=True)]
+    k, r, span = _most(search, own)
+    seen = search.original.faulty[k]
+    title = f"{plain(named.cause.ranked.key)}: {machine.links[machine.rows[r]].name} torque"
+    return Overlay(title, seen.recorded.name, seen.rows.t[span], denied[k][span, r], own[k][span, r])
+
+
+def _left(problem: Problem, blocks: Blocks, terms: list[Term]) -> list[Array]:
+    """What is left of the faulty recordings (T, R) [N m], all fitted to all of them."""
+    solved = Evidence(blocks, terms)
+    each = solved.left(terms, solved.fitted)[1]
+    return [
+        np.einsum("trk,tk->tr", problem.columns(seen), np.repeat(each[a:b], BLOCK, axis=0)[: len(seen.rows.t)])
+        for seen, (a, b) in zip(problem.faulty, problem.spans, strict=True)
+    ]
 
 
 def plain(key: tuple[str, str]) -> str:
     """Name and place for the reader."""
     return f"{key[0].replace('_', ' ')} at {key[1]}"
-
-
-def _signature(problem: Problem, named: Named, k: int) -> Array:
-    """What an effect of the size found adds to the k-th recording's residual (T, R) [N m]."""
-    term: Term = named.cause.ranked.option.term
-    first, last = problem.spans[k]
-    columns = problem.columns(problem.faulty[k])[..., list(term.columns)]
-    course = np.repeat(named.cause.sizes[:, None] * term.course[:, first:last], BLOCK, axis=1)[:, : len(columns)]
-    return np.asarray(np.einsum("trm,mt->tr", columns, course))
 
 
 def _most(search: Search, own: list[Array]) -> tuple[int, int, slice]:

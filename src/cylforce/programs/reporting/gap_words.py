@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from cylforce.core.gap.answer import SIGMAS
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.library import Proposal
@@ -129,10 +131,9 @@ def least(search: Search, judged: Judged) -> tuple[Least, ...]:
 
 
 def _least(machine: Machine, name: str, held: list[tuple[float, Proposal]]) -> Least:
-    about = held[0][1].about
-    unit = unit_of(machine, held[0][1])
-    return Least(
-        name.replace("_", " "),
-        f"{interval(about.low, about.high, unit)} {shown(1.0, unit).partition(' ')[2]}",
-        tuple((p.at, shown(size, unit_of(machine, p)), bool(size > about.high / 2.0)) for size, p in held),
+    about, unit = held[0][1].about, unit_of(machine, held[0][1])
+    places = tuple(
+        (p.at, shown(size, unit_of(machine, p)) if np.isfinite(size) else "never", bool(size > about.high / 2.0))
+        for size, p in held
     )
+    return Least(name.replace("_", " "), interval(about.low, about.high, unit), places)

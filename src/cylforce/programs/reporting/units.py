@@ -2,6 +2,8 @@
 
 import numpy as np
 
+NO_BREAK = "\u00a0"
+
 # SI unit: (unit shown, how many of it make one SI unit)
 SHOWN: dict[str, tuple[str, float]] = {
     "Pa": ("bar", 1e-5),
@@ -20,18 +22,16 @@ SHOWN: dict[str, tuple[str, float]] = {
 }
 
 
-def shown(value: float | None, unit: str) -> str:
-    """A value in SI `unit` as the reader knows it; None and infinity are said in words."""
-    if value is None or not np.isfinite(value):
-        return "no size"
+def shown(value: float, unit: str) -> str:
+    """A value in SI `unit` as the reader knows it, number and unit on one line."""
     name, factor = SHOWN.get(unit, (unit, 1.0))
-    return f"{_plain(value * factor)} {name}"
+    return f"{_plain(value * factor)} {name}".replace(" ", NO_BREAK)
 
 
 def interval(low: float, high: float, unit: str) -> str:
-    """From `low` to `high` [SI], without the unit."""
+    """From `low` to `high` [SI] likewise."""
     factor = SHOWN.get(unit, (unit, 1.0))[1]
-    return f"{_plain(low * factor)} to {_plain(high * factor)}"
+    return f"{_plain(low * factor)} to {shown(high, unit)}"
 
 
 def _plain(value: float) -> str:
