@@ -1,8 +1,6 @@
 """The report of an identification: every section, for both shipped machines; one file that loads nothing; refusals
 as `cylforce identify` makes them, with nothing half-written."""
 
-import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -23,33 +21,12 @@ from cylforce.programs.reporting import evidence as evidences
 from cylforce.programs.reporting.evidence import evidence, friction, push
 from cylforce.programs.reporting.findings import findings
 from cylforce.programs.sim import run_sim
+from pages import Page, check_one_file
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 MACHINES = sorted(CONFIG.glob("excavator*.toml"))
 SECTIONS = ("next", "torques", "residuals", "coverage", "weighing", "parameters", "laws", "untold", "provenance")
 FIGURES = ("torques", "residuals", "coverage", "weighing", "parameters", "laws")
-
-
-class Page(HTMLParser):
-    """What a browser would see: text and figures by section, and every address."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.sections, self.figures, self.addresses, self.text = [], set(), [], {}
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        fields = dict(attrs)
-        if tag == "section" and "id" in fields:
-            self.sections.append(fields["id"])
-        if tag == "svg":
-            self.figures.add(self.sections[-1])
-        self.addresses += [v for k, v in attrs if k in ("src", "href", "xlink:href", "srcset", "action", "data")]
-        self.addresses += [a for v in fields.values() if v for a in re.findall(r"url\(([^)]*)\)", v)]
-
-    def handle_data(self, data):
-        if self.sections:
-            self.text[self.sections[-1]] = self.text.get(self.sections[-1], "") + data
 
 
 def moved(folder, machine, *, joints=None, duration=40.0):
@@ -81,17 +58,7 @@ def test_every_section_is_there_with_its_figure(made):
 
 
 def test_it_is_one_file_that_loads_nothing(made):
-    text = made[-1].read_text(encoding="utf-8")
-    page = Page(text)
-    assert page.addresses
-    assert [a for a in page.addresses if not a.strip("'\"").startswith(("#", "data:image/png;base64,"))] == []
-    plain = re.sub(r"base64,[^\"]*", "", text)
-    assert re.findall(r"https?:|//[a-z]|@import|<script|<link|<iframe", plain) == []
-    # clip paths and markers of one figure must not be taken for another's
-    used = {a.strip("'\"")[1:] for a in page.addresses if a.startswith("#")}
-    found = re.findall(r'\bid="([^"]+)"', text)
-    assert used <= set(found)
-    assert sorted(name for name in used if found.count(name) > 1) == []
+    check_one_file(made[-1].read_text(encoding="utf-8"))
 
 
 def test_it_says_where_it_comes_from(made):

@@ -188,24 +188,26 @@ def gap(
     ] = None,
     only: Annotated[str | None, typer.Option(metavar="NAME@AT", help="Fit the size of this effect alone.")] = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
     residuals: Annotated[Path | None, typer.Option(help="Write what is left before and after there (npz).")] = None,
 ) -> None:
     """Say why recordings differ from the model: where, which effect, how far the gap shrinks with it."""
     from cylforce.edges.settings import load as load_machine
-    from cylforce.programs.gap import Question, diagnose, show, write_answer, write_patch, write_residuals
+    from cylforce.programs.gap import Question, check_outputs, diagnose, known_loads
+    from cylforce.programs.gap_output import Outputs, show, write_all
     from cylforce.programs.progress import progress_bar
+    from cylforce.programs.report import check_extra, gap_report
 
-    loads = {name: float(kilograms) for name, _, kilograms in (each.rpartition("=") for each in load or ())}
-    question = Question(tuple(field), tuple(reference or ()), identified, loads, only)
+    if html is not None:
+        check_extra()
+    check_outputs(output, patch, html, residuals)
+    question = Question(tuple(field), tuple(reference or ()), identified, known_loads(load or ()), only)
+    loaded = load_machine(machine)
     with progress_bar() as watch:
-        found = diagnose(load_machine(machine), question, watch=watch)
-    if output is not None:
-        write_answer(output, found)
-    if patch is not None:
-        write_patch(patch, found)
-    if residuals is not None:
-        write_residuals(residuals, found)
+        found = diagnose(loaded, question, watch=watch)
+        report = None if html is None else gap_report(loaded, question, found, watch)
+    write_all(found, report, Outputs(output, patch, html, residuals))
     show(found, Console(highlight=False))
 
 

@@ -1,30 +1,29 @@
 """`cylforce gap`: why a machine differs from its model."""
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tomlkit
-from rich.console import Console
-from rich.table import Table as Text
 
 from cylforce.core.assembler import Assembler
 from cylforce.core.gap.answer import answer
 from cylforce.core.gap.diagnosis import Search, fitted_tares, search
 from cylforce.core.gap.library import LIBRARY, Group
-from cylforce.core.gap.residuals import Gap, courses, ends, gap
+from cylforce.core.gap.residuals import Gap, ends, gap
 from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
 from cylforce.core.gap.verdict import Judged, Verdict, judged
 from cylforce.core.gap.where import where
 from cylforce.core.model import FRICTION, Model, Tares
 from cylforce.core.segments import samples, stretches
-from cylforce.edges.files import RecordingError, replacing
+from cylforce.edges.files import RecordingError, warn
 from cylforce.edges.identified import read_identified
+from cylforce.edges.logfile import Header
 from cylforce.edges.recording import open_recording
 from cylforce.edges.settings import Loaded
 from cylforce.edges.tables import Table
+from cylforce.machine.candidate import places
+from cylforce.machine.machine import Machine
 from cylforce.programs.identify import ordered
 from cylforce.programs.progress import Watch, silent, watched
 from cylforce.words.estimate import Array
@@ -33,6 +32,7 @@ from cylforce.words.events import Frame, Tick
 SHORTEST_S = 20.0  # of a stretch
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
+EXAMPLE = "field.log=1000"
 SEED = 1  # of the permutations and of the bootstrap
 
 
@@ -65,7 +65,8 @@ def diagnose(
     if not faulty:
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     viewer, known = _viewer(loaded, question, clean)
-    found = search(viewer, faulty, clean, _only(library, question.only), lambda doing: watch(doing, None), known)
+    wanted = _only(library, question.only, loaded.service.machine)
+    found = search(viewer, faulty, clean, wanted, lambda doing: watch(doing, None), known)
     seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
@@ -80,6 +81,27 @@ def _nothing(reason: str) -> Diagnosed:
     return Diagnosed(None, verdict, None, {"verdict": str(verdict.verdict), "effects": [], "reason": reason})
 
 
+def known_loads(words: Sequence[str]) -> dict[str, float]:
+    """Loads [kg] by file name, from words FILE=KG. Raises RecordingError."""
+    found = {}
+    for word in words:
+        name, _, kilograms = word.rpartition("=")
+        try:
+            found[name] = float(kilograms)
+        except ValueError:
+            name = ""
+        if not name:
+            raise RecordingError(f"--load {word}: write the recording's name, =, and the load in kg, e.g. {EXAMPLE}")
+    return found
+
+
+def check_outputs(*paths: Path | None) -> None:
+    """Before anything is computed: can these files be written? Raises RecordingError."""
+    for path in paths:
+        if path is not None and not path.parent.is_dir():
+            raise RecordingError(f"{path}: its folder does not exist; make it, or choose another")
+
+
 def _check_loads(question: Question) -> None:
     names = {path.name for path in (*question.field, *question.reference)}
     for name, kilograms in question.loads.items():
@@ -89,15 +111,19 @@ def _check_loads(question: Question) -> None:
             raise RecordingError(f"--load {name}={kilograms:g}: is no weight in kg")
 
 
-def _only(library: tuple[Group, ...], only: str | None) -> tuple[Group, ...]:
+def _only(library: tuple[Group, ...], only: str | None, machine: Machine) -> tuple[Group, ...]:
     """The library, or what it has of one name."""
     if only is None:
         return library
-    name = only.partition("@")[0]
+    name, _, at = only.partition("@")
     found = tuple(group for group in library if group[0].about.name == name)
     if not found:
         known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
         raise ValueError(f"effect {name!r} is not known: choose one of {known}")
+    place = found[0][0].about.place
+    there = [where for where, _ in places(machine, place)]
+    if at and at not in there:
+        raise ValueError(f"effect {name!r} sits at {at!r}, which is no {place}: choose one of {', '.join(there)}")
     return found
 
 
@@ -141,6 +167,7 @@ def _pieces(loaded: Loaded, path: Path, watch: Watch) -> Iterator[tuple[float, A
     if isinstance(recording, Table):
         yield float(recording.t_s[0]), ordered(recording, loaded, path)
         return
+    _check_machine(path, recording.header, loaded)
     events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
     rows = 0
     for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
@@ -148,71 +175,13 @@ def _pieces(loaded: Loaded, path: Path, watch: Watch) -> Iterator[tuple[float, A
         rows += len(piece)
 
 
-def write_answer(path: Path, found: Diagnosed) -> None:
-    """The answer as JSON."""
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(found.answer, indent=1, default=float) + "\n")
-
-
-def write_residuals(path: Path, found: Diagnosed) -> None:
-    """What is left of every recording before and after (NAME.t, NAME.before, NAME.after; NumPy's npz)."""
-    columns: dict[str, Array] = {}
-    for course in courses(found.search) if found.search else ():
-        name = Path(course.name).stem
-        columns |= {f"{name}.t": course.t, f"{name}.before": course.before, f"{name}.after": course.after}
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **columns)
-
-
-def write_patch(path: Path, found: Diagnosed) -> None:
-    """What was found as blocks that `cylforce sim --effects` takes."""
-    document = tomlkit.document()
-    blocks = tomlkit.aot()
-    for effect in found.answer["effects"]:
-        block = tomlkit.table()
-        block.add("name", effect["name"])
-        block.add("at", effect["at"])
-        block.add("value", float(effect["parameters"]["size"]["value"]))
-        for key, value in effect["shape"].items():
-            block.add(key, value)
-        blocks.append(block)
-    document.add("effects", blocks)
-    with replacing(path) as temporary:
-        temporary.write_text(tomlkit.dumps(document))
-
-
-def show(found: Diagnosed, console: Console) -> None:
-    """The verdict in a sentence, the effects in a table."""
-    console.print(sentence(found.answer))
-    if found.gap is None:
+def _check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
+    """A log says of which machine it is; a machine file that was changed since is worth a warning."""
+    if header is None or header.machine_sha256 == loaded.sha256:
         return
-    text = Text()
-    for column in ("effect", "at", "size", "90 % interval", "unit", "confidence", "or"):
-        text.add_column(column, justify="right" if column in ("size", "90 % interval", "confidence") else "left")
-    for effect in found.answer["effects"]:
-        size = effect["parameters"]["size"]
-        others = ", ".join(f"{o['name']} at {o['at']}" for o in effect["confused_with"])
-        interval = f"{size['low']:.3g} .. {size['high']:.3g}"
-        row = (effect["name"], effect["at"], f"{size['value']:.4g}", interval, size["unit"])
-        text.add_row(*row, f"{100 * effect['confidence']:.0f} %", others)
-    if found.answer["effects"]:
-        console.print(text)
-    for experiment in found.answer["next_experiment"]:
-        console.print(f"next: {experiment}")
-
-
-def sentence(answer: dict[str, Any]) -> str:
-    """The verdict in words."""
-    verdict, size = answer["verdict"], answer.get("gap")
-    if size is None:
-        return f"Nothing can be concluded: {answer['reason']}."
-    gap_nm = f"{size['fixed']:.0f} N m (noise floor {size['floor']:.0f} N m)"
-    if verdict == Verdict.NO_GAP:
-        return f"No gap: what the model leaves, {gap_nm}, is what it always left."
-    if verdict == Verdict.UNKNOWN:
-        return f"There is a gap, {gap_nm}, and none of the known effects explains it."
-    names = " and ".join(f"{e['name']} at {e['at']}" for e in answer["effects"])
-    closure = answer["effects"][0]["closure"]
-    words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
-    verb = words.get(verdict, "is caused by")
-    return f"The gap, {gap_nm}, {verb} {names}; with it {100 * closure['value']:.0f} % of the gap's energy is gone."
+    then, now = Path(header.machine), loaded.path
+    if then.name != now.name:
+        raise RecordingError(
+            f"{path}: was recorded with machine file {then}, not with {now}: diagnose it with that one"
+        )
+    warn(f"{path}: was recorded with another state of {now.name} than this one")

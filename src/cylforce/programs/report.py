@@ -13,7 +13,8 @@ from cylforce.core.identification import Identification
 from cylforce.edges.files import RecordingError, replacing
 from cylforce.edges.logfile import file_sha256
 from cylforce.edges.settings import Loaded
-from cylforce.programs.gap import Diagnosed, Question, sentence
+from cylforce.programs.gap import Diagnosed, Question
+from cylforce.programs.gap_output import sentence
 from cylforce.programs.progress import Watch, silent
 from cylforce.words.estimate import Array
 

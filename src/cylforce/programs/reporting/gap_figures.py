@@ -55,14 +55,16 @@ def bars(search: Search, judged: Judged) -> Figure:
     return figure
 
 
-def heat(shown: Heat, found: set[tuple[str, str]]) -> Figure:
-    """Joint by regime, before and after, in units of the usual residual; (joint, regime) in `found` framed."""
+def heat(shown: Heat, found: set[tuple[str, str]], *, taken: bool) -> Figure:
+    """Joint by regime, before and after, in units of the usual residual; (joint, regime) in `found` framed; `taken`:
+    effects were taken out."""
     figure = canvas(1.1 + 0.82 * len(shown.joints))
     axes = figure.subplots(2, 1, sharex=True)
-    titles = ("before: fixed parameters [N m]", "after: effects taken out, held-out stretches [N m]")
-    for k, (values, title) in enumerate(zip((shown.before, shown.after), titles, strict=True)):
-        image = _cells(axes[k], shown, values)
-        axes[k].set_title(title)
+    image = _cells(axes[0], shown, shown.before)
+    _cells(axes[1], shown, shown.after)
+    axes[0].set_title("before: parameters fixed [N m]")
+    how = "effects taken out" if taken else "no effect found, parameters refitted"
+    axes[1].set_title(f"after: {how}, held-out stretches [N m]")
     for joint, regime in found:
         _framed(axes[0], shown.regimes.index(regime), shown.joints.index(joint))
     axes[1].set_xticks(range(len(shown.regimes)), [name.replace(" ", "\n") for name in shown.regimes])

@@ -14,7 +14,7 @@ from cylforce.programs.reporting.gap_words import cards, least, lines, rivals
 from cylforce.programs.reporting.template import Wanted, drawn, rendered
 from cylforce.programs.reporting.units import SHOWN
 
-NOTHING = {"cards": (), "lines": (), "rivals": (), "least": (), "figures": {}}
+NOTHING: dict[str, Any] = {"cards": (), "lines": (), "rivals": (), "least": (), "figures": {}}
 
 
 def gap_page(
@@ -33,7 +33,7 @@ def _told(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> d
         "cards": cards(answer),
         "lines": lines(machine, judged, answer),
         "rivals": rivals(judged),
-        "least": least(search, judged),
+        "least": least(search),
         "figures": _figures(search, judged, shown(search, judged, gap), answer),
     }
 
@@ -43,7 +43,10 @@ def _figures(search: Search, judged: Judged, drawing: Shown, answer: dict[str, A
     wanted: Wanted = {
         "evidence": (lambda: gap_figures.bars(search, judged), "evidence of the candidates"),
         "waterfall": (lambda: gap_figures.waterfall(search, drawing.steps), "residual as effects are taken out"),
-        "where": (lambda: gap_figures.heat(drawing.heat, spots), "residual by joint and regime, before and after"),
+        "where": (
+            lambda: gap_figures.heat(drawing.heat, spots, taken=bool(search.causes)),
+            "residual by joint and regime, before and after",
+        ),
         "friction": (lambda: gap_figures.friction(search, drawing), "residual force over cylinder speed"),
     }
     if drawing.overlays:

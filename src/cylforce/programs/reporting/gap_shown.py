@@ -69,7 +69,7 @@ def _heat(search: Search, clean: list[Array], before: list[Array], after: list[A
     groups = ((problem.faulty, before), (problem.faulty, after), (problem.clean, clean))
     tables = [np.array([_row(problem, *g, r) for r in range(len(machine.rows))]) for g in groups]
     usual = np.where(np.isfinite(tables[2]), tables[2], search.floor.rms[:, None])
-    return Heat(tuple(machine.links[j].name for j in machine.rows), tuple(REGIMES), *tables[:2], usual)
+    return Heat(tuple(machine.links[j].name for j in machine.rows), tuple(REGIMES), tables[0], tables[1], usual)
 
 
 def _row(problem: Problem, seen: tuple[Seen, ...], residuals: list[Array], r: int) -> list[float]:

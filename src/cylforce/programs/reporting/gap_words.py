@@ -6,6 +6,7 @@ import numpy as np
 
 from cylforce.core.gap.answer import SIGMAS
 from cylforce.core.gap.diagnosis import Search
+from cylforce.core.gap.evidence import Evidence
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.verdict import Judged, Verdict
@@ -116,14 +117,14 @@ def rivals(judged: Judged) -> tuple[Rival, ...]:
     return tuple(found)
 
 
-def least(search: Search, judged: Judged) -> tuple[Least, ...]:
-    """Smallest detectable size (5 sigma) of every effect at every place, the named ones taken as present."""
-    named = {n.cause.ranked.key for n in judged.named}
+def least(search: Search) -> tuple[Least, ...]:
+    """Smallest detectable size (5 sigma) of every effect at every place."""
+    evidence = Evidence(search.original.blocks(search.floor))
     best: dict[str, dict[str, tuple[float, Proposal]]] = {}
     for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
-        if isinstance(proposal.group[0], Incident) or (proposal.name, proposal.at) in named:
+        if isinstance(proposal.group[0], Incident):
             continue
-        size, held = SIGMAS * search.evidence.blind(places[0], TEMPER), best.setdefault(proposal.name, {})
+        size, held = SIGMAS * evidence.blind(places[0], TEMPER), best.setdefault(proposal.name, {})
         if proposal.at not in held or size < held[proposal.at][0]:
             held[proposal.at] = (size, proposal)
     machine = search.original.model.machine

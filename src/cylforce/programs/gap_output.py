@@ -1,0 +1,116 @@
+"""What `cylforce gap` tells: JSON, patch file, text."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomlkit
+from rich.console import Console
+from rich.table import Table as Text
+
+from cylforce.core.gap.library import Group
+from cylforce.core.gap.residuals import courses
+from cylforce.core.gap.verdict import Verdict
+from cylforce.core.simulated_effects import units
+from cylforce.edges.files import replacing
+from cylforce.programs.gap import Diagnosed
+from cylforce.words.estimate import Array
+
+
+class Outputs(NamedTuple):
+    """Where to write what, None where not: the answer as JSON, the effects as a patch, the report, the residuals."""
+
+    answer: Path | None
+    patch: Path | None
+    report: Path | None
+    residuals: Path | None
+
+
+def write_all(found: Diagnosed, report: str | None, outputs: Outputs) -> None:
+    """Write what was asked for, each file whole or not at all."""
+    texts = (_answer_text(found), patch_text(_blocks(found)), report)
+    for path, text in zip(outputs[:3], texts, strict=True):
+        if path is not None and text is not None:
+            with replacing(path) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+    if outputs.residuals is not None:
+        with replacing(outputs.residuals) as temporary, temporary.open("wb") as file:
+            np.savez(file, allow_pickle=False, **_residuals(found))
+
+
+def _residuals(found: Diagnosed) -> dict[str, Array]:
+    """What is left of every recording before and after: NAME.t, NAME.before, NAME.after."""
+    columns: dict[str, Array] = {}
+    for course in courses(found.search) if found.search else ():
+        name = Path(course.name).stem
+        columns |= {f"{name}.t": course.t, f"{name}.before": course.before, f"{name}.after": course.after}
+    return columns
+
+
+def _answer_text(found: Diagnosed) -> str:
+    return json.dumps(found.answer, indent=1, default=float, allow_nan=False) + "\n"
+
+
+def _blocks(found: Diagnosed) -> list[dict[str, Any]]:
+    """The causes that are named, as `patch_text` takes them."""
+    found_blocks = []
+    for named in found.judged.named:
+        option, sizes = named.cause.ranked.option, named.cause.sizes
+        group, at = option.proposal.group, option.proposal.at
+        width = len(units(group))
+        padded = np.append(sizes, np.zeros(-len(sizes) % width))
+        each = padded.reshape(-1, width)
+        found_blocks.append(block(group, at, tuple(each[int(np.argmax(np.abs(each[:, 0])))].tolist())))
+    return found_blocks
+
+
+def block(group: Group, at: str, sizes: tuple[float, ...]) -> dict[str, Any]:
+    """An effect of given sizes [SI] at a place, as `cylforce sim --effects` reads it."""
+    effect: Any = group[0]
+    form = {field.name: getattr(effect, field.name) for field in fields(effect)}
+    value = {"name": effect.about.name, "at": at, "value": sizes[0] if len(sizes) == 1 else list(sizes)}
+    return value | ({"shape": form} if form else {})
+
+
+def patch_text(blocks: list[dict[str, Any]]) -> str:
+    """Effects as blocks of TOML."""
+    return tomlkit.dumps({"effects": blocks}) if blocks else "effects = []\n"
+
+
+def show(found: Diagnosed, console: Console) -> None:
+    """The verdict in a sentence, the effects in a table."""
+    console.print(sentence(found.answer))
+    if found.gap is None:
+        return
+    text = Text()
+    for column in ("effect", "at", "size", "90 % interval", "unit", "confidence", "or"):
+        text.add_column(column, justify="right" if column in ("size", "90 % interval", "confidence") else "left")
+    for effect in found.answer["effects"]:
+        size = effect["parameters"]["size"]
+        others = ", ".join(f"{o['name']} at {o['at']}" for o in effect["confused_with"])
+        interval = f"{size['low']:.3g} .. {size['high']:.3g}"
+        row = (effect["name"], effect["at"], f"{size['value']:.4g}", interval, size["unit"])
+        text.add_row(*row, f"{100 * effect['confidence']:.0f} %", others)
+    if found.answer["effects"]:
+        console.print(text)
+    for experiment in found.answer["next_experiment"]:
+        console.print(f"next: {experiment}")
+
+
+def sentence(answer: dict[str, Any]) -> str:
+    """The verdict in words."""
+    verdict, size = answer["verdict"], answer.get("gap")
+    if size is None:
+        return f"Nothing can be concluded: {answer['reason']}."
+    gap_nm = f"{size['fixed']:.0f} N m (noise floor {size['floor']:.0f} N m)"
+    if verdict == Verdict.NO_GAP:
+        return f"No gap: what the model leaves, {gap_nm}, is what it always left."
+    if verdict == Verdict.UNKNOWN:
+        return f"There is a gap, {gap_nm}, and none of the known effects explains it."
+    names = " and ".join(f"{e['name']} at {e['at']}" for e in answer["effects"])
+    closure = answer["effects"][0]["closure"]
+    words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
+    verb = words.get(verdict, "is caused by")
+    return f"The gap, {gap_nm}, {verb} {names}; with it {100 * closure['value']:.0f} % of the gap's energy is gone."

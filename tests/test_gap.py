@@ -1,0 +1,306 @@
+"""`cylforce gap` at its edges: the answer's keys, patch, text and report; what is no recording to judge by."""
+
+import json
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cylforce.core import scenario
+from cylforce.core.gap.library import LIBRARY
+from cylforce.core.gap.where import REGIMES
+from cylforce.core.sensing import run, sensors
+from cylforce.core.simulated_effects import imposed, units
+from cylforce.edges.settings import load
+from cylforce.edges.tables import Table, read_table, write_table
+from cylforce.machine.candidate import places
+from cylforce.programs import cli, report
+from cylforce.programs.gap_output import block, patch_text, sentence
+from cylforce.programs.reporting.units import SHOWN, interval, shown
+from cylforce.programs.sim import read_effects, run_sim
+from pages import Page, check_one_file
+from scenarios import CONFIG, EXCAVATOR, SEED, truth_of
+
+MACHINE = CONFIG / "excavator_stick_bucket.toml"
+LOADED = load(MACHINE)
+OFFSET = 0.02  # rad
+VERDICTS = {"no_gap", "explained", "partly_explained", "ambiguous", "unknown", "not_observable"}
+SECTIONS = ["verdict", "next", "causes", "evidence", "waterfall", "where", "signatures", "friction"]
+SECTIONS += ["confusions", "least", "provenance"]
+FIGURES = {"evidence", "waterfall", "where", "signatures", "friction"}
+
+
+def recorded(path, motion, *effects, seconds=60.0):
+    """A table of the machine's empty moves; one `motion` is one course of strokes."""
+    service = LOADED.service
+    truth = truth_of(LOADED)._replace(effects=effects)
+    scene = scenario.moves(service.machine, np.random.default_rng((SEED, motion)), seconds)
+    made, rng = sensors(service.machine, service.nodes), np.random.default_rng((SEED, motion, 2))
+    records = run(service.machine, truth, made, [scene], dt=1.0 / service.filters.rate_hz, rng=rng)
+    values = np.concatenate([record.values for record in records])
+    t_s = np.arange(len(values)) / service.filters.rate_hz
+    write_table(path, Table(t_s, values, tuple(s.name for s in service.machine.signals)))
+    return values
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A recording of the machine in order, one with an offset of the stick's angle."""
+    folder = tmp_path_factory.mktemp("gap")
+    recorded(folder / "order.csv", 1)
+    recorded(folder / "field.csv", 7, imposed(LOADED.service.machine, "angle_offset", "stick_angle", OFFSET))
+    return folder
+
+
+def gap(capsys, *words):
+    """The command in this process: (exit code, output, errors), on one line each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["cylforce", "gap", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    return end.value.code or 0, *(" ".join(text.split()) for text in capsys.readouterr())
+
+
+@pytest.fixture(scope="module")
+def made(files):
+    """(answer, patch file, page) as the command writes them when asked for one effect."""
+    out = files / "out"
+    out.mkdir()
+    asked = (MACHINE, files / "field.csv", "--reference", files / "order.csv", "--only", "angle_offset")
+    outputs = (
+        "--json",
+        out / "a.json",
+        "--patch",
+        out / "p.toml",
+        "--html",
+        out / "r.html",
+        "--residuals",
+        out / "l.npz",
+    )
+    done = CliRunner().invoke(cli.app, ["gap", *map(str, (*asked, *outputs))])
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in out.iterdir()) == ["a.json", "l.npz", "p.toml", "r.html"]
+    assert set(np.load(out / "l.npz")) == {"field.t", "field.before", "field.after"}
+    answer = json.loads((out / "a.json").read_text(), parse_constant=pytest.fail)  # NaN is no JSON
+    return answer, out / "p.toml", (out / "r.html").read_text(encoding="utf-8")
+
+
+def shape(value):
+    """Types instead of values; of a list what all its members have in common, of a dict by name its members'."""
+    if isinstance(value, dict):
+        return {key: shape(each) for key, each in value.items()}
+    if isinstance(value, list):
+        kinds = [shape(each) for each in value]
+        return [k for n, k in enumerate(kinds) if k not in kinds[:n]]
+    return "number" if isinstance(value, float | int) and not isinstance(value, bool) else type(value).__name__
+
+
+N, PLACE = "number", {"name": "str", "at": "str"}
+SIZE = {"value": N, "low": N, "high": N, "unit": "str"}
+EFFECT = {
+    **PLACE,
+    "when": "str",
+    "parameters": {"size": SIZE},
+    "shape": {},
+    "confidence": N,
+    "confused_with": [],
+    "closure": {"value": N, "low": N, "high": N},
+    "share": N,
+    "removed_nm": N,
+    "evidence_nats": N,
+    "inflation": N,
+}
+JOINT = {"fixed": N, "refit": N, "after": N, "floor": N}
+SPOT = {"channel": "str", "regime": "str", "share": N, "p": N, "found": "bool", "rms_faulty": N, "rms_clean": N}
+KEYS = {
+    "verdict": "str",
+    "gap": {
+        "units": "str",
+        **JOINT,
+        "parameter_shift": [{"name": "str", "standard_errors": N}],
+        "joints": {"stick": JOINT, "bucket": JOINT},
+    },
+    "where": [SPOT],
+    "effects": [EFFECT],
+    "explained": N,
+    "end_quantities": {"payload_kg": {"before": N, "after": N}, "tip_force_n": {"before": N, "after": N}},
+    "next_experiment": ["str"],
+    "evidence": [{**PLACE, "nats": N}],
+}
+
+
+def test_the_answer_has_the_documented_keys_and_types(made):
+    answer = made[0]
+    assert {key: shape(answer[key]) for key in KEYS} == KEYS
+    assert set(answer) - set(KEYS) <= {"forward", "not_observable", "baselines"}
+    assert answer["verdict"] in VERDICTS
+    assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
+    assert all(0.0 <= spot[key] <= 1.0 for spot in answer["where"] for key in ("share", "p"))
+
+
+def test_the_effect_asked_for_is_found_with_its_size(made):
+    (effect,) = made[0]["effects"]
+    assert (effect["name"], effect["at"]) == ("angle_offset", "stick_angle")
+    size = effect["parameters"]["size"]
+    assert size["low"] < size["value"] < size["high"]
+    assert abs(size["value"] - OFFSET) < 3.0 * (size["high"] - size["low"]) / 3.3  # three standard errors
+
+
+def test_the_patch_is_what_the_simulator_takes(made):
+    answer, patch, _ = made
+    (effect,) = read_effects(patch, LOADED)
+    assert (effect.at, effect.group[0].about.name) == ("stick_angle", "angle_offset")
+    assert effect.sizes == pytest.approx([answer["effects"][0]["parameters"]["size"]["value"]])
+
+
+def test_every_effect_of_the_library_makes_a_patch_that_the_simulator_takes(tmp_path):
+    """Whatever its sizes and its form."""
+    machine = load(EXCAVATOR)
+    for group in LIBRARY:
+        about = group[0].about
+        at = places(machine.service.machine, about.place)[-1][0]
+        sizes = (about.low * (about.sign or 1), *[0.0] * (len(units(group)) - 1))
+        (tmp_path / "p.toml").write_text(patch_text([block(group, at, sizes)]))
+        (effect,) = read_effects(tmp_path / "p.toml", machine)
+        assert (effect.group[0], effect.at, effect.sizes) == (group[0], at, sizes)
+
+
+def test_the_page_has_every_section_and_figure_and_loads_nothing(made):
+    answer, _, text = made
+    page = Page(text)
+    assert page.sections == SECTIONS
+    assert page.figures == FIGURES
+    check_one_file(text)
+    size = answer["effects"][0]["parameters"]["size"]
+    assert shown(size["value"], "rad") in page.text["causes"]
+    assert "angle_offset at stick_angle" in page.text["verdict"]
+    assert f"Confidence: {100 * answer['effects'][0]['confidence']:.0f} %" in page.text["verdict"]
+    assert f"{answer['gap']['fixed']:.0f} N m" in page.text["verdict"]
+    assert answer["next_experiment"][0] in page.text["next"]
+
+
+def test_units_of_the_reader():
+    assert shown(2e5, "Pa") == "2\u00a0bar"
+    assert shown(np.pi / 180, "rad") == "1\u00a0°"
+    assert interval(-0.012, 0.0031, "s") == "-12 to 3.1\u00a0ms"
+    assert shown(12345.6, "kg") == "12346\u00a0kg"
+    known = {group[0].about.unit for group in LIBRARY}
+    assert known - set(SHOWN) == {"kg", "kg m"}
+
+
+def test_the_text_says_verdict_effect_and_next_step(capsys, files, made):
+    asked = (MACHINE, files / "field.csv", "--reference", files / "order.csv", "--only", "angle_offset@stick_angle")
+    code, out, _ = gap(capsys, *asked)
+    assert code == 0
+    assert sentence(made[0]) in out
+    assert "angle_offset" in out
+    assert f"next: {made[0]['next_experiment'][0]}" in out
+
+
+def without(folder, rows=slice(None), **columns):
+    """field.csv with some rows, and columns set to what is given (None: left out)."""
+    names = [s.name for s in LOADED.service.machine.signals]
+    table = read_table(folder / "field.csv", names)
+    values = table.values[rows].copy()
+    for name, value in columns.items():
+        values[:, names.index(name)] = np.nan if value is None else value
+    kept = [k for k, name in enumerate(names) if columns.get(name, 0) is not None]
+    path = folder / "spoilt.csv"
+    write_table(path, Table(table.t_s[rows], values[:, kept], tuple(names[k] for k in kept)))
+    return path
+
+
+def nothing_concluded(capsys, folder, field, reference):
+    """The reason of the verdict not_observable; all three files are written, whole."""
+    out = folder / "none"
+    out.mkdir(exist_ok=True)
+    outputs = ("--json", out / "a.json", "--patch", out / "p.toml", "--html", out / "r.html")
+    code, text, _ = gap(capsys, MACHINE, field, "--reference", reference, *outputs)
+    assert code == 0
+    answer = json.loads((out / "a.json").read_text())
+    assert (answer["verdict"], answer["effects"]) == ("not_observable", [])
+    assert f"Nothing can be concluded: {answer['reason']}." in text
+    page = Page((out / "r.html").read_text(encoding="utf-8"))
+    assert answer["reason"] in page.text["verdict"]
+    assert page.sections == ["verdict", "next", "provenance"]
+    assert tomllib.loads((out / "p.toml").read_text()).get("effects", []) == []
+    return answer["reason"]
+
+
+def test_too_short_a_recording_is_not_judged(capsys, files):
+    reason = nothing_concluded(capsys, files, without(files, slice(0, 1500)), files / "order.csv")
+    assert reason == "no gapless stretch of 20 s in spoilt.csv"
+
+
+def test_nan_everywhere_within_twenty_seconds_leaves_nothing(capsys, files):
+    path = without(files)
+    table = read_table(path, [s.name for s in LOADED.service.machine.signals])
+    for first in range(0, len(table.t_s), 1500):
+        table.values[first : first + 100] = np.nan
+    write_table(path, table)
+    assert nothing_concluded(capsys, files, path, files / "order.csv").startswith("no gapless stretch")
+
+
+def test_a_machine_at_rest_is_not_judged(capsys, files):
+    path = without(files)
+    table = read_table(path, [s.name for s in LOADED.service.machine.signals])
+    write_table(path, table._replace(values=np.tile(table.values[0], (len(table.t_s), 1))))
+    assert "move every joint both ways" in nothing_concluded(capsys, files, path, files / "order.csv")
+
+
+def refused(capsys, folder, *words):
+    """The sentence of a refusal; nothing is written."""
+    out = folder / "refused"
+    out.mkdir(exist_ok=True)
+    outputs = ("--json", out / "a.json", "--patch", out / "p.toml", "--html", out / "r.html")
+    code, text, said = gap(capsys, *words, *outputs)
+    assert (code, text, list(out.iterdir())) == (2, "", [])
+    assert re.fullmatch(r"cylforce: [^.].*", said)
+    return said
+
+
+def test_what_cannot_be_read_is_one_sentence(capsys, files):
+    (files / "junk.parquet").write_text("junk")
+    (files / "junk.log").write_text("hello\n")
+    for name in ("junk.parquet", "junk.log", "absent.csv"):
+        assert name in refused(capsys, files, MACHINE, files / name)
+    said = refused(capsys, files, MACHINE, without(files, stick_angle=None))
+    assert "spoilt.csv" in said
+    assert "stick_angle" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--load", "other.csv=100"), "--load other.csv: is none of the recordings (field.csv)"),
+        (("--load", "field.csv"), "--load field.csv: write the recording's name, =, and the load in kg"),
+        (("--load", "field.csv=much"), "--load field.csv=much: write the recording's name"),
+        (("--load", "field.csv=-5"), "--load field.csv=-5: is no weight in kg"),
+        (("--only", "glue"), "effect 'glue' is not known: choose one of coulomb_friction"),
+        (("--only", "stribeck@roof"), "effect 'stribeck' sits at 'roof', which is no cylinder: choose one of stick"),
+    ],
+)
+def test_what_is_asked_wrongly_is_one_sentence(capsys, files, words, said):
+    assert said in refused(capsys, files, MACHINE, files / "field.csv", *words)
+
+
+def test_a_log_of_another_machine_is_refused(capsys, files):
+    """Its header names the machine file."""
+    run_sim(EXCAVATOR, scenario="moves", duration=10.0, seed=SEED, log=files / "other.log")
+    capsys.readouterr()
+    said = refused(capsys, files, MACHINE, files / "other.log")
+    assert "excavator_20t.toml" in said
+    assert "excavator_stick_bucket.toml" in said
+
+
+def test_a_folder_that_is_not_there_is_said_before_anything_is_computed(capsys, files):
+    code, _, said = gap(capsys, MACHINE, files / "absent.csv", "--json", files / "no" / "a.json")
+    assert code == 2
+    assert "its folder does not exist" in said
+
+
+def test_a_report_without_its_libraries_is_refused_at_once(capsys, files, monkeypatch):
+    monkeypatch.setattr(report, "find_spec", lambda name: None)
+    assert "pip install 'cylforce[report]'" in refused(capsys, files, MACHINE, files / "field.csv")
