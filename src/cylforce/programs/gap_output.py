@@ -50,7 +50,9 @@ def _residuals(found: Diagnosed) -> dict[str, Array]:
 
 
 def _answer_text(found: Diagnosed) -> str:
-    return json.dumps(found.answer, indent=1, default=float, allow_nan=False) + "\n"
+    """JSON has no NaN: what has no value is null."""
+    plain = json.loads(json.dumps(found.answer, default=float), parse_constant=lambda _: None)
+    return json.dumps(plain, indent=1, allow_nan=False) + "\n"
 
 
 def _blocks(found: Diagnosed) -> list[dict[str, Any]]:
