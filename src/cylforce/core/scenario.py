@@ -146,7 +146,7 @@ def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Step, .
     """Swings of the house to either side and back, with rests, from `start` to `stop` [s]."""
     steps: list[Step] = []
     clock, side = start + 1.0, 1.0
-    while clock + 2 * TURN < stop:
+    while clock + 2 * TURN + 1.0 < stop:
         angle = side * float(rng.uniform(1.0, 1.5))
         steps += [Step(clock, clock + TURN, angle), Step(clock + TURN + 1.0, clock + 2 * TURN + 1.0, -angle)]
         clock, side = clock + 2 * TURN + 3.0, -side

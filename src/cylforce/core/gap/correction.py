@@ -78,7 +78,9 @@ def _corrected(problem: Problem, machine: Machine, applied: Applied, recorded: R
     t = recorded.begins + np.arange(len(values)) / problem.model.filters.rate_hz
     for effect, size in zip(p.group, applied.sizes.tolist(), strict=False):
         if isinstance(effect, Distortion):
-            values = effect.distorted(machine, values, t, p.where, -size)
+            first = effect.distorted(machine, values, t, p.where, -size)
+            # the error belongs to the true values: once more, from values that are nearly true
+            values = first + values - effect.distorted(machine, first, t, p.where, size)
         elif isinstance(effect, Incident) and effect.course is Course.CLOCK:
             values = _in_time(problem, machine, applied, values, t)
     return values
