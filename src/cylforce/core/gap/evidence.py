@@ -9,11 +9,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from cylforce.core.gap.rows import BLOCK
 from cylforce.core.gap.whitening import Floor, whitened
 from cylforce.words.estimate import Array
+
+USUAL = 3.0  # times white noise: what a block may leave
 
 
 class Blocks(NamedTuple):
@@ -62,18 +65,36 @@ def grams(columns: Array, floor: Floor) -> tuple[Array, Array]:
     return found, rows
 
 
+def _moments(terms: Sequence[Term]) -> NDArray[np.intp]:
+    """The faulty blocks that some term has to itself."""
+    courses = [course for term in terms for course in term.course if np.count_nonzero(course) == 1]
+    return np.unique(np.flatnonzero(np.any(courses, axis=0))) if courses else np.zeros(0, dtype=np.intp)
+
+
 class Evidence:
     """All answers about one set of blocks, each block counted by its `weight` (B,), clean ones first, with the terms
-    in `held` taken as present."""
+    in `held` taken as present. A block that such a term has to itself counts the less the more it leaves there: what
+    happens for a moment is never quite of the term's form, and must not bend the fit of all other blocks."""
 
     def __init__(self, blocks: Blocks, held: Sequence[Term] = (), weight: Array | None = None) -> None:
         self.blocks, self.held = blocks, tuple(held)
-        self.weight = np.ones(len(blocks.clean) + len(blocks.faulty)) if weight is None else weight
-        clean, faulty = np.split(self.weight, [len(blocks.clean)])
+        self._base = list(blocks.shared)
+        self._rows = np.concatenate([blocks.clean_rows, blocks.faulty_rows])
+        self._spread = np.concatenate([blocks.spread[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
+        self._fit(np.ones(len(blocks.clean) + len(blocks.faulty)) if weight is None else weight)
+        moments = len(blocks.clean) + _moments(self.held)
+        for _ in range(2 if moments.size else 0):
+            left = np.concatenate(self.squares(self.held, self.fitted))[moments]
+            share = self.weight.copy()
+            share[moments] = np.minimum(1.0, USUAL * self._rows[moments] / np.maximum(left, 1e-9))
+            self._fit(share)
+
+    def _fit(self, weight: Array) -> None:
+        """Weighted sums of the blocks, and the values that fit them."""
+        blocks, self.weight = self.blocks, weight
+        clean, faulty = np.split(weight, [len(blocks.clean)])
         self._both = np.tensordot(clean, blocks.clean, 1) + np.tensordot(faulty, blocks.faulty, 1)
         self._weight, self._alone = faulty, np.tensordot(faulty, blocks.faulty, 1)
-        self._base = list(blocks.shared)
-        self._spread = np.concatenate([blocks.spread[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
         self._columns = [c for h in self.held for c in h.columns]
         self._course = np.concatenate([np.zeros((0, len(blocks.faulty))), *(h.course for h in self.held)])
         self._root = cho_factor(self._known() + np.diag(self._spread**-2.0))

@@ -21,6 +21,7 @@ UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
+CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
 FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 INSTANTS = 20.0  # that could as well have been the one
 
@@ -161,12 +162,30 @@ class Problem:
             yield self._from(p, places, k, len(one))
 
     def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
-        hit = np.flatnonzero(self._local(places, evidence) > NOTICED)
-        seen = np.sum(evidence.blocks.faulty_rows > 0.0)
-        if 0 < len(hit) <= RARE * seen and not self._free(p):
-            course = np.repeat(np.eye(len(self.times))[hit], len(places), axis=0)
+        most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
+        hit = self._hits(places, evidence, most)
+        if 0 < len(hit) <= most and not self._free(p):
             cost = len(hit) * float(np.log(len(self.times)))
-            yield Option(p, f"{len(hit)} times", Term(places * len(hit), course), cost)
+            yield Option(p, f"{len(hit)} times", self._each_of(places, hit), cost)
+
+    def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
+        """Blocks in which something happens. The most conspicuous are taken out before the others are asked again:
+        what happens in one block bends the fit of all."""
+        hit: list[int] = []
+        known = evidence
+        while len(hit) <= most:
+            gains = self._local(places, known)
+            gains[hit] = 0.0
+            more = np.flatnonzero(gains > max(NOTICED, CONSPICUOUS * float(np.max(gains))))
+            if not more.size:
+                break
+            hit = sorted([*hit, *more.tolist()])
+            known = Evidence(evidence.blocks, [*evidence.held, self._each_of(places, hit)], evidence.weight)
+        return hit
+
+    def _each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
+        """The columns in each of some blocks by itself."""
+        return Term(places * len(hit), np.repeat(np.eye(len(self.times))[hit], len(places), axis=0))
 
     def _free(self, p: Proposal) -> bool:
         """Whether the effect has as many freedoms as there are rows."""
