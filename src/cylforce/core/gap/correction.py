@@ -36,10 +36,11 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origin
         machine = _altered(machine, each)
     other = Viewer(replace(viewer.model, machine=machine), viewer.tares)
     faulty = []
-    for recorded in original:
+    for number, recorded in enumerate(original):
         values = recorded.values
         for each in reversed(applied):
-            values = _corrected(problem, viewer.model.machine, each, recorded._replace(values=values))
+            own = each._replace(sizes=_of_recording(each, number, len(original)))
+            values = _corrected(problem, viewer.model.machine, own, recorded._replace(values=values))
         found = recorded._replace(values=values)
         faulty.append(Seen(found, _renewed(problem, other, found, applied)))
     return replace(problem, faulty=tuple(faulty))
@@ -63,6 +64,13 @@ def _renewed(problem: Problem, viewer: Viewer, recorded: Recorded, applied: Sequ
         effects[..., here] = new.effects[..., k : k + len(here)]
         k += len(here)
     return new._replace(effects=effects)
+
+
+def _of_recording(applied: Applied, number: int, count: int) -> Array:
+    """The sizes (M,) that count in one of the recordings."""
+    if applied.option.proposal.about.of_its_own:
+        return np.asarray(applied.sizes.reshape(count, -1)[number])
+    return applied.sizes
 
 
 def _altered(machine: Machine, applied: Applied) -> Machine:

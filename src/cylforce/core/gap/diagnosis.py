@@ -10,6 +10,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
 from cylforce.core.gap.rank import TIE, Ranked, magnitude, ranking
+from cylforce.core.gap.reappearance import reappearance
 from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
 from cylforce.core.gap.whitening import Floor, floor_of
 from cylforce.core.model import Model
@@ -271,7 +272,7 @@ def _causes(
         rivals = tuple(x for x in ranked if x.key != r.key and x.score > NEAR * own.score)
         told = Evidence(blocks, [o.option.term for o in others]).of(r.option.term)
         sizes = evidence.fitted[k : k + m] + applied.get(r.key, np.zeros(m))
-        errors = np.sqrt(np.diag(told.covariance))
+        errors = np.sqrt(np.diag(told.covariance) * reappearance(blocks, r.option.term))
         found.append(Cause(r, sizes, errors, magnitude(r, sizes), own.score, told.inflation, rivals))
         k += m
     return tuple(found)

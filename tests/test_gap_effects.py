@@ -1,0 +1,123 @@
+"""Every effect of the library finds itself: switched on in the simulated machine, it is named first or among the rivals of
+what is, with its size. (Recordings of the product's own simulator: this shows that the programs work.)"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from cylforce.core.gap.diagnosis import Search, fitted_tares, looked_at, search
+from cylforce.core.gap.library import LIBRARY, proposals
+from cylforce.core.gap.problem import Seen
+from cylforce.core.gap.rank import leading
+from cylforce.core.gap.rows import Recorded, Viewer
+from cylforce.core.model import FRICTION, Model
+from cylforce.core.scenario import moves
+from cylforce.core.sensing import run, sensors
+from cylforce.core.simulated_effects import Imposed, imposed
+from cylforce.core.simulator import draw_truth
+from cylforce.edges.settings import load
+from cylforce.machine.candidate import THIRDS, Course, Incident
+
+SERVICE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service
+MACHINE = SERVICE.machine
+SECONDS, LOADS = 70.0, (0.0, 1000.0)  # one recording empty, one with a known load; the house turns in both
+
+# name: place, sizes, and what else; all of a magnitude that is noticed at work, none outstanding
+CASES = {
+    "coulomb_friction": ("boom", 2500.0, {}),
+    "viscous_friction": ("stick", 12e3, {}),
+    "friction_level_change": ("stick", 0.6, {}),
+    "stribeck": ("bucket", 1500.0, {}),
+    "load_dependent_friction": ("stick", 0.03, {}),
+    "asymmetric_friction": ("boom", 1500.0, {}),
+    "presliding_hysteresis": ("stick", 5000.0, {}),
+    "friction_temperature_drift": ("stick", -6e5, {}),
+    "return_line_loss": ("boom", 2e5, {"shape": {"way": 1, "power": 2.0}}),
+    "pressure_offset": ("boom_rod_pressure", 2e5, {}),
+    "pressure_gain": ("stick_head_pressure", 0.03, {}),
+    "pressure_drift": ("bucket_head_pressure", 5e6, {}),
+    "angle_offset": ("stick_angle", 0.02, {}),
+    "angle_scale": ("boom_angle", 0.03, {}),
+    "sensor_delay": ("bucket_angle", 0.05, {}),
+    "tilt_ignored": ("machine", [0.03, 0.02], {}),
+    "linkage_geometry": ("stick", 0.03, {"shape": {"measure": 1}}),
+    "extra_mass": ("stick", [200.0, 300.0, 60.0, 500.0], {}),
+    "first_moment_change": ("bucket", [80.0, 40.0, 30.0], {}),
+    "compliance": ("stick", 4e-7, {}),
+    "backlash": ("bucket", 0.02, {}),
+    "soil_contact": ("bucket", [4000.0, 6000.0], {"begin": 115.0, "end": 125.0}),
+    "slew_centrifugal": ("machine", 0.2, {"begin": 75.0, "end": 93.0}),
+    "payload_spill": ("bucket", [-250.0, -200.0, -30.0], {"begin": 112.0}),
+    "payload_shift": ("bucket", [150.0, 60.0], {"begin": 112.0}),
+    "clock_fault": ("machine", [0.06, 0.0], {"begin": 40.0}),
+}
+
+
+def recordings(seed: int, effects: tuple[Imposed, ...] = ()) -> list[Recorded]:
+    """One run of one machine, empty and loaded, with motion and noise drawn from `seed`."""
+    truth = draw_truth(MACHINE, np.random.default_rng(0), 0.1)._replace(effects=effects)
+    scenes = [
+        moves(MACHINE, np.random.default_rng((seed, k)), SECONDS, payload=payload, turning=True)
+        for k, payload in enumerate(LOADS)
+    ]
+    made, rng = sensors(MACHINE, SERVICE.nodes), np.random.default_rng((seed, 9))
+    records = run(MACHINE, truth, made, scenes, dt=1.0 / SERVICE.filters.rate_hz, rng=rng)
+    return [Recorded(f"{seed}", r.values, kg, float(r.t[0])) for r, kg in zip(records, LOADS, strict=True)]
+
+
+class Reference(NamedTuple):
+    viewer: Viewer
+    clean: tuple[Seen, ...]
+
+
+@pytest.fixture(scope="module")
+def reference() -> Reference:
+    """The machine as it always was."""
+    clean, model = recordings(1), Model(MACHINE, SERVICE.filters, FRICTION)
+    viewer = Viewer(model, fitted_tares(model, clean))
+    return Reference(viewer, looked_at(viewer, clean, proposals(MACHINE)))
+
+
+def told(found: Search, key: tuple[str, str]):
+    """What the search says of an effect: sizes and their errors along its axes, one row per window or recording, and
+    the windows; None where it is neither the first cause nor one of its rivals."""
+    first = found.causes[0]
+    for ranked, sizes, errors in [
+        (first.ranked, first.sizes, first.errors),
+        *((r, r.told.value, np.sqrt(np.diag(r.told.covariance))) for r in first.rivals),
+    ]:
+        if ranked.key == key:
+            return leading(ranked, sizes), leading(ranked, errors), ranked.option
+    return None
+
+
+def inside(found: Search, option, begin: float, end: float, values: np.ndarray) -> np.ndarray:
+    """Of sizes (W, 3 K) in windows those (V, K) in thirds that lie well within `begin` to `end` [s]."""
+    blocks = [int(np.argmax(row)) for row in option.term.course[:: len(option.term.course) // len(values)]]
+    middle = found.original.times[blocks][:, None] + (np.arange(THIRDS) - 1.0)
+    return values.reshape(len(values), THIRDS, -1)[(middle > begin + 1.5) & (middle < end - 1.5)]
+
+
+def test_every_effect_of_the_library_has_its_case():
+    assert {group[0].about.name for group in LIBRARY} == set(CASES)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_effect_finds_itself(reference, name):
+    """Named first or a rival of what is, its size within three standard errors."""
+    at, value, more = CASES[name]
+    effect = imposed(MACHINE, name, at, value, **more)
+    found = search(reference.viewer, recordings(2, (effect,)), reference.clean)
+    first = found.causes[0].ranked.key
+    answer = told(found, (name, at))
+    assert answer is not None, f"{first} without {name} among its rivals"
+    sizes, errors, option = answer
+    kind = effect.group[0]
+    if isinstance(kind, Incident) and kind.course is Course.WINDOWS:
+        sizes, errors = (inside(found, option, effect.begin, effect.end, x) for x in (sizes, errors))
+        assert len(sizes) >= 3
+    truth = np.array(effect.sizes)[: sizes.shape[1]]
+    assert np.all(np.abs(sizes - truth) < 3.0 * errors), f"{sizes} +- {errors}, true {truth}"
+    assert np.all(errors < np.maximum(np.abs(truth), kind.about.low)), "an error that says nothing"
