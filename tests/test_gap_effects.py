@@ -1,5 +1,5 @@
-"""Every effect of the library finds itself: switched on in the simulated machine, it is named first or among the rivals of
-what is, with its size. (Recordings of the product's own simulator: this shows that the programs work.)"""
+"""Every effect of the library finds itself: switched on in the simulated machine, it is named first or among the
+rivals of what is, with its size. (Our own simulator: this shows that the programs work.)"""
 
 from pathlib import Path
 from typing import NamedTuple

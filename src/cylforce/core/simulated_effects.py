@@ -161,12 +161,12 @@ def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
     return force
 
 
-def friction_level(effects: Sequence[Imposed], law: str, cylinders: int, t: Array) -> Array:
-    """By which factor (T, C) the friction law of that name is larger."""
+def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array) -> Array:
+    """By which factor (T, C) all usual friction of a cylinder is larger."""
     level = np.ones((len(t), cylinders))
     for each in effects:
         for share, size in each.members():
-            if isinstance(share, Share) and law in share.laws:
+            if isinstance(share, Share):
                 level[:, each.where] += size * each.during(t)
     return level
 

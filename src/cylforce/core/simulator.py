@@ -207,13 +207,11 @@ def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion,
     by turns."""
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     bare = (inverse @ tau[..., None])[..., 0]
-    sizes = [c.value * friction_level(truth.effects, c.name, len(c.value), t) for c in truth.friction]
+    level = friction_level(truth.effects, moving.speed.shape[1], t)
     friction = np.zeros_like(bare)
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
-        usual = [
-            c.law.force(loaded.speed, loaded.force, t) * size for c, size in zip(truth.friction, sizes, strict=True)
-        ]
+        usual = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for c in truth.friction]
         found = sum(usual, excess_force(truth.effects, loaded, t))
         change, friction = np.max(np.abs(found - friction), initial=0.0), found
         if change < 1e-9:

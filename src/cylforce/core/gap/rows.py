@@ -174,7 +174,7 @@ class Viewer:
         turning = moved.motion._replace(slew=np.ones_like(moved.motion.slew))
         plain = Regressor(machine, (TipForce(), Slew()))
         found = FilteredRegressor(plain, 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz).run(turning).columns
-        known = dict(zip((p.name for p in self.model.parameters), self.tares.tolist(), strict=True))
+        known = dict(zip((p.name for p in self.model.parameters), loaded.tares.tolist(), strict=True))
         slew = found[..., 3:] @ np.array([known.get(name, 0.0) for name in plain.names[3:]])
         dead = np.abs(moved.motion.slew) < DEAD_SLEW
         local = np.concatenate([found[..., :2], (slew * dead[:, None])[..., None]], axis=-1)
