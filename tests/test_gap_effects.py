@@ -28,7 +28,7 @@ SECONDS, LOADS = 70.0, (0.0, 1000.0)  # one recording empty, one with a known lo
 CASES = {
     "coulomb_friction": ("boom", 2500.0, {}),
     "viscous_friction": ("stick", 12e3, {}),
-    "friction_level_change": ("stick", 0.6, {}),
+    "friction_level_change": ("stick", 0.3, {}),
     "stribeck": ("bucket", 1500.0, {}),
     "load_dependent_friction": ("stick", 0.03, {}),
     "asymmetric_friction": ("boom", 1500.0, {}),
@@ -37,7 +37,7 @@ CASES = {
     "return_line_loss": ("boom", 2e5, {"shape": {"way": 1, "power": 2.0}}),
     "pressure_offset": ("boom_rod_pressure", 2e5, {}),
     "pressure_gain": ("stick_head_pressure", 0.03, {}),
-    "pressure_drift": ("bucket_head_pressure", 5e6, {}),
+    "pressure_drift": ("bucket_head_pressure", 2e7, {}),
     "angle_offset": ("stick_angle", 0.02, {}),
     "angle_scale": ("boom_angle", 0.03, {}),
     "sensor_delay": ("bucket_angle", 0.05, {}),

@@ -89,20 +89,22 @@ def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence
 
 
 def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
-    """Parameters (P,) by least squares of clean recordings, the data sheet as prior."""
-    viewer = Viewer(model, np.zeros(len(model.parameters)))
-    information = np.linalg.inv(model.prior.covariance)
-    score = information @ model.prior.mean
-    rows = [viewer.rows(r, ()) for r in clean]
-    size = FIRST_GUESS * np.sqrt(np.nanmean(np.concatenate([r.left for r in rows]) ** 2, axis=0)) + 1e-9
-    for recorded, seen in zip(clean, rows, strict=True):
-        left = seen.left - (seen.base @ model.load[:, 0]) * recorded.load
-        for r in range(left.shape[1]):
-            good = np.isfinite(left[:, r])
-            columns = seen.base[good, r] / size[r]
-            information = information + columns.T @ columns
-            score = score + columns.T @ (left[good, r] / size[r])
-    return np.asarray(np.linalg.solve(information, score))
+    """Parameters (P,) by least squares of clean recordings, the data sheet as prior; what is not known of a load is
+    fitted beside them, every row counted by what the first round leaves."""
+    viewer, count = Viewer(model, np.zeros(len(model.parameters))), len(model.parameters)
+    spread = np.sqrt(np.diag(model.prior.covariance))
+    problem = Problem(model, spread, (), looked_at(viewer, clean, ()), ())
+    columns, size = [problem.columns(seen) for seen in problem.clean], problem.lasting
+    prior, mean = np.diag(problem.spread[:size] ** -2.0), np.zeros(size)
+    prior[:count, :count], mean[:count] = np.linalg.inv(model.prior.covariance), model.prior.mean
+    scale, values = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9, mean
+    for _ in range(2):
+        floor = Floor(scale, np.zeros((len(scale), 1)), scale)
+        gram = np.sum([_normal(c, floor, size) for c in columns], axis=0)
+        values = np.linalg.solve(gram[:, :-1] + prior, gram[:, -1] + prior @ mean)
+        left = np.concatenate([c[..., -1] - c[..., :size] @ values for c in columns])
+        scale = np.sqrt(_mean(left**2)) + 1e-9
+    return np.asarray(values[:count])
 
 
 def noise_floor(problem: Problem) -> Floor:
