@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table as Text
 
 from cylforce.core.gap.library import Group
+from cylforce.core.gap.patch import patch
 from cylforce.core.gap.residuals import courses
 from cylforce.core.gap.verdict import Verdict
-from cylforce.core.simulated_effects import units
 from cylforce.edges.files import replacing
 from cylforce.programs.gap import Diagnosed
 from cylforce.words.estimate import Array
@@ -57,15 +57,7 @@ def _answer_text(found: Diagnosed) -> str:
 
 def _blocks(found: Diagnosed) -> list[dict[str, Any]]:
     """The causes that are named, as `patch_text` takes them."""
-    found_blocks = []
-    for named in found.judged.named:
-        option, sizes = named.cause.ranked.option, named.cause.sizes
-        group, at = option.proposal.group, option.proposal.at
-        width = len(units(group))
-        padded = np.append(sizes, np.zeros(-len(sizes) % width))
-        each = padded.reshape(-1, width)
-        found_blocks.append(block(group, at, tuple(each[int(np.argmax(np.abs(each[:, 0])))].tolist())))
-    return found_blocks
+    return patch(found.search.original, [n.cause for n in found.judged.named]) if found.search else []
 
 
 def block(group: Group, at: str, sizes: tuple[float, ...]) -> dict[str, Any]:
