@@ -9,6 +9,7 @@ import numpy as np
 from cylforce.core.assembler import Assembler
 from cylforce.core.gap.answer import answer
 from cylforce.core.gap.diagnosis import Search, fitted_tares, search
+from cylforce.core.gap.forward import forward
 from cylforce.core.gap.library import LIBRARY, Group
 from cylforce.core.gap.residuals import Gap, ends, gap
 from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
@@ -73,7 +74,8 @@ def diagnose(
     verdict, rng = judged(found), np.random.default_rng(SEED)
     watch("where it lies, how far it shrinks", None)
     size = gap(found, rng)
-    return Diagnosed(found, verdict, size, answer(found, verdict, size, ends(found), where(found, rng)))
+    whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, viewer))
+    return Diagnosed(found, verdict, size, whole)
 
 
 def _nothing(reason: str) -> Diagnosed:

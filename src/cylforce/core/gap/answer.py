@@ -7,6 +7,7 @@ import numpy as np
 from cylforce.core.gap.baselines import baselines
 from cylforce.core.gap.diagnosis import Cause, Search
 from cylforce.core.gap.evidence import Evidence
+from cylforce.core.gap.forward import Forward
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
@@ -14,12 +15,13 @@ from cylforce.core.gap.residuals import Ends, Gap
 from cylforce.core.gap.verdict import Judged, Named
 from cylforce.core.gap.where import Spot
 from cylforce.machine.candidate import Incident
+from cylforce.words.units import DEGREE
 
 SIGMAS = 5.0  # from which on an effect is detectable
 WIDE = 1.6449  # standard errors of a 90 % interval
 
 
-def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spot]) -> dict[str, Any]:
+def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spot], ahead: Forward) -> dict[str, Any]:
     """The whole answer; SI units."""
     model = search.original.model
     joints = [model.machine.links[j].name for j in model.machine.rows]
@@ -51,7 +53,11 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
             "payload_kg": {"before": ends.payload[0], "after": ends.payload[1]},
             "tip_force_n": {"before": ends.force[0], "after": ends.force[1]},
         },
-        "forward": None,
+        "forward": {
+            "horizon_s": ahead.horizon_s,
+            "before_deg": _known(ahead.before / DEGREE),
+            "after_deg": _known(ahead.after / DEGREE),
+        },
         "not_observable": hidden,
         "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
@@ -61,6 +67,10 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
 
 def _total(rms: "np.ndarray[Any, np.dtype[np.float64]]") -> float:
     return float(np.sqrt(np.mean(rms**2)))
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _shifts(search: Search, gap: Gap) -> list[dict[str, Any]]:

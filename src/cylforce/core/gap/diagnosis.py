@@ -77,7 +77,7 @@ def search(
     watch("columns of every effect")
     seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
-    problem = Problem(viewer.model, spread, wanted, *seen)
+    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1])
     floor = noise_floor(problem)
     blocks = problem.blocks(floor)
     return _greedy(viewer, problem, blocks, floor, list(faulty), watch)

@@ -52,6 +52,11 @@ class Problem:
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
 
+    def of_load(self, seen: Seen) -> int | None:
+        """The first of the columns of a recording's load beyond its mass; None for an empty one."""
+        place = [k for k, other in enumerate(self._loaded) if other.recorded is seen.recorded]
+        return len(self.model.parameters) + len(CENTRE) * place[0] if place else None
+
     @cached_property
     def _loaded(self) -> list[Seen]:
         return [seen for seen in (*self.clean, *self.faulty) if seen.recorded.load]
@@ -90,10 +95,11 @@ class Problem:
         """[base | loads | effects | incidents | left] (T, R, K+1) of a recording; a known load is taken off."""
         rows, own = seen.rows, np.zeros((*seen.rows.left.shape, len(CENTRE) * len(self._loaded)))
         left = rows.left
-        if seen.recorded.load:
+        first = self.of_load(seen)
+        if first is not None:
             each = rows.base @ self.model.load
             left = left - each[..., 0] * seen.recorded.load
-            k = len(CENTRE) * [other is seen for other in self._loaded].index(True)
+            k = first - len(self.model.parameters)
             own[..., k : k + len(CENTRE)] = each[..., 1:]
         return np.concatenate([rows.base, own, rows.effects, rows.incidental, left[..., None]], axis=-1)
 
