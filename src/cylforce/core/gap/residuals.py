@@ -175,7 +175,7 @@ def contributions(search: Search) -> Array:
             sizes = cause.sizes[:, None] * term.course[:, first:last]
             each.append(np.einsum("trm,tm->tr", c[..., list(term.columns)], _rows(sizes.T, len(c))))
         found.append(rms(each))
-    return np.array(found).reshape(len(search.causes), -1)
+    return np.array(found).reshape(len(search.causes), len(search.floor.rms))
 
 
 class Ends(NamedTuple):
