@@ -1,7 +1,6 @@
 """What `cylforce gap` tells: JSON, patch file, text."""
 
 import json
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +9,6 @@ import tomlkit
 from rich.console import Console
 from rich.table import Table as Text
 
-from cylforce.core.gap.library import Group
 from cylforce.core.gap.patch import patch
 from cylforce.core.gap.residuals import courses
 from cylforce.core.gap.verdict import Verdict
@@ -58,14 +56,6 @@ def _answer_text(found: Diagnosed) -> str:
 def _blocks(found: Diagnosed) -> list[dict[str, Any]]:
     """The causes that are named, as `patch_text` takes them."""
     return patch(found.search.original, [n.cause for n in found.judged.named]) if found.search else []
-
-
-def block(group: Group, at: str, sizes: tuple[float, ...]) -> dict[str, Any]:
-    """An effect of given sizes [SI] at a place, as `cylforce sim --effects` reads it."""
-    effect: Any = group[0]
-    form = {field.name: getattr(effect, field.name) for field in fields(effect)}
-    value = {"name": effect.about.name, "at": at, "value": sizes[0] if len(sizes) == 1 else list(sizes)}
-    return value | ({"shape": form} if form else {})
 
 
 def patch_text(blocks: list[dict[str, Any]]) -> str:

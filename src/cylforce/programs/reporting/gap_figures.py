@@ -167,7 +167,7 @@ def _falling(axes: Axes, values: list[float]) -> None:
     colours = [RED, AMBER, *[BLUE] * (last - 2), GREEN]
     axes.barh(range(len(values)), values, color=colours, height=0.62)
     for k, value in enumerate(values):
-        noted(axes, value, k, f"{value:.0f}")
+        noted(axes, value, k, f"{value:.0f}" if value else "nothing known")
     axes.axvline(values[last], color=GREEN, linewidth=0.9, linestyle="--")
     axes.set_xlim(0.0, 1.3 * max(values))
     axes.grid(visible=False, axis="y")
