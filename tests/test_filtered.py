@@ -9,7 +9,7 @@ from cylforce.core.service import Filters
 from cylforce.effects.rigid import Rigid
 from cylforce.machine.machine import base_parameters
 from cylforce.machine.motion import Motion, motion
-from cylforce.regression.filters import first_order
+from cylforce.regression.filters import fours
 from cylforce.regression.regressor import FilteredRegressor, Regressor
 from machines import excavator
 
@@ -44,8 +44,8 @@ def inverse_dynamics(theta: np.ndarray, thetad: np.ndarray, thetadd: np.ndarray)
 
 
 def test_filtered_identity_holds_from_the_first_sample() -> None:
-    """L(Q) = w (p - L p) + L(static): rms error below 1e-3 of rms L(Q) for motion up to 0.5 Hz at 100 Hz, also within
-    the first 0.2 s; a start from all zeros or from the steady state is off by more than ten times as much."""
+    """S L Q = S (d/dt L p + L static): rms error below 1e-6 of rms S L Q for motion up to 0.5 Hz at 100 Hz, and within
+    the first 0.2 s below 1e-3 of it."""
     machine, t = excavator(), np.arange(0, 12, DT)
     theta, thetad, thetadd = wave(np.random.default_rng(SEED), t, 0.5)
     tau = inverse_dynamics(theta, thetad, thetadd)
@@ -53,11 +53,27 @@ def test_filtered_identity_holds_from_the_first_sample() -> None:
     rows = filtered.run(driven(theta, thetad, tau))
     error = rows.torque - rows.columns @ base_parameters(machine.links)
     size = np.sqrt(np.mean(rows.torque**2, axis=0))
-    assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 1e-3 * size)
+    assert np.all(np.sqrt(np.mean(error[100:] ** 2, axis=0)) < 1e-6 * size)
     assert np.all(np.abs(error[:20]) < 1e-3 * size)
-    low, zero = first_order(2.0, DT), np.zeros((1, 3))
-    honest = low.run(low.start(tau[0], 0 * tau[0]), tau)[1]
-    assert np.max(np.abs(low.run(zero, tau)[1] - honest)[:20]) > 1e-2 * size.max()
+
+
+def test_sampling_keeps_the_inertia_of_quick_moves() -> None:
+    """Angles and forces alone, sampled at 100 Hz, of a bucket that swings at 3 Hz with J q'' + g X cos q = Q: the J
+    found is right to 1e-4. Means and differences of two samples make it 0.6 % too small."""
+    machine, t = excavator(), np.arange(0, 12, DT)
+    model, true = Model(machine, FILTERS, ()), base_parameters(machine.links)
+    theta, thetad, thetadd = np.zeros((3, t.size, 3))
+    omega = 2 * np.pi * 3.0
+    theta += (0.2, -1.6, -1.0)
+    theta[:, 2] += 0.01 * np.sin(omega * t)
+    thetad[:, 2], thetadd[:, 2] = 0.01 * omega * np.cos(omega * t), -0.01 * omega**2 * np.sin(omega * t)
+    force = driven(theta, thetad, inverse_dynamics(theta, thetad, thetadd)).force
+    channels = np.concatenate([theta, force, np.zeros((t.size, 3))], axis=1)
+    rows = model.filtered.run(model.channels.between(fours(model.channels.smoothed(channels))).motion)
+    late, inertia = slice(200, None), 6  # the bucket's J
+    rest = rows.torque - rows.columns[..., :9] @ true
+    column = rows.columns[late, 2, inertia]
+    assert abs(column @ rest[late, 2] / (column @ column)) < 1e-4 * true[inertia]
 
 
 def driven(theta: np.ndarray, thetad: np.ndarray, tau: np.ndarray) -> Motion:

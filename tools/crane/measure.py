@@ -12,6 +12,7 @@ from scipy import signal
 
 from cylforce.core.model import Model
 from cylforce.programs.replay import Replayed
+from cylforce.regression.filters import fours
 from cylforce.words.estimate import Array, Quantity, Status
 
 CUTOFF_HZ = 2.0
@@ -47,7 +48,7 @@ def measured(model: Model, values: Array) -> Run:
     Each joint's own cylinder has the joint's number, as on this crane."""
     b, a = signal.butter(2, CUTOFF_HZ, fs=model.filters.rate_hz)
     channels = model.channels.read(signal.filtfilt(b, a, values, axis=0))
-    moving = model.channels.between(channels[:-1], channels[1:]).motion
+    moving = model.channels.between(fours(channels)).motion
     momentum, static = model.empty.both_halves(moving)
     inside = slice(round(CUT_S * model.filters.rate_hz), -round(CUT_S * model.filters.rate_hz))
     return Run(

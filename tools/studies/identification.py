@@ -24,6 +24,7 @@ from cylforce.core.step import Core
 from cylforce.edges.settings import Loaded, load
 from cylforce.programs.identify import model_of, recorded_segments
 from cylforce.programs.replay import calibrated, replay_through
+from cylforce.regression.filters import fours
 from cylforce.words.estimate import Array
 from reference_machine.machine import Machine, draw
 from reference_machine.recording import Recording
@@ -77,8 +78,7 @@ def friction_torque(loaded: Loaded, model: Model, values: Array, truth: Recordin
     n = machine.size
     force = np.stack([_friction_force(truth, c.name) for c in machine.cylinders], axis=1)
     channels[:, n : n + len(machine.cylinders)] = force[: len(channels)]
-    _, smooth = model.channels.smooth.run(model.channels.smooth.steady(channels[0]), channels)
-    moved = model.channels.between(smooth[:-1], smooth[1:])
+    moved = model.channels.between(fours(model.channels.smoothed(channels)))
     return model.filtered.run(moved.motion).torque[model.settle_steps :]
 
 

@@ -138,7 +138,7 @@ def _speed(machine: Machine, c: int) -> float:
 
 
 def _moved(model: Model, theta: Array, rate: Array, force: Array) -> Moved:
-    """The motion on level ground, as the channels would make it from two samples."""
+    """The motion on level ground, as the channels would make it from four samples."""
     half, level = rate * (model.channels.dt / 2.0), np.zeros((*theta.shape[:-1], 3))
-    ends = (np.concatenate([theta + sign * half, force, level], axis=-1) for sign in (-1.0, 1.0))
-    return model.channels.between(*ends)
+    four = [np.concatenate([theta + place * half, force, level], axis=-1) for place in (-3.0, -1.0, 1.0, 3.0)]
+    return model.channels.between(np.stack(four))

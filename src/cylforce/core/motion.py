@@ -9,7 +9,7 @@ import numpy as np
 from cylforce.core.service import Filters
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Attitude, Motion, motion
-from cylforce.regression.filters import Filter, second_order
+from cylforce.regression.filters import Filter, fours, mean, poles, second_order, slope
 from cylforce.words.estimate import Array
 from cylforce.words.signals import Kind
 
@@ -34,8 +34,9 @@ class Channels:
 
     @cached_property
     def smooth(self) -> Filter:
-        """The low-pass that every channel passes before anything non-linear is computed from it."""
-        return second_order(self.filters.channel_hz, self.dt)
+        """The low-pass that every channel passes before anything non-linear is computed from it; `between` does the
+        rest of it."""
+        return poles(second_order(self.filters.channel_hz, self.dt))
 
     @property
     def dt(self) -> float:
@@ -101,11 +102,11 @@ class Channels:
         rod = self._value(values, Kind.ROD_PRESSURE, c, zero + self.machine.cylinders[c].rod_pressure)
         return self.machine.cylinder_force(c, head, rod)
 
-    def between(self, before: Array, after: Array) -> Moved:
-        """Motion half-way between two samples of smoothed channels (..., D): means for places, differences for
+    def between(self, four: Array) -> Moved:
+        """Motion in the middle of four samples of smoothed channels (4, ..., D): means for places, slopes for
         rates."""
         n, c = self.machine.size, len(self.machine.cylinders)
-        middle, rate = (before + after) / 2.0, (after - before) / self.dt
+        middle, rate = mean(four), slope(four, self.dt)
         slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]
         attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
         found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., n : n + c], attitude)
@@ -130,5 +131,9 @@ class Channels:
         channels = self.read(values)
         if (Kind.SLEW_ANGLE, 0) in self._where:
             channels[:, -1] = np.unwrap(channels[:, -1])
+        return self.between(fours(self.smoothed(channels)))
+
+    def smoothed(self, channels: Array) -> Array:
+        """Channels (T, D) through the low-pass (T+2, D), as if they had stood still before."""
         _, smooth = self.smooth.run(self.smooth.steady(channels[0]), channels)
-        return self.between(smooth[:-1], smooth[1:])
+        return np.concatenate([smooth[:1], smooth[:1], smooth])

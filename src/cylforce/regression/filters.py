@@ -1,7 +1,7 @@
 """Discrete low-pass filters: one step for a live sample, one run for a recording; both give the same to rounding."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from math import pi
 
 import numpy as np
@@ -26,9 +26,9 @@ class Filter:
         zi = signal.lfilter_zi(self.b, self.a)
         return np.asarray(zi.reshape(-1, *([1] * np.ndim(x))) * x)
 
-    def start(self, x: Array, y: Array) -> Array:
-        """The state of a first-order filter whose answer to the first sample x is y."""
-        return np.asarray(y - self.b[0] * x)[None]
+    def rest(self, x: Array) -> Array:
+        """The state in which a filter that lets nothing constant pass, sum(b) = 0, has been shown x for ever."""
+        return np.stack([-np.sum(self.b[:k]) * x for k in range(1, len(self.b))])
 
     def step(self, state: Array, x: Array) -> tuple[Array, Array]:
         """One sample: (new state, output); operations in the order of `run`, so that both round alike."""
@@ -49,6 +49,31 @@ def first_order(cutoff_hz: float, dt: float) -> Filter:
     """L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2 (PHYSICS 5)."""
     a = pi * cutoff_hz * dt
     return Filter((a / (1 + a), a / (1 + a)), (1.0, -(1 - a) / (1 + a)))
+
+
+def poles(*stages: Filter) -> Filter:
+    """Low-passes one after the other without their zeros, which `mean` puts back: what follows may so choose between
+    means and slopes of what they filter."""
+    a = reduce(np.polymul, (stage.a for stage in stages))
+    return Filter((float(np.sum(a)), *[0.0] * (len(a) - 1)), tuple(float(v) for v in a))
+
+
+def mean(four: Array) -> Array:
+    """The mean of a stretch of four samples (4, ...) by Simpson's 3/8 rule. It equals that of the means of neighbours
+    of the means of three, (1 + z)^3/8: with `poles` before it, low-passes by Tustin's rule and the middle between two
+    samples."""
+    return np.asarray((four[0] + four[3] + 3.0 * (four[1] + four[2])) / 8.0)
+
+
+def slope(four: Array, dt: float) -> Array:
+    """The mean rate over the same stretch: slope = d(mean)/dt but for (w dt)^4/80. The difference of two samples beside
+    their mean is too large by (w dt)^2/12, and squared it makes an inertia too small: 0.4 % at 2.5 Hz and 100 Hz."""
+    return np.asarray((four[3] - four[0]) / (3.0 * dt))
+
+
+def fours(x: Array) -> Array:
+    """All stretches of four neighbours (4, T-3, ...) of x (T, ...)."""
+    return np.stack([x[k : len(x) - 3 + k] for k in range(4)])
 
 
 @lru_cache

@@ -11,7 +11,7 @@ import numpy as np
 from cylforce.machine.effect import Effect, Parameter
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion, joint_torque
-from cylforce.regression.filters import Filter, first_order, second_order
+from cylforce.regression.filters import Filter, first_order, poles, second_order
 from cylforce.words.estimate import Array
 
 
@@ -81,18 +81,13 @@ class Rows(NamedTuple):
     torque: Array
 
 
-class FilterState(NamedTuple):
-    """States of the first-order and of the smoothing filter, for (R, P+1) columns, torque last."""
-
-    first: Array
-    smooth: Array
-
-
 @dataclass(frozen=True)
 class FilteredRegressor:
-    """w (momentum - L momentum) + L static = L torque, both sides smoothed by the same second-order low-pass.
+    """S (d/dt L momentum + L static) = S L torque: L first-order, S the smoothing of second order, as one filter with
+    two numerators, the slope's for momentum and the mean's for the rest (`filters.mean`, `filters.slope`).
 
-    L starts at the first momentum, so that the identity holds from the first sample; all other states start at zero."""
+    It starts as if the momentum had always been the first one and the rest began with the first sample, so that the
+    identity holds from there on."""
 
     regressor: Regressor
     dt: float
@@ -100,43 +95,53 @@ class FilteredRegressor:
     smoothing_hz: float
 
     @cached_property
-    def _first(self) -> Filter:
-        return first_order(self.regressor_hz, self.dt)
+    def _mean(self) -> Filter:
+        low = poles(first_order(self.regressor_hz, self.dt), second_order(self.smoothing_hz, self.dt))
+        return Filter(tuple(low.b[0] * share / 8.0 for share in (1.0, 3.0, 3.0, 1.0)), low.a)
 
     @cached_property
-    def _smooth(self) -> Filter:
-        return second_order(self.smoothing_hz, self.dt)
+    def _slope(self) -> Filter:
+        gain = 8.0 * self._mean.b[0] / (3.0 * self.dt)
+        return Filter((gain, 0.0, 0.0, -gain), self._mean.a)
 
     def _inputs(self, moving: Motion) -> tuple[Array, Array]:
-        """w * momentum and static - w * momentum (..., R, P+1), the torque as the last static column."""
-        (left, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
-        momentum = np.concatenate([left, np.zeros((*torque.shape, 1))], axis=-1) * (2 * pi * self.regressor_hz)
-        return momentum, np.concatenate([static, torque[..., None]], axis=-1) - momentum
+        """Momentum (..., R, P) and static columns (..., R, P+1), the torque as the last of these."""
+        (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
+        return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
-    def begin(self, moving: Motion) -> FilterState:
-        """State before the first sample."""
-        momentum, rest = self._inputs(moving)
-        return FilterState(self._first.start(rest, -momentum), self._smooth.zero(momentum.shape))
+    def begin(self, moving: Motion) -> Array:
+        """State (3, R, P+1) before the first sample."""
+        momentum, static = self._inputs(moving)
+        state = self._begun(static)
+        state[..., :-1] += self._slope.rest(momentum)
+        return state
 
-    def step(self, state: FilterState, moving: Motion) -> tuple[FilterState, Rows]:
+    def _begun(self, static: Array) -> Array:
+        """The mean's state before the first sample: of three steps only those since then count, 0, 1/3 and 2/3 of
+        it."""
+        extra = [step * sum(self._mean.b) / 3.0 - sum(self._mean.b[: step + 1]) for step in range(3)]
+        return np.stack([share * static for share in extra])
+
+    def step(self, state: Array, moving: Motion) -> tuple[Array, Rows]:
         """One sample."""
-        momentum, rest = self._inputs(moving)
-        first, low = self._first.step(state.first, rest)
-        smooth, rows = self._smooth.step(state.smooth, momentum + low)
-        return FilterState(first, smooth), Rows(rows[..., :-1], rows[..., -1])
+        momentum, static = self._inputs(moving)
+        first, *_, last = self._slope.b  # the others are zero
+        begun = state.copy()
+        begun[0, ..., :-1] += first * momentum
+        new, rows = self._mean.step(begun, static)
+        new[-1, ..., :-1] += last * momentum
+        return new, Rows(rows[..., :-1], rows[..., -1])
 
     def run(self, moving: Motion) -> Rows:
         """A recording: leading axis is time."""
-        momentum, rest = self._inputs(moving)
-        _, low = self._first.run(self._first.start(rest[0], -momentum[0]), rest)
-        _, rows = self._smooth.run(self._smooth.zero(momentum.shape[1:]), momentum + low)
-        return Rows(rows[..., :-1], rows[..., -1])
+        momentum, static = self._inputs(moving)
+        rows = self._mean.run(self._begun(static[0]), static)[1]
+        moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
+        return Rows(rows[..., :-1] + moved, rows[..., -1])
 
     def left(self, moving: Motion, values: Array) -> Array:
         """What parameters `values` (P,) leave of the filtered torque (T, R), along a recording."""
-        momentum, static = self.regressor.both_halves(moving)
-        known = (momentum @ values) * (2 * pi * self.regressor_hz)
-        rest = static @ values - known - self.regressor.torque(moving)
-        _, low = self._first.run(self._first.start(rest[0], -known[0]), rest)
-        _, rows = self._smooth.run(self._smooth.zero(known.shape[1:]), known + low)
-        return np.asarray(-rows)
+        momentum, static = (half @ values for half in self.regressor.both_halves(moving))
+        rest = self.regressor.torque(moving) - static
+        moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
+        return np.asarray(self._mean.run(self._begun(rest[0]), rest)[1] - moved)
