@@ -77,7 +77,7 @@ class Engine:
         ]
         self.pump = Pump(plant.hydraulics, DT)
         self.tip_force, self.tip = (0.0, 0.0), (0.0, 0.0)
-        self._missing = [0.0, 0.0, 0.0]
+        self._missing, self._turning = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
         self._arms = (s.lengths["boom"], s.lengths["stick"], *s.tool)
         self._begin()
 
@@ -127,13 +127,16 @@ class Engine:
         touches = self._near_ground() or known != [0.0, 0.0]
         truth: list[float] = []
         for step in range(STEPS):
+            for cylinder, turning in zip(self.cylinders, self._turning, strict=True):
+                cylinder.command += turning
             self._advance(slew, known if touches else None, plan.begin + (k + step / STEPS) / RATE, log)
             if step == 0:
                 truth = self._truth()
         return truth
 
     def _command(self, k: int) -> None:
-        """Speeds asked for: the plan's, and what brings the length back to it."""
+        """Speeds asked for at the row's end: the plan's, and what brings the length back to it. On the way there they
+        change evenly: a hand that moved in steps of the sensors' period would jerk the arm in time with them."""
         lengths = self.plan.lengths
         now, ahead = lengths[k], lengths[min(k + 1, len(lengths) - 1)]
         speeds = ((ahead - now) * RATE).tolist()
@@ -144,8 +147,8 @@ class Engine:
             rests = speed == 0.0 and abs(missing) < CLOSE_ENOUGH
             asked = 0.0 if rests else speed + GAIN * missing
             wanted.append(min(max(asked, -FASTEST), FASTEST))
-        for cylinder, speed in zip(self.cylinders, self.pump.shared(wanted, self.cylinders), strict=True):
-            cylinder.command = speed
+        shared = self.pump.shared(wanted, self.cylinders)
+        self._turning = [(speed - c.command) / STEPS for speed, c in zip(shared, self.cylinders, strict=True)]
 
     def _advance(self, slew: tuple[float, float], known: list[float] | None, t: float, log: list[float] | None) -> None:
         """One millisecond: new lengths make pressures, pressures make torques, torques move MuJoCo's bodies."""
