@@ -12,8 +12,8 @@ from cylforce.words.estimate import Array
 
 
 class Pipe(NamedTuple):
-    """State: the last raw channels (D,), the low-pass and its last three outputs (3, D), the regressor's filters, steps done, and per
-    row how many steps it must still wait until its filters have forgotten an unusable lever."""
+    """State: the last raw channels (D,), the low-pass and its last three outputs (3, D), the regressor's filters, steps
+    done, and per row how many steps it must still wait until its filters have forgotten an unusable lever."""
 
     raw: Array
     smooth_state: Array

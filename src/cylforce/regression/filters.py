@@ -1,7 +1,7 @@
 """Discrete low-pass filters: one step for a live sample, one run for a recording; both give the same to rounding."""
 
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import lru_cache
 from math import pi
 
 import numpy as np
@@ -54,7 +54,9 @@ def first_order(cutoff_hz: float, dt: float) -> Filter:
 def poles(*stages: Filter) -> Filter:
     """Low-passes one after the other without their zeros, which `mean` puts back: what follows may so choose between
     means and slopes of what they filter."""
-    a = reduce(np.polymul, (stage.a for stage in stages))
+    a = np.ones(1)
+    for stage in stages:
+        a = np.convolve(a, stage.a)
     return Filter((float(np.sum(a)), *[0.0] * (len(a) - 1)), tuple(float(v) for v in a))
 
 

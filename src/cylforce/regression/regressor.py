@@ -3,7 +3,6 @@ acceleration is needed (PHYSICS section 5)."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi
 from typing import NamedTuple
 
 import numpy as np
