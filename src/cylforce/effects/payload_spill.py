@@ -15,11 +15,12 @@ class PayloadSpill:
         return About(
             "payload_spill",
             "kg",
-            20.0,
+            40.0,
             3e3,
             Place.TOOL,
             "from one instant on, like a smaller load",
             "weigh what is left",
+            -1,
         )
 
     @property

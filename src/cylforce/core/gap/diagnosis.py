@@ -134,7 +134,7 @@ def _mean(x: Array) -> Array:
 
 def _ridge(problem: Problem, gram: Array) -> Array:
     size = problem.lasting
-    return np.asarray(np.linalg.solve(gram[:, :-1] + np.diag(problem.spread[:size] ** -2.0), gram[:, -1]))
+    return np.asarray(np.linalg.solve(gram[:, :-1] + np.diag(problem.always[:size] ** -2.0), gram[:, -1]))
 
 
 def _predicted(problem: Problem, columns: Array, whole: Array, floor: Floor) -> Array:

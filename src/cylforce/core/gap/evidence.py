@@ -22,13 +22,18 @@ USUAL = 3.0  # times white noise: what a block may leave
 class Blocks(NamedTuple):
     """Gram matrices (B, K+1, K+1) of [columns K | left], whitened, of the clean and of the faulty recordings, how many
     rows each block has, `clean_rows`, `faulty_rows` (B,), and the standard errors that each column's size has
-    beforehand, `spread` (K,). `shared`: the columns that stand for what the machine always was."""
+    beforehand, `spread` (K,). `shared`: the columns that stand for what the machine always was, with the standard
+    errors `always` (K,) of that.
+
+    These are small: columns of sensor errors hold the readings themselves, and a large gain of both chambers beside
+    scaled parameters would explain any gap away."""
 
     clean: Array
     faulty: Array
     clean_rows: Array
     faulty_rows: Array
     spread: Array
+    always: Array
     shared: tuple[int, ...]
 
 
@@ -80,7 +85,7 @@ class Evidence:
         self.blocks, self.held = blocks, tuple(held)
         self._base = list(blocks.shared)
         self._rows = np.concatenate([blocks.clean_rows, blocks.faulty_rows])
-        self._spread = np.concatenate([blocks.spread[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
+        self._spread = np.concatenate([blocks.always[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
         self._fit(np.ones(len(blocks.clean) + len(blocks.faulty)) if weight is None else weight)
         moments = len(blocks.clean) + _moments(self.held)
         for _ in range(2 if moments.size else 0):

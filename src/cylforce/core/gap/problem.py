@@ -14,7 +14,7 @@ from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.rows import BLOCK, CENTRE, Recorded, Rows
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
-from cylforce.machine.candidate import INCIDENTAL, THIRDS, Course, Incident, Weight
+from cylforce.machine.candidate import INCIDENTAL, THIRDS, Candidate, Course, Incident, Weight
 from cylforce.words.estimate import Array
 
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual sizes of what incidents change
@@ -68,6 +68,12 @@ class Problem:
         return np.concatenate([self.known, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
 
     @cached_property
+    def always(self) -> Array:
+        """The same of what the machine always was: of effects, what goes unnoticed."""
+        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _small(e)]
+        return np.concatenate([self.known, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
+
+    @cached_property
     def first(self) -> int:
         """The number of the first effect's column."""
         return len(self.model.parameters) + len(CENTRE) * len(self._loaded)
@@ -111,7 +117,7 @@ class Problem:
         faulty = [grams(self.columns(seen), floor) for seen in self.faulty]
         shared = self.lasting if self.clean else self.first
         (a, m), (b, n) = ([np.concatenate(x) for x in zip(*each, strict=True)] for each in (clean, faulty))
-        return Blocks(a, b, m, n, self.spread, tuple(range(shared)))
+        return Blocks(a, b, m, n, self.spread, self.always, tuple(range(shared)))
 
     @cached_property
     def spans(self) -> list[tuple[int, int]]:
@@ -208,13 +214,20 @@ class Problem:
         return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(precision)[1])
 
 
-def _sizes(effect: object) -> tuple[float, ...]:
+def _sizes(effect: Candidate) -> tuple[float, ...]:
     """Usual sizes of an effect's columns."""
     if isinstance(effect, Weight):
         return effect.usual
-    about = getattr(effect, "about")  # noqa: B009
-    return (about.high / 2.0,)
+    return (effect.about.high / 2.0,)
 
 
 def _half(t: Array) -> float:
     return float(t[1] - t[0]) * BLOCK / 2.0 if len(t) > 1 else 0.0
+
+
+def _small(effect: Candidate) -> tuple[float, ...]:
+    """Sizes of an effect's columns that go unnoticed: the least plausible one, and masses in proportion."""
+    about = effect.about
+    if isinstance(effect, Weight):
+        return tuple(size * about.low / effect.usual[0] for size in effect.usual)
+    return (about.low,)

@@ -11,6 +11,7 @@ from cylforce.core.gap.problem import TEMPER, Option, Problem
 from cylforce.machine.candidate import THIRDS, Course, Incident
 from cylforce.words.estimate import Array
 
+BEYOND = 2.0  # times the largest plausible size
 TIE = 3.0  # nats that are no difference
 
 
@@ -70,5 +71,7 @@ def _simplest(ranked: list[Ranked]) -> list[Ranked]:
 
 
 def _possible(found: Ranked) -> bool:
-    """Whether the sign is one that the effect can have."""
-    return bool(found.option.proposal.about.sign * np.sum(leading(found, found.told.value)) >= 0.0)
+    """Whether the sign is one that the effect can have, and the size not beyond all that is plausible."""
+    about = found.option.proposal.about
+    right = about.sign * np.sum(leading(found, found.told.value)) >= 0.0
+    return bool(right and magnitude(found, found.told.value) <= BEYOND * about.high)

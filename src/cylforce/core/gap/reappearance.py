@@ -26,6 +26,7 @@ def reappearance(blocks: Blocks, term: Term) -> float:
             clean_rows=blocks.clean_rows[rest],
             faulty_rows=blocks.clean_rows[own],
             spread=blocks.spread,
+            always=blocks.always,
             shared=blocks.shared,
         )
         told = Evidence(played).of(Term(columns, np.ones((len(columns), int(np.sum(own))))), 1.0)
