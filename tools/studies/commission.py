@@ -84,8 +84,11 @@ def obedient(machine: Machine) -> dict[str, Any]:
         }
         if not advice.done:
             return figures
+        try:
+            found = identify(model_of(loaded), [values])
+        except ValueError as error:  # the whole recording says what its beginning did not
+            return figures | {"done": False, "refusal": str(error)}
         work_run = machine.run("cycles", seed=2)
-        found = identify(model_of(loaded), [values])
         weighed = weights(loaded, found, work_run.write(folder), work_run, "")
     measured = rated * float(np.sqrt(np.mean(np.square(weighed["errors"]))))
     return {**figures, "measured_kg": measured, "scale_error": weighed["scale_error"], "z": weighed["z"]}
