@@ -6,7 +6,7 @@ from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.evidence import Blocks, Evidence, Term
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import Problem
-from cylforce.core.gap.residuals import FAINT, SPAN
+from cylforce.core.gap.residuals import SPAN
 from cylforce.machine.candidate import Incident
 from cylforce.words.estimate import Array
 
@@ -59,7 +59,7 @@ def _predicted(blocks: Blocks, first: int, places: list[int]) -> float:
     term, total = Term(tuple(places), np.ones((len(places), count))), 0.0
     plain = blocks._replace(shared=tuple(range(first)))
     for k in (0, 1):
-        weight = np.concatenate([np.zeros(len(blocks.clean)), np.where(fold == k, FAINT, 1.0)])
+        weight = np.concatenate([np.zeros(len(blocks.clean)), np.where(fold == k, 0.0, 1.0)])
         evidence = Evidence(plain, [term], weight)
         total += float(np.sum(evidence.squares([term], evidence.fitted)[1][fold == k]))
     return -total

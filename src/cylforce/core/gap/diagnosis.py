@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.core.gap.correction import Applied, bends, without
 from cylforce.core.gap.evidence import Blocks, Evidence
@@ -14,12 +15,14 @@ from cylforce.core.gap.reappearance import reappearance
 from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
 from cylforce.core.gap.whitening import Floor, floor_of
 from cylforce.core.model import Model
+from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
 MOST = 6  # effects
 MINOR = 0.01  # of the gap's energy: a lesser cause is not looked for
 FOLDS = 4
+ROUGH = 0.6  # of a block's energy that an incident may leave
 ROUNDS = 2  # in which columns are computed anew at the sizes found
 NEAR = 0.6  # of the best's score
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
@@ -40,9 +43,11 @@ class Cause(NamedTuple):
 
 
 class Energy(NamedTuple):
-    """Whitened sums of squares of the faulty blocks (B,): as they are, `before`, and with all causes, `after`; their
+    """Whitened sums of squares of the faulty blocks (B,): with nothing fitted to them, `fixed`, with what the machine
+    always was fitted to them too, `before`, and with all causes, `after`; their
     `floor` (B,) from the clean ones; the same of the clean blocks."""
 
+    fixed: Array
     before: Array
     after: Array
     floor: Array
@@ -166,6 +171,7 @@ def _greedy(
     first_problem, usual = problem, _usual(blocks)
     base = Evidence(blocks)
     _, before = base.squares((), base.fitted)
+    _, fixed = base.squares((), problem.fixed(blocks))
     worth = max(ENOUGH, MINOR * float(np.sum(before) - np.sum(usual)) / (2.0 * TEMPER))
     watch("search")
     first = tuple(ranking(problem, base))
@@ -180,8 +186,21 @@ def _greedy(
         applied = {key: sizes for key, sizes in applied.items() if key in {r.key for r in held}}
     evidence = Evidence(blocks, [r.option.term for r in held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
+    after = np.where(_rough(held, fixed, after), np.minimum(after, usual), after)
     causes = _causes(first_problem, blocks, floor, held, applied, evidence)
-    return Search(first_problem, problem, blocks, floor, causes, Energy(before, after, usual, clean), first, evidence)
+    energy = Energy(fixed, before, after, usual, clean)
+    return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence)
+
+
+def _rough(held: Sequence[Ranked], fixed: Array, after: Array) -> NDArray[np.bool_]:
+    """Blocks (B,) of which an incident explains most: what happens there for a moment is rougher than any form, and its
+    rest is no sign of another cause."""
+    found = np.zeros(len(fixed), dtype=bool)
+    for r in held:
+        effect = r.option.proposal.group[0]
+        if isinstance(effect, Incident) and effect.course is Course.WINDOWS:
+            found |= np.any(r.option.term.course != 0.0, axis=0)
+    return np.asarray(found & (after < ROUGH * fixed))
 
 
 def _settled(

@@ -57,6 +57,18 @@ class Problem:
         place = [k for k, other in enumerate(self._loaded) if other.recorded is seen.recorded]
         return len(self.model.parameters) + len(CENTRE) * place[0] if place else None
 
+    def fixed(self, blocks: Blocks) -> Array:
+        """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang."""
+        weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
+        values = Evidence(blocks, weight=weight).fitted
+        loads = [self.of_load(seen) for seen in self.faulty]
+        own = [k + i for k in loads if k is not None for i in range(len(CENTRE))]
+        left = Evidence.coefficients(blocks, (), values)[1]
+        score = np.einsum("bij,bj->i", blocks.faulty[:, own], left)
+        gram = blocks.faulty[:, own][:, :, own].sum(axis=0) + np.diag(blocks.always[own] ** -2.0)
+        values[own] += np.linalg.solve(gram, score - values[own] / blocks.always[own] ** 2)
+        return values
+
     @cached_property
     def _loaded(self) -> list[Seen]:
         return [seen for seen in (*self.clean, *self.faulty) if seen.recorded.load]

@@ -14,7 +14,6 @@ from cylforce.machine.candidate import INCIDENTAL, THIRDS
 from cylforce.words.estimate import Array
 
 SPAN = 5  # blocks that are held out together
-FAINT = 1e-4  # weight of faulty recordings where they shall only tell what nothing else does: their loads' centres
 DRAWS = 400
 LEVEL = 90.0  # percent of the intervals
 
@@ -41,7 +40,8 @@ def gap(search: Search, rng: np.random.Generator) -> Gap:
     blocks = search.original.blocks(search.floor)
     _, before = fixed(search.original, blocks)
     refit_blocks = blocks._replace(shared=tuple(range(_base(search.original))))
-    refit_values = _fitted(refit_blocks, (), clean=0.0, faulty=1.0)
+    weight = np.repeat([0.0, 1.0], [len(blocks.clean), len(blocks.faulty)])
+    refit_values = Evidence(refit_blocks, weight=weight).fitted
     refit = _residuals(search.original, refit_blocks, (), refit_values)
     after = held_out(search.problem, search.blocks, search.evidence.held)
     squares = [np.concatenate([_blockwise(e) for e in each]) for each in (before, after)]
@@ -58,18 +58,13 @@ def _base(problem: Problem) -> int:
     return problem.places[0][0]
 
 
-def _fitted(blocks: Blocks, terms: Sequence[Term], clean: float, faulty: float) -> Array:
-    weight = np.repeat([clean, faulty], [len(blocks.clean), len(blocks.faulty)])
-    return Evidence(blocks, terms, weight).fitted
-
-
 def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Array]:
     """Residuals (T, R) [N m] of the faulty recordings; each stretch predicted by what was fitted without it."""
     count, clean = len(blocks.faulty), len(blocks.clean)
     fold = (np.arange(count) // SPAN) % 2
     found: list[Array] = []
     for k in (0, 1):
-        weight = np.concatenate([np.ones(clean), np.where(fold == k, FAINT, 1.0)])
+        weight = np.concatenate([np.ones(clean), np.where(fold == k, 0.0, 1.0)])
         part = _residuals(problem, blocks, terms, Evidence(blocks, terms, weight).fitted)
         found = part if not found else _chosen(found, part, problem, fold == k)
     return found
@@ -97,7 +92,7 @@ def _residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: 
 
 def fixed(problem: Problem, blocks: Blocks) -> tuple[list[Array], list[Array]]:
     """Residuals (T, R) [N m] of the clean and of the faulty recordings, nothing fitted to the latter."""
-    values = _fitted(blocks, (), clean=1.0, faulty=FAINT)
+    values = problem.fixed(blocks)
     each = Evidence.coefficients(blocks, (), values)[0]
     clean = [problem.columns(seen) @ each[0] for seen in problem.clean]
     return clean, _residuals(problem, blocks, (), values)
@@ -189,7 +184,7 @@ class Ends(NamedTuple):
 def ends(search: Search) -> Ends:
     """Errors of payload and tip force with the parameters as they were, and with the causes taken out."""
     blocks = search.original.blocks(search.floor)
-    before = Evidence.coefficients(blocks, (), _fitted(blocks, (), clean=1.0, faulty=FAINT))[1]
+    before = Evidence.coefficients(blocks, (), search.original.fixed(blocks))[1]
     after = search.evidence.left(search.evidence.held, search.evidence.fitted)[1]
     pairs = ((search.original, blocks, before), (search.problem, search.blocks, after))
     payload = [_weighed(problem, b, left) for problem, b, left in pairs]

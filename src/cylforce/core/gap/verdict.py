@@ -8,7 +8,8 @@ import numpy as np
 from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
-from cylforce.core.gap.residuals import contributions, fixed, rms
+from cylforce.core.gap.residuals import contributions, rms
+from cylforce.core.gap.residuals import fixed as fixed_residuals
 
 NEGLIGIBLE = 0.5  # of an effect's least plausible size
 WORTH = 0.1  # of a joint's gap energy: a smaller part is not named
@@ -51,8 +52,9 @@ def judged(search: Search) -> Judged:
     energy = search.energy
     floor = float(np.sum(energy.floor))
     before, after = float(np.sum(energy.before)), float(np.sum(energy.after))
-    excess = max(before - floor, before - after, 1e-9)
-    explained = float(np.clip((before - after) / excess, 0.0, 1.0))
+    fixed = max(float(np.sum(energy.fixed)), before)
+    excess = max(fixed - floor, fixed - after, 1e-9)
+    explained = float(np.clip((fixed - after) / excess, 0.0, 1.0))
     shares = _shares(search, excess)
     named = [_named(c, share) for c, share in zip(search.causes, shares, strict=True) if _counts(c, share)]
     named.sort(key=lambda n: -n.cause.score)
@@ -69,7 +71,7 @@ def _shares(search: Search, whitened: float) -> list[float]:
     """For each cause its share of the gap: of the `whitened` energy by its evidence, or of a joint's energy by what it
     contributes there, whichever is more."""
     parts = contributions(search)
-    _, faulty = fixed(search.original, search.original.blocks(search.floor))
+    _, faulty = fixed_residuals(search.original, search.original.blocks(search.floor))
     whole = rms(faulty) ** 2
     excess = np.maximum(whole - search.floor.rms**2, 0.1 * search.floor.rms**2)
     told = [2.0 * TEMPER * cause.score / whitened for cause in search.causes]
