@@ -181,15 +181,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--machines", type=int, default=30, help="half own friction laws, half foreign")
     parser.add_argument("--seed", type=int, default=100, help="of the first machine")
+    parser.add_argument("--coverage", type=int, help="machines whose intervals are counted; default: half of them")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     half, screen = (options.machines + 1) // 2, Console(stderr=True)
-    seeds = range(options.seed, options.seed + half)
+    counted = half if options.coverage is None else options.coverage
+    seeds, others = (range(options.seed, options.seed + size) for size in (half, counted))
     work = [(seed, friction) for seed in seeds for friction in ("own", "foreign")][: options.machines]
     with ProcessPoolExecutor(2) as pool:
         runs = pool.map(one_machine, work)
         found = [*track(runs, "machines", len(work), console=screen)]
-        inside = [hit for hits in track(pool.map(covered, seeds), "coverage", half, console=screen) for hit in hits]
+        inside = [hit for hits in track(pool.map(covered, others), "coverage", counted, console=screen) for hit in hits]
     figures = summary(found, inside)
     table = Table(title=f"{len(work)} reference machines, seeds from {options.seed}")
     table.add_column("what")

@@ -60,6 +60,7 @@ def identify(
     best = Model(model.machine, model.filters, laws)
     fewer = chosen(held, _of(model, best))
     fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
+    fit = as_usual(best, fit)
     names = tuple(p.name for p in best.parameters)
     seen = np.sum(held.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
     left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
@@ -74,6 +75,18 @@ def identify(
         errors,
         violations(best, fit.values, np.sqrt(np.diag(fit.covariance))),
     )
+
+
+def as_usual(model: Model, fit: Fit) -> Fit:
+    """The fit with each law's coefficient of which the recording tells less than its prior kept at that prior, the
+    others following as the recording demands: a faint pull from residuals that no law explains is no measurement.
+    What is unknown of it stays in the covariance. Coulomb friction is left as found: every motion tells it."""
+    values, prior = fit.values.copy(), model.prior
+    for k, p in enumerate(model.parameters):
+        kept = p.name.rpartition(".")[2] in CERTAIN[1:] and fit.covariance[k, k] > TOLD**2 * prior.covariance[k, k]
+        if kept:
+            values += fit.covariance[:, k] / fit.covariance[k, k] * (prior.mean[k] - values[k])
+    return fit._replace(values=values)
 
 
 def under_load(model: Model, covariance: Array) -> Array:
