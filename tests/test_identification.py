@@ -148,6 +148,31 @@ def test_what_still_joints_do_not_tell_is_named(loaded, model, joints, untold):
     assert np.all(error[named] > 0.5 * prior[named] - 1e-9)
 
 
+def test_slow_moves_tell_no_inertia(loaded, model):
+    """Forty seconds for seven degrees: the moments of inertia are named, delays and friction that grows with the load
+    are kept at what is usual; all is right within 4 standard errors."""
+    strokes = [(j, t + j, t + j + 39.5, 0.12 * (-1) ** k) for j in (0, 1, 2) for k, t in enumerate(range(0, 200, 40))]
+    found = identify(model, [recorded(loaded, strokes, 240.0)])
+    assert {"boom.J", "stick.J", "bucket.J"} <= set(found.not_identified)
+    assert np.abs(misses(found, loaded, 3)).max() < 4.0
+    place = {p.name: k for k, p in enumerate(found.model.parameters)}
+    kept = [place[name] for name in found.not_identified if name.endswith((".load_dependent", ".delay"))]
+    np.testing.assert_allclose(found.fit.values[kept], found.model.prior.mean[kept], atol=2e-3)
+
+
+def test_gaps_of_the_clock_lose_only_the_filters_start(tmp_path, loaded, model):
+    """A table whose time jumps ahead twice says what its three stretches say."""
+    values = moved(loaded, 11, 120.0)
+    row = np.arange(len(values))
+    t = row / 100.0 + 3.0 * (row >= 4000) + 60.0 * (row >= 9000)
+    path = tmp_path / "gaps.csv"
+    write_table(path, Table(t, values, tuple(s.name for s in loaded.service.machine.signals)))
+    found = run_identify(loaded, [path], tmp_path / "identified.toml")
+    expected = identify(model, [values[:4000], values[4000:9000], values[9000:]])
+    error = np.sqrt(np.diag(expected.tares.covariance))
+    assert np.all(np.abs(found.tares.values - expected.tares.values) < 0.1 * error)
+
+
 # --- what is refused --------------------------------------------------------------------------------------------------
 
 
