@@ -49,6 +49,7 @@ def test_a_joint_that_stands_still_is_not_scored(figures):
 def test_both_cylinders_tell_the_same_gravity_moment_of_the_jib(figures):
     """Independent pressure sensors on two cylinders: about two percent, says the README."""
     assert figures["jib_gravity_moment"]["difference_percent"] < 3.0
+    assert figures["jib_gravity_moment"]["difference_both_moving_percent"] < 1.5
 
 
 def test_the_empty_crane_weighs_nothing(figures):
