@@ -32,8 +32,8 @@ FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 
 # Standard errors of what nobody measured yet: as shares of the largest force, of it per m/s, or of the force itself.
 CERTAIN_SHARE = 0.02  # at rest, above which friction is not what it is in motion: biased by noise, by break-away
-SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.005, "directional": 0.01, "delay": 0.01}
-USUAL = {"load_dependent": 0.01}  # means where they are not zero: seals and pins rub the more they carry, 0 to 2 %
+SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.01, "directional": 0.01, "delay": 0.01}
+USUAL = {"load_dependent": 0.01}  # means where they are not zero: seals and pins rub the more they carry
 ABSOLUTE = ("load_dependent", "delay")  # do not grow with the cylinder
 
 
