@@ -52,9 +52,8 @@ def judged(search: Search) -> Judged:
     energy = search.energy
     floor = float(np.sum(energy.floor))
     before, after = float(np.sum(energy.before)), float(np.sum(energy.after))
-    fixed = max(float(np.sum(energy.fixed)), before)
-    excess = max(fixed - floor, fixed - after, 1e-9)
-    explained = float(np.clip((fixed - after) / excess, 0.0, 1.0))
+    excess = max(before - floor, before - after, 1e-9)
+    explained = float(np.clip((before - after) / excess, 0.0, 1.0))
     shares = _shares(search, excess)
     named = [_named(c, share) for c, share in zip(search.causes, shares, strict=True) if _counts(c, share)]
     named.sort(key=lambda n: -n.cause.score)
