@@ -14,7 +14,7 @@ from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.rows import BLOCK, CENTRE, Recorded, Rows
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
-from cylforce.machine.candidate import INCIDENTAL, THIRDS, Candidate, Course, Incident, Weight
+from cylforce.machine.candidate import INCIDENTAL, THIRDS, Alteration, Candidate, Course, Distortion, Incident, Weight
 from cylforce.words.estimate import Array
 
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual sizes of what incidents change
@@ -238,8 +238,9 @@ def _half(t: Array) -> float:
 
 
 def _small(effect: Candidate) -> tuple[float, ...]:
-    """Sizes of an effect's columns that go unnoticed: the least plausible one, and masses in proportion."""
+    """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
+    proportion; friction is never quite of the model's form."""
     about = effect.about
     if isinstance(effect, Weight):
         return tuple(size * about.low / effect.usual[0] for size in effect.usual)
-    return (about.low,)
+    return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)
