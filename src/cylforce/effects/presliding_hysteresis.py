@@ -27,6 +27,7 @@ class PreslidingHysteresis:
             "within millimetres after a reversal, gone after them",
             "many short strokes of 2 to 20 mm both ways",
             1,
+            form=0.2,  # widths, ways and powers differ from machine to machine
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

@@ -26,6 +26,7 @@ class ReturnLineLoss:
             Place.CYLINDER,
             "at high speed only",
             "the fastest strokes both ways, pressures at both ends of the hose compared",
+            form=0.2,  # widths, ways and powers differ from machine to machine
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

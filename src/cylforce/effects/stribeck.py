@@ -27,6 +27,7 @@ class Stribeck:
             "below the speed `width`, gone above it",
             "creep both ways at 3 to 30 mm/s",
             1,
+            form=0.2,  # widths, ways and powers differ from machine to machine
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

@@ -24,8 +24,8 @@ class Place(StrEnum):
 class About(NamedTuple):
     """What an effect says of itself: the `name` by which it is reported, `unit` (SI) of its size, the plausible range
     `low`..`high` of that size's magnitude, `sign` (1 or -1 where only one can be, else 0), `place`, in which regimes it
-    `shows`, the experiment that would `confirm` it, how many of its sizes are the `axes` of that magnitude, and
-    whether every recording has sizes `of_its_own`."""
+    `shows`, the experiment that would `confirm` it, how many of its sizes are the `axes` of that magnitude, whether
+    every recording has sizes `of_its_own`, and how uncertain a size is, as a share of it, because the `form` is."""
 
     name: str
     unit: str
@@ -37,6 +37,7 @@ class About(NamedTuple):
     sign: int = 0
     axes: int = 1
     of_its_own: bool = False
+    form: float = 0.0
 
 
 class Candidate(Protocol):

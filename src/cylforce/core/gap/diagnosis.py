@@ -293,7 +293,8 @@ def _causes(
         rivals = tuple(x for x in ranked if x.key != r.key and x.score > NEAR * own.score)
         told = Evidence(blocks, [o.option.term for o in others]).of(r.option.term)
         sizes = evidence.fitted[k : k + m] + applied.get(r.key, np.zeros(m))
-        errors = np.sqrt(np.diag(told.covariance) * reappearance(blocks, r.option.term))
+        form = r.option.proposal.about.form * sizes
+        errors = np.sqrt(np.diag(told.covariance) * reappearance(blocks, r.option.term) + form**2)
         found.append(Cause(r, sizes, errors, magnitude(r, sizes), own.score, told.inflation, rivals))
         k += m
     return tuple(found)
