@@ -23,6 +23,7 @@ def files(tmp_path_factory):
     text = EXCAVATOR.read_text()
     (folder / "folder.log").mkdir()
     for name, content in {
+        "copy.toml": text,
         "broken.toml": "[machine\nname = 1",
         "unknown_key.toml": f"{text}\n[oops]\na = 1\n",
         "no_rod.toml": text.replace("rod_mm = 85\n", "", 1),
@@ -100,6 +101,10 @@ MENDABLE = [
     ("identify M @/junk.parquet -o @/o.toml", r"junk\.parquet: is no Parquet file"),
     ("identify M @/notes.txt -o @/o.toml", "is none of the recordings"),
     ("identify M @/moves.log -o @/absent/o.toml", r"o\.toml: cannot be written"),
+    ("identify M @/moves.log -o @/o.toml --report @/absent/r.html", r"r\.html: cannot be written"),
+    ("identify M @/run.log -o @/moves.log @/moves.log", r"moves\.log: would replace another file"),
+    ("identify @/copy.toml @/moves.log -o @/copy.toml", r"copy\.toml: would replace another file"),
+    ("identify M M @/moves.log -o @/o.toml", "a machine file is named once, before the recordings"),
     ("identify M @/moves.log -o @/o.toml --known-kg 500", "go together"),
     ("identify M @/moves.log -o @/o.toml --known-kg 500 --lift @/moves.log", "no lift of 500 kg is seen"),
     ("replay M @/absent.log", r"absent\.log: does not exist"),
@@ -108,6 +113,7 @@ MENDABLE = [
     ("replay M @/words.csv", r"words\.csv"),
     ("replay M @/run.log --identified @/broken.toml", r"broken\.toml: is not TOML"),
     ("replay M @/run.log -o @/absent/e.csv", r"e\.csv: cannot be written"),
+    ("replay M @/run.csv -o @/run.csv", r"run\.csv: would replace another file"),
     ("replay M @/run.log --bus nonsense", "has no channel"),
     (f"replay M @/run.log --bus {NO_WAY_OUT}", "would send frames out of this machine"),
     ("replay M @/absent.log --bus virtual:a", r"absent\.log: does not exist"),
@@ -116,7 +122,11 @@ MENDABLE = [
     ("sim @/broken.toml", r"broken\.toml: is not TOML"),
     ("sim M --mass-error nan", "is not a fraction"),
     ("sim M --scenario moves --duration nan", "nothing to simulate"),
-    ("sim M --effects @/absent.toml", r"absent\.toml"),
+    ("sim M", "nothing would come of this run: give --bus"),
+    ("sim M --cycles 1 --table @/t.txt", r"t\.txt: must end in \.csv or \.parquet"),
+    ("sim M --cycles 1 --log @/t.log --truth @/t.log", r"t\.log: would replace another file"),
+    ("sim M --cycles 1 --truth @/t.csv --log @/absent/t.log", r"absent/t\.log: cannot be written"),
+    ("sim M --effects @/absent.toml", r"absent\.toml: cannot be read \(No such file or directory\)"),
     ("sim M --effects @/effects.toml", "effect 'glue' is not known"),
     ("sim M --cycles 1 --truth @/absent/t.csv", r"t\.csv: cannot be written"),
     ("sim M --cycles 1 --log @/absent/t.log", r"t\.log: cannot be written"),
@@ -126,6 +136,7 @@ MENDABLE = [
     ("describe @/no_rod.toml", r"no_rod\.toml:\d+: cylinders\.boom"),
     ("describe M --eds @/absent/a.eds", r"a\.eds: cannot be written"),
     ("describe M --dbc @", "cannot be written"),
+    ("describe @/copy.toml --eds @/copy.toml", "would replace another file"),
 ]
 
 

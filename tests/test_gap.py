@@ -286,7 +286,7 @@ def test_a_log_of_another_machine_is_refused(capsys, files):
 def test_a_folder_that_is_not_there_is_said_before_anything_is_computed(capsys, files):
     code, _, said = gap(capsys, MACHINE, files / "absent.csv", "--json", files / "no" / "a.json")
     assert code == 2
-    assert "its folder does not exist" in said
+    assert "in a folder that exists" in said
 
 
 def test_a_report_without_its_libraries_is_refused_at_once(capsys, files, monkeypatch):

@@ -1,7 +1,7 @@
 """What recordings' readers and writers share: one kind of error, a way to tell, files replaced whole."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,6 +17,25 @@ class RecordingError(Exception):
 def warn(sentence: str) -> None:
     """Tell what is worth knowing but stops nothing."""
     structlog.get_logger("cylforce").warning(sentence)
+
+
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
+    """Before anything is computed: these files can be written, and replace nothing that this command reads or writes.
+
+    Raises
+    ------
+    RecordingError
+        For the first that cannot, or would.
+    """
+    taken = {path.resolve() for path in inputs if path is not None}
+    for path in outputs:
+        if path is None:
+            continue
+        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+            raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
+        if path.resolve() in taken:
+            raise RecordingError(f"{path}: would replace another file that this command names: choose another output")
+        taken.add(path.resolve())
 
 
 @contextmanager

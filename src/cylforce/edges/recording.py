@@ -47,6 +47,8 @@ def open_recording(
     if path.suffix.lower() in tables.SUFFIXES:
         names = [signal.name for signal in service.machine.signals]
         return _at_rate(path, read_table(path, names, mapping), rate_hz)
+    if path.suffix.lower() == ".toml":
+        raise RecordingError(f"{path}: is no recording: a machine file is named once, before the recordings")
     if path.suffix.lower() not in logreader.SUFFIXES:
         known = ", ".join((*logreader.SUFFIXES, *tables.SUFFIXES))
         raise RecordingError(f"{path}: is none of the recordings that can be read ({known})")

@@ -65,6 +65,7 @@ def identify(
     ] = True,
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
+    from cylforce.edges.files import check_outputs
     from cylforce.edges.settings import load
     from cylforce.programs.identify import How, machine_file_of, named_segments, run_identify, show
     from cylforce.programs.progress import progress_bar
@@ -73,6 +74,7 @@ def identify(
     if report is not None:
         check_extra()
     machine, recordings = machine_file_of(files)
+    check_outputs((output, report), (machine, *recordings, lift))
     loaded = load(machine)
     with progress_bar() as watch:
         found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg, refuse), watch)
@@ -101,7 +103,7 @@ def commission(
 @app.command()
 def replay(
     machine: MachineFile,
-    recording: Path,
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A log or a table.")],
     identified: IdentifiedFile = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the estimates there (CSV, SI).")] = None,
     bus: Annotated[
@@ -109,9 +111,11 @@ def replay(
     ] = None,
 ) -> None:
     """Put a recording through the service, or play it onto a bus."""
+    from cylforce.edges.files import check_outputs
     from cylforce.edges.settings import load
     from cylforce.programs.replay import run_replay, show, write_estimates
 
+    check_outputs((output,), (machine, recording, identified))
     loaded = load(machine)
     if bus is not None:
         from cylforce.programs.player import play
@@ -129,12 +133,16 @@ def replay(
 def sim(
     machine: MachineFile,
     bus: Annotated[str | None, typer.Option(metavar="INTERFACE:CHANNEL", help="Be the sensors on this bus.")] = None,
-    scenario: Annotated[str, typer.Option(help="moves or cycles.")] = "cycles",
-    cycles: Annotated[int, typer.Option(min=1)] = 3,
-    duration: Annotated[float, typer.Option(help="Of the moves [s].")] = 120.0,
+    scenario: Annotated[str, typer.Option(help="moves (for commissioning) or cycles (digging).")] = "cycles",
+    cycles: Annotated[int, typer.Option(min=1, help="How many digging cycles.")] = 3,
+    duration: Annotated[float, typer.Option(help="Of the moves, in seconds.")] = 120.0,
     seed: Annotated[int | None, typer.Option(min=0, help="Without one, one is drawn and printed.")] = None,
-    mass_error: Annotated[float, typer.Option(help="How far the true masses are off the machine file's.")] = 0.1,
-    effects: Annotated[Path | None, typer.Option(help="TOML with [[effects]] of the diagnosis' library.")] = None,
+    mass_error: Annotated[
+        float, typer.Option(help="How far the true masses are off the machine file's, as a fraction.")
+    ] = 0.1,
+    effects: Annotated[
+        Path | None, typer.Option(help="A TOML file of effects, as `cylforce gap --patch` writes it.")
+    ] = None,
     payload_kg: Annotated[float, typer.Option(help="In the bucket during the moves.")] = 0.0,
     turning: Annotated[bool, typer.Option(help="The house turns to and fro during the moves.")] = False,
     truth: Annotated[Path | None, typer.Option(help="Write the truth there.")] = None,
@@ -193,15 +201,16 @@ def gap(
     residuals: Annotated[Path | None, typer.Option(help="Write what is left before and after there (npz).")] = None,
 ) -> None:
     """Say why recordings differ from the model: where, which effect, how far the gap shrinks with it."""
+    from cylforce.edges.files import check_outputs
     from cylforce.edges.settings import load as load_machine
-    from cylforce.programs.gap import Question, check_outputs, diagnose, known_loads
+    from cylforce.programs.gap import Question, diagnose, known_loads
     from cylforce.programs.gap_output import Outputs, show, write_all
     from cylforce.programs.progress import progress_bar
     from cylforce.programs.report import check_extra, gap_report
 
     if html is not None:
         check_extra()
-    check_outputs(output, patch, html, residuals)
+    check_outputs((output, patch, html, residuals), (machine, *field, *(reference or ()), identified))
     question = Question(tuple(field), tuple(reference or ()), identified, known_loads(load or ()), only)
     loaded = load_machine(machine)
     with progress_bar() as watch:

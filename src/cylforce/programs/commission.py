@@ -15,7 +15,7 @@ from cylforce.core.identification import MIN_SECONDS, Identification
 from cylforce.core.step import Core, Scale
 from cylforce.edges.bus import Bus, BusError, open_bus
 from cylforce.edges.clock import now_us
-from cylforce.edges.files import RecordingError
+from cylforce.edges.files import RecordingError, check_outputs
 from cylforce.edges.identified import write_identified
 from cylforce.edges.logfile import LogWriter, file_sha256
 from cylforce.edges.settings import Loaded
@@ -50,7 +50,7 @@ class Order(NamedTuple):
 def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
     """Guide, identify and write; False when it was interrupted, in which case the log is kept. Raises ValueError,
     RecordingError, BusError or SettingsError with a sentence."""
-    _check(order)
+    _check(loaded.path, order)
     configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
     guide = Guide(model_of(loaded), every_s=THINK_S)
     console.print(f"recording to {order.log}", soft_wrap=True)
@@ -65,13 +65,11 @@ def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
     return order.known_kg is None or _scaled(loaded, found, order, order.known_kg, console)
 
 
-def _check(order: Order) -> None:
+def _check(machine: Path, order: Order) -> None:
     """What would only fail after minutes of motion. Raises RecordingError or ValueError."""
     if order.log.suffix != ".log":
         raise RecordingError(f"{order.log}: the log must end in .log, as which `cylforce identify` reads it")
-    for path in (order.output, order.log):
-        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-            raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
+    check_outputs((order.output, order.log), (machine,))
     if order.known_kg is not None and not 0.0 < order.known_kg < float("inf"):
         raise ValueError(
             f"a known weight of {order.known_kg:g} kg cannot be lifted: --known-kg wants kilograms above 0"

@@ -6,12 +6,13 @@ from rich.console import Console
 
 from cylforce.edges.dbc import dbc
 from cylforce.edges.eds import eds
-from cylforce.edges.files import replacing
+from cylforce.edges.files import check_outputs, replacing
 from cylforce.edges.settings import Loaded, load
 
 
 def run_describe(machine: Path, eds_file: Path | None, dbc_file: Path | None) -> None:
     """Load, write what is asked for, tell. Raises SettingsError or RecordingError with a sentence."""
+    check_outputs((eds_file, dbc_file), (machine,))
     loaded = load(machine)
     service = loaded.service
     sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0

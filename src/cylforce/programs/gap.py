@@ -89,19 +89,12 @@ def known_loads(words: Sequence[str]) -> dict[str, float]:
     for word in words:
         name, _, kilograms = word.rpartition("=")
         try:
-            found[name] = float(kilograms)
+            found[Path(name).name] = float(kilograms)
         except ValueError:
             name = ""
         if not name:
             raise RecordingError(f"--load {word}: write the recording's name, =, and the load in kg, e.g. {EXAMPLE}")
     return found
-
-
-def check_outputs(*paths: Path | None) -> None:
-    """Before anything is computed: can these files be written? Raises RecordingError."""
-    for path in paths:
-        if path is not None and not path.parent.is_dir():
-            raise RecordingError(f"{path}: its folder does not exist; make it, or choose another")
 
 
 def _check_loads(question: Question) -> None:

@@ -19,10 +19,10 @@ from cylforce.core.simulated_effects import Imposed, imposed
 from cylforce.core.simulator import Truth, draw_truth
 from cylforce.core.trajectory import Scene
 from cylforce.edges.candump import event_line
-from cylforce.edges.files import replacing
+from cylforce.edges.files import check_outputs, replacing
 from cylforce.edges.logfile import Header, header_lines, running_versions
 from cylforce.edges.settings import Loaded, SettingsError, load
-from cylforce.edges.tables import Table, write_table
+from cylforce.edges.tables import SUFFIXES, Table, write_table
 from cylforce.edges.truth import TruthWriter, describe, truth_columns
 from cylforce.words.signals import Kind
 
@@ -113,6 +113,7 @@ def run_sim(
     """
     _check(scenario, cycles, duration, mass_error)
     _check_moves(scenario, payload, turning)
+    check_outputs((truth, log, table), (machine_file, effects))
     seed = secrets.randbits(32) if seed is None else seed
     play = prepare(
         load(machine_file),
@@ -124,6 +125,7 @@ def run_sim(
         payload=payload,
         turning=turning,
     )
+    _check_wanted(bus, truth, log, table)
     print(f"seed {seed}", flush=True)
     if bus is not None:
         from cylforce.programs.sim_bus import play_on_bus
@@ -148,6 +150,14 @@ def _check_moves(scenario: str, payload: float, turning: bool) -> None:
         raise SettingsError("a payload and turning belong to the scenario moves: cycles dig their own load and swing")
     if not 0.0 <= payload <= 1e5:
         raise SettingsError(f"a payload of {payload} kg cannot be carried: give 0 to 100000 kg")
+
+
+def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: Path | None) -> None:
+    if bus is None and truth is log is table is None:
+        raise SettingsError("nothing would come of this run: give --bus, or files to write (--log, --table, --truth)")
+    for option, path, suffixes in (("--log", log, (".log",)), ("--table", table, SUFFIXES)):
+        if path is not None and path.suffix.lower() not in suffixes:
+            raise SettingsError(f"{option} {path}: must end in {' or '.join(suffixes)}, as which it is read again")
 
 
 def prepare(
@@ -194,7 +204,9 @@ def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
     except ValidationError as error:
         first = error.errors()[0]
         raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read ({error.strerror}): give a file with [[effects]]") from error
+    except ValueError as error:
         raise SettingsError(f"{path}: {error}") from error
 
 
