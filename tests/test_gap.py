@@ -289,6 +289,14 @@ def test_a_folder_that_is_not_there_is_said_before_anything_is_computed(capsys, 
     assert "in a folder that exists" in said
 
 
+@pytest.mark.parametrize("name", ["clock_fault", "slew_centrifugal"])
+def test_an_effect_asked_for_alone_may_have_no_column(capsys, files, name):
+    """Incidents have none, and what never acts in a recording is not proposed: the simple methods then say nothing."""
+    code, _, said = gap(capsys, MACHINE, files / "field.csv", "--only", name, "--json", files / "alone.json")
+    assert code == 0, said
+    assert json.loads((files / "alone.json").read_text())["baselines"] == {}
+
+
 def test_a_report_without_its_libraries_is_refused_at_once(capsys, files, monkeypatch):
     monkeypatch.setattr(report, "find_spec", lambda name: None)
     assert "pip install 'cylforce[report]'" in refused(capsys, files, MACHINE, files / "field.csv")

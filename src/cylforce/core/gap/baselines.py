@@ -16,7 +16,7 @@ ROUNDS = 10
 
 def baselines(search: Search) -> dict[str, Proposal]:
     """The proposal that each simple method puts first: the largest raw correlation with the residual, sparse
-    regression, the best prediction held out."""
+    regression, the best prediction held out. None of them where only incidents, or nothing, can be proposed."""
     problem = search.original
     blocks = problem.blocks(search.floor)
     choices = [
@@ -24,6 +24,8 @@ def baselines(search: Search) -> dict[str, Proposal]:
         for p, places in zip(problem.proposals, problem.places, strict=True)
         if not isinstance(p.group[0], Incident)
     ]
+    if not choices:
+        return {}
     gram = blocks.faulty.sum(axis=0)
     scores = {
         "correlation": [_correlation(gram, places[0]) for _, places in choices],
