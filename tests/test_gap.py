@@ -283,6 +283,13 @@ def test_a_log_of_another_machine_is_refused(capsys, files):
     assert "excavator_stick_bucket.toml" in said
 
 
+def test_a_recording_named_twice_is_refused(capsys, files):
+    """In order and not in order at once; and a load that would count for two recordings."""
+    field = files / "field.csv"
+    assert "name it as one of them" in refused(capsys, files, MACHINE, field, "--reference", field)
+    assert "name of several" in refused(capsys, files, MACHINE, field, field, "--load", "field.csv=100")
+
+
 def test_a_folder_that_is_not_there_is_said_before_anything_is_computed(capsys, files):
     code, _, said = gap(capsys, MACHINE, files / "absent.csv", "--json", files / "no" / "a.json")
     assert code == 2

@@ -98,7 +98,9 @@ def read_parquet(path: Path, names: list[str]) -> Cells:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     except arrow.ArrowException as error:
-        raise RecordingError(f"{path}: is no Parquet file: {str(error).splitlines()[0]}") from error
+        raise RecordingError(
+            f"{path}: is no Parquet file: {str(error).splitlines()[0]}; save the table anew"
+        ) from error
     for name in names:
         kind = table.schema.field(name).type
         if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind)):

@@ -60,7 +60,7 @@ def diagnose(
     loaded: Loaded, question: Question, library: tuple[Group, ...] = LIBRARY, watch: Watch = silent
 ) -> Diagnosed:
     """The diagnosis of recordings. Raises RecordingError or ValueError, in a sentence."""
-    _check_loads(question)
+    _check_recordings(question)
     clean = [r for path in question.reference for r in recorded(loaded, path, question.loads, watch)]
     faulty = [r for path in question.field for r in recorded(loaded, path, question.loads, watch)]
     if not faulty:
@@ -97,11 +97,17 @@ def known_loads(words: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _check_loads(question: Question) -> None:
-    names = {path.name for path in (*question.field, *question.reference)}
+def _check_recordings(question: Question) -> None:
+    both = {path.resolve() for path in question.field} & {path.resolve() for path in question.reference}
+    for path in both:
+        raise RecordingError(f"{path}: is named as field and as --reference: name it as one of them")
+    listed = [path.name for path in (*question.field, *question.reference)]
+    names = set(listed)
     for name, kilograms in question.loads.items():
         if name not in names:
             raise RecordingError(f"--load {name}: is none of the recordings ({', '.join(sorted(names))})")
+        if listed.count(name) > 1:
+            raise RecordingError(f"--load {name}: is the name of several recordings: rename one of them")
         if not 0.0 <= kilograms < 1e6:
             raise RecordingError(f"--load {name}={kilograms:g}: is no weight in kg")
 
