@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core.consistency import consistent, violations
-from cylforce.core.model import FRICTION, Model, Tares
+from cylforce.core.model import FRICTION, USUAL, Model, Tares
 from cylforce.core.observation import observed_factors
 from cylforce.core.suspicion import doubt
 from cylforce.core.wiring import Evidence, gathered, nothing
@@ -78,13 +78,13 @@ def identify(
 
 
 def as_usual(model: Model, fit: Fit) -> Fit:
-    """The fit with each law's coefficient of which the recording tells less than its prior kept at that prior, the
-    others following as the recording demands: a faint pull from residuals that no law explains is no measurement.
-    What is unknown of it stays in the covariance. Coulomb friction is left as found: every motion tells it."""
+    """The fit with each coefficient that has a usual value, and of which the recording tells less than its prior, held
+    down to that value, the others following as the recording demands: a faint pull from residuals that no law explains
+    is no measurement. What is unknown of it stays in the covariance."""
     values, prior = fit.values.copy(), model.prior
     for k, p in enumerate(model.parameters):
-        kept = p.name.rpartition(".")[2] in CERTAIN[1:] and fit.covariance[k, k] > TOLD**2 * prior.covariance[k, k]
-        if kept:
+        law = p.name.rpartition(".")[2]
+        if law in USUAL and values[k] > prior.mean[k] and fit.covariance[k, k] > TOLD**2 * prior.covariance[k, k]:
             values += fit.covariance[:, k] / fit.covariance[k, k] * (prior.mean[k] - values[k])
     return fit._replace(values=values)
 
