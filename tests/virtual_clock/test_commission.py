@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.core.identification import identify
 from cylforce.core.sensing import run, sensors
 from cylforce.core.strokes import clear_range
 from cylforce.core.trajectory import Course, Phase, Scene
@@ -18,7 +17,7 @@ from cylforce.edges.candump import Sent
 from cylforce.edges.identified import read_identified
 from cylforce.edges.logreader import read_events
 from cylforce.edges.settings import load
-from cylforce.programs.identify import model_of, recorded_segments
+from cylforce.programs.identify import How, run_identify
 from cylforce.programs.sim import Play
 from cylforce.programs.sim_bus import play_until
 from obedient import to_pose
@@ -166,7 +165,8 @@ def test_it_never_commanded_anything(done):
     assert ours <= {0x000, 0x080, 0x080 + node, 0x700 + node, *(0x600 + n for n in sensors)}
 
 
-def test_what_it_wrote_is_what_identify_finds_in_its_log(done):
-    tares = read_identified(done.output, done.loaded)
-    found = identify(model_of(done.loaded), recorded_segments(done.loaded, done.output.with_suffix(".log")))
-    np.testing.assert_allclose(tares.values, found.tares.values, rtol=1e-9)
+def test_what_it_wrote_is_what_identify_finds_in_its_logs(done, tmp_path):
+    log = done.output.with_suffix(".log")
+    how = How(lift=log.with_name(f"{log.stem}.lift.log"), known_kg=KNOWN_KG)
+    found = run_identify(done.loaded, [log], tmp_path / "again.toml", how)
+    np.testing.assert_allclose(read_identified(done.output, done.loaded).values, found.tares.values, rtol=1e-9)
