@@ -297,11 +297,13 @@ def test_a_folder_that_is_not_there_is_said_before_anything_is_computed(capsys, 
 
 
 @pytest.mark.parametrize("name", ["clock_fault", "slew_centrifugal"])
-def test_an_effect_asked_for_alone_may_have_no_column(capsys, files, name):
-    """Incidents have none, and what never acts in a recording is not proposed: the simple methods then say nothing."""
+def test_no_other_effect_is_named_than_the_one_asked_for(capsys, files, name):
+    """And a gap that it does not explain is still a gap."""
     code, _, said = gap(capsys, MACHINE, files / "field.csv", "--only", name, "--json", files / "alone.json")
     assert code == 0, said
-    assert json.loads((files / "alone.json").read_text())["baselines"] == {}
+    answer = json.loads((files / "alone.json").read_text())
+    assert {effect["name"] for effect in answer["effects"]} <= {name}
+    assert answer["verdict"] != "no_gap"
 
 
 def test_a_report_without_its_libraries_is_refused_at_once(capsys, files, monkeypatch):

@@ -66,8 +66,8 @@ def diagnose(
     if not faulty:
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     viewer, known = _viewer(loaded, question, clean)
-    wanted = _only(library, question.only, loaded.service.machine)
-    found = search(viewer, faulty, clean, wanted, lambda doing: watch(doing, None), known)
+    only = _only(library, question.only, loaded.service.machine)
+    found = search(viewer, faulty, clean, library, lambda doing: watch(doing, None), known, only)
     seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
@@ -112,12 +112,12 @@ def _check_recordings(question: Question) -> None:
             raise RecordingError(f"--load {name}={kilograms:g}: is no weight in kg")
 
 
-def _only(library: tuple[Group, ...], only: str | None, machine: Machine) -> tuple[Group, ...]:
-    """The library, or what it has of one name."""
+def _only(library: tuple[Group, ...], only: str | None, machine: Machine) -> tuple[str, str] | None:
+    """Name and place ("": any) of the one effect that is asked for."""
     if only is None:
-        return library
+        return None
     name, _, at = only.partition("@")
-    found = tuple(group for group in library if group[0].about.name == name)
+    found = [group for group in library if group[0].about.name == name]
     if not found:
         known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
         raise ValueError(f"effect {name!r} is not known: choose one of {known}")
@@ -125,7 +125,7 @@ def _only(library: tuple[Group, ...], only: str | None, machine: Machine) -> tup
     there = [where for where, _ in places(machine, place)]
     if at and at not in there:
         raise ValueError(f"effect {name!r} sits at {at!r}, which is no {place}: choose one of {', '.join(there)}")
-    return found
+    return name, at
 
 
 def _viewer(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:

@@ -75,14 +75,15 @@ def search(
     library: tuple[Group, ...] = LIBRARY,
     watch: Watch = lambda _: None,
     known: Array | None = None,
+    only: tuple[str, str] | None = None,
 ) -> Search:
     """Which effects of the library explain what the model leaves of the faulty recordings; `known` (P,): standard
-    errors of the viewer's tares, by default the data sheet's."""
+    errors of the viewer's tares, by default the data sheet's; `only`: name and place of the one that may be a cause."""
     wanted = proposals(viewer.model.machine, library)
     watch("columns of every effect")
     seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
-    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1])
+    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], only)
     floor = noise_floor(problem)
     blocks = problem.blocks(floor)
     return _greedy(viewer, problem, blocks, floor, list(faulty), watch)

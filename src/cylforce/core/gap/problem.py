@@ -51,6 +51,7 @@ class Problem:
     proposals: tuple[Proposal, ...]
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
+    only: tuple[str, str] | None = None  # name and place ("": any) of the one effect that may be a cause
 
     def of_load(self, seen: Seen) -> int | None:
         """The first of the columns of a recording's load beyond its mass; None for an empty one."""
@@ -145,7 +146,7 @@ class Problem:
     def options(self, evidence: Evidence, wanted: Sequence[Proposal] | None = None) -> Iterator[Option]:
         """Every term of every proposal (of `wanted`)."""
         for p, places in zip(self.proposals, self.places, strict=True):
-            if wanted is not None and p not in wanted:
+            if (wanted is not None and p not in wanted) or not self._asked(p):
                 continue
             effect = p.group[0]
             if effect.about.of_its_own:
@@ -158,6 +159,9 @@ class Problem:
                 yield from self._clocks(p, places)
             else:
                 yield from self._windows(p, places, evidence)
+
+    def _asked(self, p: Proposal) -> bool:
+        return self.only is None or (p.name == self.only[0] and self.only[1] in ("", p.at))
 
     def _of_each(self, places: tuple[int, ...]) -> Term:
         """The columns for every recording by itself."""

@@ -58,7 +58,8 @@ def judged(search: Search) -> Judged:
     named = [_named(c, share) for c, share in zip(search.causes, shares, strict=True) if _counts(c, share)]
     named.sort(key=lambda n: -n.cause.score)
     if not named:
-        return Judged(Verdict.UNKNOWN if before > (1.0 + LARGE) * floor else Verdict.NO_GAP, (), explained)
+        found = max(before, float(np.sum(energy.fixed))) > (1.0 + LARGE) * floor
+        return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
     if explained < PARTLY or _misfit(named[0].cause):
         return Judged(Verdict.UNKNOWN, (), explained)
     if named[0].confused:
