@@ -2,11 +2,13 @@
 changed since is told."""
 
 import asyncio
+import io
 import json
 from itertools import count, pairwise
 
 import numpy as np
 import pytest
+import structlog
 
 from cylforce.core.codec import decode
 from cylforce.core.identification import identify
@@ -21,7 +23,7 @@ from cylforce.edges.logreader import log_header, read_events
 from cylforce.edges.settings import load
 from cylforce.programs.identify import model_of
 from cylforce.programs.replay import header_of, make_core, run_replay, write_estimates
-from cylforce.programs.run import Daemon
+from cylforce.programs.run import Daemon, configure_messages
 from cylforce.programs.sim import prepare, run_sim
 from cylforce.programs.sim_bus import play_until
 from cylforce.words.estimate import Status
@@ -211,3 +213,25 @@ def test_estimates_are_written_as_a_table(folder, machine, tares, live):
         gross = cells["payload_gross"]
         assert (gross == "") == (estimate.gross.status is Status.INVALID)
         assert gross == "" or float(gross) == estimate.gross.value
+
+
+def test_messages_that_nobody_reads_do_not_stop_the_measurement(machine, tares):
+    """The pipe that took the daemon's messages is closed: it goes on concluding, tick by tick."""
+    stream = io.StringIO()
+    configure_messages(stream)
+    stream.close()
+    try:
+        daemon = Daemon(machine, make_core(machine, tares), open_bus("virtual:unread"), None, Scale())
+        estimates = []
+        daemon.on_estimate = estimates.append
+
+        async def main():
+            loop = asyncio.get_running_loop()
+            daemon.start(loop)
+            await asyncio.sleep(0.2)
+            await daemon.stop(loop)
+
+        asyncio.run(main())
+    finally:
+        structlog.reset_defaults()
+    assert len(estimates) > 5

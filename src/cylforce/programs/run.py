@@ -3,9 +3,10 @@
 import asyncio
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from math import degrees
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import NamedTuple, TextIO, cast
 
 import structlog
 
@@ -124,7 +125,24 @@ def _text(q: Quantity, unit: str, scale: float) -> str:
     return f"{q.value * scale:.1f} +- {q.standard_error * scale:.1f} {unit}{mark}"
 
 
-def configure_messages(stream: TextIO = sys.stderr) -> None:
+class Messages:
+    """Lines on a stream; when nobody reads it any more (a closed pipe, a full disk), measuring goes on without."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> None:
+        """Write, if it can still be written."""
+        with suppress(OSError, ValueError):
+            self._stream.write(text)
+
+    def flush(self) -> None:
+        """Flush, if there is something to flush to."""
+        with suppress(OSError, ValueError):
+            self._stream.flush()
+
+
+def configure_messages(stream: TextIO | None = None) -> None:
     """JSON lines on standard error, or wherever they shall go."""
     structlog.configure(
         processors=[
@@ -132,7 +150,7 @@ def configure_messages(stream: TextIO = sys.stderr) -> None:
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.JSONRenderer(default=str),
         ],
-        logger_factory=structlog.PrintLoggerFactory(stream),
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, Messages(stream or sys.stderr))),
         cache_logger_on_first_use=True,
     )
 
