@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.core.service import Filters
-from cylforce.machine.machine import Machine
+from cylforce.machine.machine import Geometry, Machine
 from cylforce.machine.motion import Attitude, Motion, motion
 from cylforce.regression.filters import Filter, fours, mean, poles, second_order, slope
 from cylforce.words.estimate import Array
@@ -42,6 +42,11 @@ class Channels:
     def dt(self) -> float:
         """The fixed step [s]."""
         return 1.0 / self.filters.rate_hz
+
+    @cached_property
+    def forces(self) -> slice:
+        """The cylinders' forces among the channels; joint angles stand before them."""
+        return slice(self.machine.size, self.machine.size + len(self.machine.cylinders))
 
     @cached_property
     def _where(self) -> dict[tuple[Kind, int], int]:
@@ -105,14 +110,17 @@ class Channels:
     def between(self, four: Array) -> Moved:
         """Motion in the middle of four samples of smoothed channels (4, ..., D): means for places, slopes for
         rates."""
+        return self.moved(mean(four), slope(four, self.dt))
+
+    def moved(self, middle: Array, rate: Array, geometry: Geometry | None = None) -> Moved:
+        """Motion from channels (..., D) and their rates; `geometry` at these angles, if it is known already."""
         n, c = self.machine.size, len(self.machine.cylinders)
-        middle, rate = mean(four), slope(four, self.dt)
         slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]
         attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
-        found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., n : n + c], attitude)
+        found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., self.forces], attitude, geometry)
         good = self._usable(found)
         lever, speed = np.where(good[..., None], found.lever, 0.0), np.where(good, found.speed, 0.0)
-        return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., n : n + c]), good)
+        return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
 
     @cached_property
     def _stops(self) -> tuple[Array, Array]:
@@ -128,10 +136,14 @@ class Channels:
 
     def run(self, values: Array) -> Moved:
         """A gapless recording (T, S): motion of its T-1 intervals."""
+        return self.between(fours(self.smoothed(self.course(values))))
+
+    def course(self, values: Array) -> Array:
+        """Channels (T, D) of a gapless recording (T, S)."""
         channels = self.read(values)
         if (Kind.SLEW_ANGLE, 0) in self._where:
             channels[:, -1] = np.unwrap(channels[:, -1])
-        return self.between(fours(self.smoothed(channels)))
+        return channels
 
     def smoothed(self, channels: Array) -> Array:
         """Channels (T, D) through the low-pass (T+2, D), as if they had stood still before."""

@@ -34,7 +34,7 @@ class Backlash:
         signal = angle_signal(machine, where)
         if signal is None:
             return values
-        torque = measured_torque(machine, values)[:, where]
+        torque = measured_torque(machine, values, where)
         found = values.copy()
         clear = np.abs(torque) > self.turning
         last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))

@@ -30,7 +30,7 @@ class Compliance:
         signal = angle_signal(machine, where)
         if signal is None:
             return values
-        torque = measured_torque(machine, values)[:, where]
+        torque = measured_torque(machine, values, where)
         found = values.copy()
         found[:, signal] += size * torque
         return found

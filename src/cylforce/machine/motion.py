@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cylforce.machine.machine import Machine
+from cylforce.machine.machine import Geometry, Machine
 from cylforce.words.estimate import Array
 from cylforce.words.units import STANDARD_GRAVITY
 
@@ -48,11 +48,17 @@ LEVEL = Attitude()
 
 
 def motion(
-    machine: Machine, theta: ArrayLike, thetad: ArrayLike, force: ArrayLike, attitude: Attitude = LEVEL
+    machine: Machine,
+    theta: ArrayLike,
+    thetad: ArrayLike,
+    force: ArrayLike,
+    attitude: Attitude = LEVEL,
+    geometry: Geometry | None = None,
 ) -> Motion:
-    """Motion from joint angles and rates (..., N) and cylinder forces (..., C)."""
+    """Motion from joint angles and rates (..., N) and cylinder forces (..., C); `geometry` at these angles, if it is
+    known already."""
     angles, rates = np.asarray(theta, dtype=np.float64), np.asarray(thetad, dtype=np.float64)
-    geometry = machine.geometry(angles)
+    geometry = machine.geometry(angles) if geometry is None else geometry
     a = angles.cumsum(axis=-1)
     pushed = np.asarray(force, dtype=np.float64)
     each = np.zeros(a.shape[:-1])  # what one number says of all samples

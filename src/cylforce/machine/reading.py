@@ -38,7 +38,9 @@ def joint_angles(machine: Machine, values: Array) -> Array:
     return angles
 
 
-def measured_torque(machine: Machine, values: Array) -> Array:
-    """Joint torques (T, N) [N m] from signals (T, S), unfiltered."""
-    lever = machine.geometry(joint_angles(machine, values)).lever
-    return np.asarray((cylinder_forces(machine, values)[:, None, :] @ lever)[:, 0, :])
+def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
+    """Torque (T,) [N m] of a joint's cylinders from signals (T, S), unfiltered."""
+    at, forces = machine.pose(joint_angles(machine, values)), cylinder_forces(machine, values)
+    acting = [c for c, span in enumerate(machine.spans) if joint in span]
+    levers = [machine.cylinders[c].linkage.stretch(at).gradient[:, joint] for c in acting]
+    return sum((forces[:, c] * lever for c, lever in zip(acting, levers, strict=True)), np.zeros(len(values)))

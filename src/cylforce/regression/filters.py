@@ -1,7 +1,7 @@
 """Discrete low-pass filters: one step for a live sample, one run for a recording; both give the same to rounding."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import pi
 
 import numpy as np
@@ -23,8 +23,12 @@ class Filter:
 
     def steady(self, x: Array) -> Array:
         """The state in which the constant input x has settled: the output then is x from the first sample."""
-        zi = signal.lfilter_zi(self.b, self.a)
-        return np.asarray(zi.reshape(-1, *([1] * np.ndim(x))) * x)
+        return np.asarray(self._settled.reshape(-1, *([1] * np.ndim(x))) * x)
+
+    @cached_property
+    def _settled(self) -> Array:
+        """The state that the constant input 1 leads to."""
+        return np.asarray(signal.lfilter_zi(self.b, self.a))
 
     def rest(self, x: Array) -> Array:
         """The state in which a filter that lets nothing constant pass, sum(b) = 0, has been shown x for ever."""

@@ -1,6 +1,7 @@
 """The regressor: a Machine and an ordered tuple of effects, their columns side by side, filtered so that no
 acceleration is needed (PHYSICS section 5)."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -61,9 +62,26 @@ class Regressor:
                 momentum[..., places] += part.momentum
         return momentum[..., self._rows, :], static[..., self._rows, :]
 
+    def products(self, moving: Motion, values: Array, without: Collection[Effect] = ()) -> tuple[Array, Array]:
+        """Momentum and static columns times `values` (P,), each (..., R); those of some effects may be left out."""
+        momentum, static = np.zeros((2, *moving.q.shape))
+        for effect, places in zip(self.effects, self._places, strict=True):
+            if effect in without:
+                continue
+            part, own = effect.halves(self.machine, moving), values[places]
+            static += _times(part.static, own)
+            if part.momentum is not None:
+                momentum += _times(part.momentum, own)
+        return momentum[..., self._rows], static[..., self._rows]
+
     def torque(self, moving: Motion) -> Array:
         """Measured torque (..., R) [N m]."""
         return joint_torque(moving)[..., self._rows]
+
+
+def _times(columns: Array, values: Array) -> Array:
+    """Columns (..., N, P) @ values (P,) as one product, not one for each sample."""
+    return np.asarray((columns.reshape(-1, len(values)) @ values).reshape(columns.shape[:-1]))
 
 
 def _compact(places: list[int]) -> Array | slice:
@@ -140,7 +158,10 @@ class FilteredRegressor:
 
     def left(self, moving: Motion, values: Array) -> Array:
         """What parameters `values` (P,) leave of the filtered torque (T, R), along a recording."""
-        momentum, static = (half @ values for half in self.regressor.both_halves(moving))
-        rest = self.regressor.torque(moving) - static
+        momentum, static = self.regressor.products(moving, values)
+        return self.filtered(-momentum, self.regressor.torque(moving) - static)
+
+    def filtered(self, momentum: Array, static: Array) -> Array:
+        """S (d/dt L momentum + L static) of a recording (T, ...)."""
         moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
-        return np.asarray(self._mean.run(self._begun(rest[0]), rest)[1] - moved)
+        return np.asarray(self._mean.run(self._begun(static[0]), static)[1] + moved)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.sensitivity import Sensitivity
 from cylforce.core.model import Model
 from cylforce.core.motion import Moved
 from cylforce.core.observation import REST_SHARE, unusable
@@ -52,10 +53,11 @@ class Recorded(NamedTuple):
 
 
 class Loaded(NamedTuple):
-    """A recording and the tares (P,) of the machine with what it carries there."""
+    """A recording, the tares (P,) of the machine with what it carries there, and how its rows change then."""
 
     recorded: Recorded
     tares: Array
+    change: Sensitivity
 
 
 class Rows(NamedTuple):
@@ -110,20 +112,16 @@ class Viewer:
 
     def thinned(self, values: Array) -> Array:
         """Samples (T', S) at the diagnosis' rate, low-passed."""
+        return self._sensitivity(values, self.tares).thinned
+
+    def _sensitivity(self, values: Array, tares: Array) -> Sensitivity:
         low = second_order(self.model.filters.channel_hz, 1.0 / self.model.filters.rate_hz)
-        _, smooth = low.run(low.steady(values[0]), values)
-        return np.asarray(smooth[:: self._thin])
+        return Sensitivity(self.slow, tares, values, low, self._thin)
 
     def _filtered(self, machine: Machine, *more: Effect) -> FilteredRegressor:
         f = self.slow.filters
         effects = (*Model(machine, f, self.model.friction).empty.effects, *more)
         return FilteredRegressor(Regressor(machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
-
-    def left(self, values: Array, tares: Array, machine: Machine | None = None) -> Array:
-        """What tares (P,) leave (T', R) of samples (T, S), on another machine than the model's if one is given."""
-        slow = self.slow if machine is None else Model(machine, self.slow.filters, self.slow.friction)
-        moved = slow.channels.run(self.thinned(values))
-        return self._filtered(slow.machine).left(moved.motion, tares)
 
     def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> Rows:
         """The rows of a recording; see `columns_of` for the order of the effects' columns."""
@@ -140,14 +138,15 @@ class Viewer:
         lost = self._lost(moved)
         left = np.where(lost, np.nan, left)
         tares = self.tares + self._carried(recorded.load, base[late], left[late])
-        parts = [self._columns(p, e, Loaded(recorded, tares), base, forces) for p, e in lasting]
+        loaded = Loaded(recorded, tares, self._sensitivity(values, tares))
+        parts = [self._columns(p, e, loaded, base, forces) for p, e in lasting]
         effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
         m = moved.motion
         posture = np.diff(m.a, axis=1, prepend=0.0)
         return Rows(
             base[late],
             np.where(np.isfinite(effects), effects, 0.0)[late],
-            self._incidental(Loaded(recorded, tares), moved, base)[late],
+            self._incidental(loaded, moved, base)[late],
             left[late],
             t[late],
             m.speed[late],
@@ -191,9 +190,9 @@ class Viewer:
             values = loaded.recorded.values.copy()
             for k in pressures:
                 values[:, k] = np.interp(t - by, t, loaded.recorded.values[:, k])
-            return self.left(values, loaded.tares)
+            return values
 
-        return np.asarray((shifted(step) - shifted(-step))[..., None] / (2.0 * step))
+        return np.asarray(loaded.change.of_readings(shifted(step), shifted(-step))[..., None] / (2.0 * step))
 
     def _shape(self, values: Array) -> tuple[int, int]:
         """(T', R) of samples (T, S)."""
@@ -223,17 +222,14 @@ class Viewer:
         the readings adds what distorting them once more adds, an error of the machine file what the true machine
         takes off."""
         step = np.sqrt(effect.about.low * effect.about.high)
-        machine, (recorded, tares) = self.model.machine, loaded
-        values = recorded.values
+        machine, values = self.model.machine, loaded.recorded.values
         if isinstance(effect, Distortion):
-            t = recorded.begins + np.arange(len(values)) / self.model.filters.rate_hz
-            both = (effect.distorted(machine, values, t, p.where, s * step) for s in (1.0, -1.0))
-            more, less = (self.left(each, tares) for each in both)
+            t = loaded.recorded.begins + np.arange(len(values)) / self.model.filters.rate_hz
+            read = [effect.distorted(machine, values, t, p.where, s * step) for s in (1.0, -1.0)]
+            found = loaded.change.of_readings(*read)
         elif isinstance(effect, Alteration):
-            others = [effect.altered(machine, p.where, s * step) for s in (1.0, -1.0)]
-            if others[0] is machine:
-                return np.zeros((*self._shape(values), 1))
-            less, more = (self.left(values, tares, other) for other in others)
+            true = [effect.altered(machine, p.where, s * step) for s in (-1.0, 1.0)]
+            found = loaded.change.of_machines(*true)
         else:
             raise TypeError(f"{effect!r} is no force law, distortion, alteration or weight")
-        return np.asarray((more - less)[..., None] / (2.0 * step))
+        return np.asarray(found[..., None] / (2.0 * step))
