@@ -3,7 +3,7 @@
 import numpy as np
 
 from cylforce.core.gap.diagnosis import Search
-from cylforce.core.gap.evidence import Blocks, Evidence, Term
+from cylforce.core.gap.evidence import Blocks
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import Problem
 from cylforce.core.gap.residuals import SPAN
@@ -30,7 +30,7 @@ def baselines(search: Search) -> dict[str, Proposal]:
     scores = {
         "correlation": [_correlation(gram, places[0]) for _, places in choices],
         "sparse_regression": _sparse(gram, problem, choices),
-        "cross_validation": [_predicted(blocks, problem.first, places) for _, places in choices],
+        "cross_validation": _predicted(blocks, problem.first, choices),
     }
     return {name: choices[int(np.argmax(score))][0] for name, score in scores.items()}
 
@@ -54,14 +54,19 @@ def _sparse(gram: Array, problem: Problem, choices: list[tuple[Proposal, list[in
     return [float(x) for x in np.abs(sizes)]
 
 
-def _predicted(blocks: Blocks, first: int, places: list[int]) -> float:
-    """Squares (negative) that the effect leaves of every other span when it is fitted to the rest, with the base."""
-    count = len(blocks.faulty)
-    fold = (np.arange(count) // SPAN) % 2
-    term, total = Term(tuple(places), np.ones((len(places), count))), 0.0
-    plain = blocks._replace(shared=tuple(range(first)))
-    for k in (0, 1):
-        weight = np.concatenate([np.zeros(len(blocks.clean)), np.where(fold == k, 0.0, 1.0)])
-        evidence = Evidence(plain, [term], weight)
-        total += float(np.sum(evidence.squares([term], evidence.fitted)[1][fold == k]))
-    return -total
+def _predicted(blocks: Blocks, first: int, choices: list[tuple[Proposal, list[int]]]) -> list[float]:
+    """Squares (negative) that each effect leaves of every other span when it is fitted to the rest, with the base."""
+    fold = (np.arange(len(blocks.faulty)) // SPAN) % 2
+    grams, found = [blocks.faulty[fold == k].sum(axis=0) for k in (0, 1)], []
+    for _, places in choices:
+        columns = [*range(first), *places]
+        known = np.concatenate([blocks.always[:first], blocks.spread[places]])
+        found.append(-sum(_squares(grams[1 - k], grams[k], columns, known) for k in (0, 1)))
+    return found
+
+
+def _squares(fitted: Array, other: Array, columns: list[int], known: Array) -> float:
+    """What columns, known to standard errors `known`, leave of one Gram matrix when they are fitted to another."""
+    values = np.linalg.solve(fitted[np.ix_(columns, columns)] + np.diag(known**-2.0), fitted[columns, -1])
+    left = np.append(-values, 1.0)
+    return float(left @ other[np.ix_([*columns, -1], [*columns, -1])] @ left)

@@ -135,10 +135,13 @@ class Evidence:
         """Gram matrix (M, N) of columns with their courses."""
         if np.all(course == 1.0) and np.all(other == 1.0):
             return np.asarray(self._alone[np.ix_(rows, columns)])
-        found = np.zeros((len(rows), len(columns)))
-        for m, (j, a) in enumerate(zip(rows, course, strict=True)):
-            for n, (k, b) in enumerate(zip(columns, other, strict=True)):
-                found[m, n] = (a * b * self._weight) @ self.blocks.faulty[:, j, k]
+        found, own, across = np.zeros((len(rows), len(columns))), np.array(rows), np.array(columns)
+        on = np.any(course != 0.0, axis=0) & np.any(other != 0.0, axis=0)
+        for j in set(rows):
+            for k in set(columns):
+                m, n = np.flatnonzero(own == j), np.flatnonzero(across == k)
+                gram = self._weight[on] * self.blocks.faulty[on, j, k]
+                found[m[:, None], n] = (course[m][:, on] * gram) @ other[n][:, on].T
         return found
 
     def _solved(self, right: Array) -> Array:

@@ -122,8 +122,18 @@ class Problem:
             own[..., k : k + len(CENTRE)] = each[..., 1:]
         return np.concatenate([rows.base, own, rows.effects, rows.incidental, left[..., None]], axis=-1)
 
+    @cached_property
+    def _made(self) -> list[tuple[Floor, Blocks]]:
+        return []
+
     def blocks(self, floor: Floor) -> Blocks:
-        """All recordings as blocks; with clean ones, the library itself is part of what the machine always was."""
+        """All recordings as blocks, made once; with clean ones, the library itself is part of what the machine always
+        was."""
+        if not any(floor is known for known, _ in self._made):
+            self._made[:] = [(floor, self._blocks(floor))]
+        return self._made[0][1]
+
+    def _blocks(self, floor: Floor) -> Blocks:
         size = len(self.spread) + 1
         none = (np.zeros((0, size, size)), np.zeros(0))
         clean = [none, *(grams(self.columns(seen), floor) for seen in self.clean)]
