@@ -6,6 +6,8 @@ proposed for the faulty ones alone. Its evidence is tempered by how much the blo
 noise would do."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +21,8 @@ from cylforce.words.estimate import Array
 USUAL = 3.0  # times white noise: what a block may leave
 
 
-class Blocks(NamedTuple):
+@dataclass(frozen=True)
+class Blocks:
     """Gram matrices (B, K+1, K+1) of [columns K | left], whitened, of the clean and of the faulty recordings, how many
     rows each block has, `clean_rows`, `faulty_rows` (B,), and the standard errors that each column's size has
     beforehand, `spread` (K,). `shared`: the columns that stand for what the machine always was, with the standard
@@ -35,6 +38,11 @@ class Blocks(NamedTuple):
     spread: Array
     always: Array
     shared: tuple[int, ...]
+
+    @cached_property
+    def sums(self) -> tuple[Array, Array]:
+        """Gram matrices (K+1, K+1) of all clean and of all faulty blocks together."""
+        return np.sum(self.clean, axis=0), np.sum(self.faulty, axis=0)
 
 
 class Term(NamedTuple):
@@ -76,6 +84,27 @@ def _moments(terms: Sequence[Term]) -> NDArray[np.intp]:
     return np.unique(np.flatnonzero(np.any(courses, axis=0))) if courses else np.zeros(0, dtype=np.intp)
 
 
+def _weighted(grams: Array, total: Array, weight: Array) -> Array:
+    """Sum (K, K) of Gram matrices (B, K, K) times `weight` (B,), from their sum `total` where most weights are 1."""
+    less = np.flatnonzero(weight != 1.0)
+    if 2 * len(less) > len(weight):
+        return np.asarray(np.tensordot(weight, grams, 1))
+    return np.asarray(total - np.tensordot(1.0 - weight[less], grams[less], 1))
+
+
+def _squares(grams: Array, coefficients: Array) -> Array:
+    """Sums of squares (B,) that coefficients (B, K) leave of Gram matrices (B, K, K)."""
+    return np.asarray(np.einsum("bi,bij,bj->b", coefficients, grams, coefficients, optimize=True))
+
+
+def _each(columns: Sequence[int]) -> dict[int, list[int]]:
+    """The places of every column that is named."""
+    found: dict[int, list[int]] = {}
+    for place, column in enumerate(columns):
+        found.setdefault(column, []).append(place)
+    return found
+
+
 class Evidence:
     """All answers about one set of blocks, each block counted by its `weight` (B,), clean ones first, with the terms
     in `held` taken as present. A block that such a term has to itself counts the less the more it leaves there: what
@@ -84,26 +113,26 @@ class Evidence:
     def __init__(self, blocks: Blocks, held: Sequence[Term] = (), weight: Array | None = None) -> None:
         self.blocks, self.held = blocks, tuple(held)
         self._base = list(blocks.shared)
-        self._rows = np.concatenate([blocks.clean_rows, blocks.faulty_rows])
         self._spread = np.concatenate([blocks.always[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
         self._fit(np.ones(len(blocks.clean) + len(blocks.faulty)) if weight is None else weight)
-        moments = len(blocks.clean) + _moments(self.held)
+        moments = _moments(self.held)
         for _ in range(2 if moments.size else 0):
-            left = np.concatenate(self.squares(self.held, self.fitted))[moments]
-            share = self.weight.copy()
-            share[moments] = np.minimum(1.0, USUAL * self._rows[moments] / np.maximum(left, 1e-9))
+            left = _squares(blocks.faulty[moments], self.left(self.held, self.fitted)[1][moments])
+            share, own = self.weight.copy(), len(blocks.clean) + moments
+            share[own] = np.minimum(1.0, USUAL * blocks.faulty_rows[moments] / np.maximum(left, 1e-9))
             self._fit(share)
 
     def _fit(self, weight: Array) -> None:
         """Weighted sums of the blocks, and the values that fit them."""
         blocks, self.weight = self.blocks, weight
         clean, faulty = np.split(weight, [len(blocks.clean)])
-        self._both = np.tensordot(clean, blocks.clean, 1) + np.tensordot(faulty, blocks.faulty, 1)
-        self._weight, self._alone = faulty, np.tensordot(faulty, blocks.faulty, 1)
+        self._weight, self._alone = faulty, _weighted(blocks.faulty, blocks.sums[1], faulty)
+        self._both = _weighted(blocks.clean, blocks.sums[0], clean) + self._alone
         self._columns = [c for h in self.held for c in h.columns]
         self._course = np.concatenate([np.zeros((0, len(blocks.faulty))), *(h.course for h in self.held)])
+        self._rows = self._held_across()
         self._root = cho_factor(self._known() + np.diag(self._spread**-2.0))
-        self._score = np.concatenate([self._both[self._base, -1], self._held_across()[:, -1]])
+        self._score = np.concatenate([self._both[self._base, -1], self._rows[:, -1]])
         self.fitted = self._solved(self._score)
 
     def _held_across(self) -> Array:
@@ -113,13 +142,16 @@ class Evidence:
 
     def _known(self) -> Array:
         """The Gram matrix of [base | held terms]."""
-        across = self._held_across()[:, self._base]
+        across = self._rows[:, self._base]
         within = self._within(self._columns, self._course, self._columns, self._course)
         return np.block([[self._both[np.ix_(self._base, self._base)], across.T], [across, within]])
 
     def _beside(self, term: Term) -> tuple[Array, Array, Array]:
         """Of one more term the Gram matrices with [base | held] (N+H, M) and with itself (M, M), and its score (M,)."""
         columns = list(term.columns)
+        if np.all(term.course == 1.0):
+            old = np.concatenate([self._alone[self._base][:, columns], self._rows[:, columns]])
+            return old, self._alone[np.ix_(columns, columns)], self._alone[columns, -1]
         across = np.stack([self._across(k, c) for k, c in zip(columns, term.course, strict=True)])
         old = np.concatenate([across[:, self._base].T, self._within(self._columns, self._course, columns, term.course)])
         return old, self._within(columns, term.course, columns, term.course), across[:, -1]
@@ -135,13 +167,13 @@ class Evidence:
         """Gram matrix (M, N) of columns with their courses."""
         if np.all(course == 1.0) and np.all(other == 1.0):
             return np.asarray(self._alone[np.ix_(rows, columns)])
-        found, own, across = np.zeros((len(rows), len(columns))), np.array(rows), np.array(columns)
         on = np.any(course != 0.0, axis=0) & np.any(other != 0.0, axis=0)
-        for j in set(rows):
-            for k in set(columns):
-                m, n = np.flatnonzero(own == j), np.flatnonzero(across == k)
-                gram = self._weight[on] * self.blocks.faulty[on, j, k]
-                found[m[:, None], n] = (course[m][:, on] * gram) @ other[n][:, on].T
+        left, right, found = course[:, on], other[:, on], np.zeros((len(rows), len(columns)))
+        own, across = _each(rows), _each(columns)
+        grams = self._weight[on, None, None] * self.blocks.faulty[np.ix_(on, list(own), list(across))]
+        for j, m in enumerate(own.values()):
+            for k, n in enumerate(across.values()):
+                found[np.ix_(m, n)] = (left[m] * grams[:, j, k]) @ right[n].T
         return found
 
     def _solved(self, right: Array) -> Array:
@@ -194,8 +226,7 @@ class Evidence:
     def squares(self, terms: Sequence[Term], values: Array) -> tuple[Array, Array]:
         """Whitened sums of squares of clean and of faulty blocks (B,) that base `values` and terms leave."""
         a, b = self.left(terms, values)
-        clean = np.einsum("bi,bij,bj->b", a, self.blocks.clean, a, optimize=True)
-        return clean, np.einsum("bi,bij,bj->b", b, self.blocks.faulty, b, optimize=True)
+        return _squares(self.blocks.clean, a), _squares(self.blocks.faulty, b)
 
     def _inflation(self, term: Term, gain: Array, value: Array, information: Array) -> float:
         """Scatter of the blocks' scores over that of white noise, with the term itself taken off."""

@@ -2,6 +2,7 @@
 refitted, with the causes taken out, on stretches that the causes' sizes were not fitted on."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ def gap(search: Search, rng: np.random.Generator) -> Gap:
     """The size of the gap before and after."""
     blocks = search.original.blocks(search.floor)
     _, before = fixed(search.original, blocks)
-    refit_blocks = blocks._replace(shared=tuple(range(_base(search.original))))
+    refit_blocks = replace(blocks, shared=tuple(range(_base(search.original))))
     weight = np.repeat([0.0, 1.0], [len(blocks.clean), len(blocks.faulty)])
     refit_values = Evidence(refit_blocks, weight=weight).fitted
     refit = _residuals(search.original, refit_blocks, (), refit_values)
