@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.core.assembler import Assembler
-from cylforce.core.gap.answer import answer
+from cylforce.core.gap.answer import answer, off_clock
+from cylforce.core.gap.clocks import Slip, slips
 from cylforce.core.gap.diagnosis import Search, fitted_tares, search
 from cylforce.core.gap.forward import forward
 from cylforce.core.gap.library import LIBRARY, Group
@@ -65,8 +66,11 @@ def diagnose(
     faulty = [r for path in question.field for r in recorded(loaded, path, question.loads, watch)]
     if not faulty:
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
-    viewer, known = _viewer(loaded, question, clean)
     only = _only(library, question.only, loaded.service.machine)
+    watch("clocks", None)
+    if late := slips(Model(loaded.service.machine, loaded.service.filters, ()), [*clean, *faulty]):
+        return _off_clock(late)
+    viewer, known = _viewer(loaded, question, clean)
     found = search(viewer, faulty, clean, library, lambda doing: watch(doing, None), known, only)
     seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
     if seconds < MOVING_S:
@@ -81,6 +85,11 @@ def diagnose(
 def _nothing(reason: str) -> Diagnosed:
     verdict = Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
     return Diagnosed(None, verdict, None, {"verdict": str(verdict.verdict), "effects": [], "reason": reason})
+
+
+def _off_clock(late: Sequence[Slip]) -> Diagnosed:
+    verdict, told = off_clock(late)
+    return Diagnosed(None, Judged(verdict, (), late[0].closed), None, told)
 
 
 def known_loads(words: Sequence[str]) -> dict[str, float]:

@@ -66,8 +66,6 @@ def patch_text(blocks: list[dict[str, Any]]) -> str:
 def show(found: Diagnosed, console: Console) -> None:
     """The verdict in a sentence, the effects in a table."""
     console.print(sentence(found.answer))
-    if found.gap is None:
-        return
     text = Text()
     for column in ("effect", "at", "size", "90 % interval", "unit", "confidence", "or"):
         text.add_column(column, justify="right" if column in ("size", "90 % interval", "confidence") else "left")
@@ -79,7 +77,7 @@ def show(found: Diagnosed, console: Console) -> None:
         text.add_row(*row, f"{100 * effect['confidence']:.0f} %", others)
     if found.answer["effects"]:
         console.print(text)
-    for experiment in found.answer["next_experiment"]:
+    for experiment in found.answer.get("next_experiment", ()):
         console.print(f"next: {experiment}")
 
 
@@ -87,7 +85,7 @@ def sentence(answer: dict[str, Any]) -> str:
     """The verdict in words."""
     verdict, size = answer["verdict"], answer.get("gap")
     if size is None:
-        return f"Nothing can be concluded: {answer['reason']}."
+        return f"{'Nothing else' if answer['effects'] else 'Nothing'} can be concluded: {answer['reason']}."
     gap_nm = f"{size['fixed']:.0f} N m (noise floor {size['floor']:.0f} N m)"
     if verdict == Verdict.NO_GAP:
         return f"No gap: what the model leaves, {gap_nm}, is what it always left."

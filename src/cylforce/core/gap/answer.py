@@ -1,10 +1,12 @@
 """The answer as plain values, stable and documented: what `cylforce gap --json` writes."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from cylforce.core.gap.baselines import baselines
+from cylforce.core.gap.clocks import Slip
 from cylforce.core.gap.diagnosis import Cause, Search
 from cylforce.core.gap.evidence import Evidence
 from cylforce.core.gap.forward import Forward
@@ -12,11 +14,14 @@ from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
 from cylforce.core.gap.residuals import Ends, Gap
-from cylforce.core.gap.verdict import Judged, Named
+from cylforce.core.gap.verdict import EXPLAINED, PARTLY, Judged, Named, Verdict
 from cylforce.core.gap.where import Spot
+from cylforce.effects.clock_fault import ClockFault
 from cylforce.machine.candidate import Incident
 from cylforce.words.units import DEGREE
 
+CLOSING = ((Verdict.EXPLAINED, EXPLAINED), (Verdict.PARTLY, PARTLY))
+SUREST = 0.99
 SIGMAS = 5.0  # from which on an effect is detectable
 WIDE = 1.6449  # standard errors of a 90 % interval
 
@@ -62,6 +67,41 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
         "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
         "baselines": {method: {"name": p.name, "at": p.at} for method, p in baselines(search).items()},
+    }
+
+
+def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
+    """The verdict and the answer where pressures and angles are not on one clock, the largest lag first: nothing else
+    can be concluded from what does not belong together."""
+    worst = slips[0]
+    verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
+    names = ", ".join(dict.fromkeys(slip.name for slip in slips))
+    reason = (
+        f"pressures and angles are not on one clock in {names}: in {worst.name} the pressures are "
+        f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s. Pair them "
+        "by the time at which they were measured, not by their number, and record again"
+    )
+    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(worst)]
+    cure = [ClockFault().about.confirm]
+    return verdict, {"verdict": str(verdict), "effects": effects, "reason": reason, "next_experiment": cure}
+
+
+def _late(lag: float) -> str:
+    return f"{abs(lag):.2f} s {'late' if lag >= 0.0 else 'early'}"
+
+
+def _clock_fault(slip: Slip) -> dict[str, Any]:
+    value, error = slip.largest
+    about = ClockFault().about
+    size = {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}
+    return {
+        "name": about.name,
+        "at": "machine",
+        "when": f"{slip.first:.2f} s at {slip.begins:.0f} s, {slip.last:.2f} s at {slip.ends:.0f} s of {slip.name}",
+        "parameters": {"size": size},
+        "shape": {},
+        "confidence": float(min(slip.closed, SUREST)),
+        "confused_with": [],
     }
 
 

@@ -1,0 +1,90 @@
+"""Pressures and angles that are not on one clock are noticed before any effect is named, and nothing else is taken for
+that. (Our own simulator; a real machine: test_crane_gap.py.)"""
+
+import numpy as np
+import pytest
+
+from cylforce.core.gap.answer import off_clock
+from cylforce.core.gap.clocks import LATE_S, slips
+from cylforce.core.gap.rows import Recorded
+from cylforce.core.model import Model
+from cylforce.core.scenario import moves
+from cylforce.core.sensing import run, sensors
+from cylforce.core.simulated_effects import imposed
+from cylforce.edges.settings import load
+from cylforce.machine.candidate import Place, places
+from cylforce.programs.sim import prepare
+from scenarios import EXCAVATOR, moved, truth_of
+
+LOADED = load(EXCAVATOR)
+SERVICE = LOADED.service
+MODEL = Model(SERVICE.machine, SERVICE.filters, ())
+RATE = SERVICE.filters.rate_hz
+SECONDS = 90.0
+
+
+@pytest.fixture(scope="module")
+def values():
+    """Samples of the machine in order."""
+    return moved(LOADED, seed=5, seconds=SECONDS)
+
+
+def paired(values, rate, late=0.0):
+    """Beside sample k of the angles stands what the pressures were at rate k - late."""
+    k, found = np.arange(len(values)), values.copy()
+    for _, signal in places(SERVICE.machine, Place.PRESSURE):
+        found[:, signal] = np.interp(rate * k - late * RATE, k, values[:, signal])
+    return found
+
+
+def test_one_clock_is_one_clock(values):
+    assert not slips(MODEL, [Recorded("order", values, 0.0)])
+
+
+@pytest.mark.parametrize(
+    ("rate", "late", "first", "last"),
+    [(1.0, 0.5, 0.5, 0.5), (1.0, -0.3, -0.3, -0.3), (0.995, 0.0, 0.01, 0.44), (0.5, 0.0, 2.0, 45.0)],
+)
+def test_a_lag_is_measured_whether_it_grows_or_not(values, rate, late, first, last):
+    """Pressures shown at t are those of rate t - late: what belongs to t is shown at (t + late)/rate."""
+    (slip,) = slips(MODEL, [Recorded("field", paired(values, rate, late), 0.0)])
+    told = np.interp([slip.begins, slip.ends], [0.0, SECONDS], [late, (SECONDS + late) / rate - SECONDS])
+    assert np.all(np.abs(np.array([slip.first, slip.last]) - told) < 4.0 * slip.errors + 0.02), (slip, told)
+    assert [slip.first, slip.last] == pytest.approx([first, last], abs=0.3)
+    assert slip.closed > 0.9
+
+
+def test_it_is_told_by_name_with_its_cure(values):
+    told = slips(MODEL, [Recorded("field", paired(values, 0.5), 0.0)])
+    verdict, answer = off_clock(told)
+    assert verdict == answer["verdict"] == "explained"
+    (effect,) = answer["effects"]
+    assert (effect["name"], effect["at"]) == ("clock_fault", "machine")
+    assert "pressures and angles are not on one clock in field" in answer["reason"]
+
+
+def test_a_smaller_lag_is_left_to_the_search(values):
+    assert not slips(MODEL, [Recorded("field", paired(values, 1.0, 0.5 * LATE_S), 0.0)])
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "size"),
+    [
+        ("sensor_delay", "boom_head_pressure", 0.2),
+        ("sensor_delay", "stick_angle", 0.2),
+        ("angle_offset", "boom_angle", 0.05),
+        ("coulomb_friction", "bucket", 8000.0),
+        ("extra_mass", "bucket", [800.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_nothing_else_is_taken_for_it(name, at, size):
+    truth = truth_of(LOADED)._replace(effects=(imposed(SERVICE.machine, name, at, size),))
+    scene = moves(SERVICE.machine, np.random.default_rng(6), 60.0)
+    made, rng = sensors(SERVICE.machine, SERVICE.nodes), np.random.default_rng(7)
+    (record,) = run(SERVICE.machine, truth, made, [scene], dt=1.0 / RATE, rng=rng)
+    assert not slips(MODEL, [Recorded("field", record.values, 0.0)])
+
+
+def test_digging_is_not_taken_for_it():
+    play = prepare(LOADED, "cycles", 6, 0.1, amount=4)
+    assert not slips(MODEL, [Recorded("dug", record.values, 0.0) for record in play.records])
