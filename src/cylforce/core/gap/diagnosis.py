@@ -234,11 +234,16 @@ def _exchanged(
         others = [r for k, r in enumerate(held) if k != n]
         ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), besides=others)
         own = next((r for r in ranked if r.key == held[n].key), None)
-        if ranked and (own is None or ranked[0].score > own.score + TIE):
+        if ranked and (own is None or ranked[0].score > own.score + TIE or _simpler(ranked[0], own)):
             held = [*held[:n], ranked[0], *held[n + 1 :]]
         elif own is not None:
             held = [*held[:n], own, *held[n + 1 :]]
     return [r for r in held if r.key in kept or r.score >= worth]
+
+
+def _simpler(best: Ranked, own: Ranked) -> bool:
+    """Whether what is as good as the cause has fewer sizes."""
+    return best.score > own.score - TIE and len(best.option.term.columns) < len(own.option.term.columns)
 
 
 def _usual(blocks: Blocks) -> Array:

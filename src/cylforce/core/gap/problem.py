@@ -53,6 +53,11 @@ class Problem:
     faulty: tuple[Seen, ...]
     only: tuple[str, str] | None = None  # name and place ("": any) of the one effect that may be a cause
 
+    @property
+    def from_sheet(self) -> bool:
+        """Whether nobody identified the machine: a data sheet knows masses roughly and friction not at all."""
+        return not self.model.friction
+
     def of_load(self, seen: Seen) -> int | None:
         """The first of the columns of a recording's load beyond its mass; None for an empty one."""
         place = [k for k, other in enumerate(self._loaded) if other.recorded is seen.recorded]

@@ -8,11 +8,12 @@ import numpy as np
 from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
-from cylforce.machine.candidate import THIRDS, Course, Incident
+from cylforce.machine.candidate import THIRDS, Course, ForceLaw, Incident, Weight
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
 TIE = 3.0  # nats that are no difference
+LEAD = 0.05  # of its evidence, by which a fault must do better than masses and friction that only a data sheet tells
 
 
 class Ranked(NamedTuple):
@@ -57,7 +58,8 @@ def ranking(
         if (option.proposal.name, option.proposal.at) in taken:
             continue
         told = evidence.of(option.term, TEMPER)
-        found = Ranked(option, told, told.evidence - option.cost)
+        lead = LEAD if problem.from_sheet and not isinstance(option.proposal.group[0], Weight | ForceLaw) else 0.0
+        found = Ranked(option, told, told.evidence * (1.0 - lead) - option.cost)
         if _possible(found) and found.score > best.get(found.key, found._replace(score=-1e300)).score:
             best[found.key] = found
     return _simplest(sorted(best.values(), key=lambda r: -r.score))
