@@ -50,6 +50,7 @@ CASES = {
     "backlash": ("bucket", 0.02, {}),
     "soil_contact": ("bucket", [4000.0, 6000.0], {"begin": 115.0, "end": 125.0}),
     "slew_centrifugal": ("machine", 0.2, {"begin": 75.0, "end": 93.0}),
+    "boom_motion": ("machine", [4.0, 1.0, 1.0], {}),
     "payload_spill": ("bucket", [-250.0, -200.0, -30.0], {"begin": 112.0}),
     "payload_shift": ("bucket", [150.0, 60.0], {"begin": 112.0}),
     "clock_fault": ("machine", [0.06, 0.0], {"begin": 40.0}),

@@ -146,6 +146,38 @@ def test_an_unseen_turn_pulls_outwards_and_no_sensor_says_so(plain):
     assert np.all(np.abs((torque(found) - torque(plain))[during, 0]) > 100.0)
 
 
+def test_a_chassis_that_swings_asks_for_what_newton_says():
+    """About every pin: sum of m r x (acceleration + g) + I d2q/dt2 of all bodies beyond, places and angles differenced
+    in the frame of the ground; the tilt sensor reads the swing."""
+    foot = 3.0 + 0.8j
+    effect = imposed(MACHINE, "boom_motion", "machine", [foot.real, foot.imag, 1.0], begin=3.0, end=26.0)
+    truth = draw_truth(MACHINE, np.random.default_rng(1), 0.1)._replace(effects=(effect,))
+    scene = moves(MACHINE, np.random.default_rng(2), SECONDS)
+    (found,) = run(MACHINE, truth, perfect(MACHINE), [scene], dt=0.01, rng=np.random.default_rng(3))
+    moving = found.physics.moving
+    pitch = signal(found, "pitch")
+    assert np.ptp(pitch) > 0.2
+    np.testing.assert_array_equal(pitch[(found.t < 3.0) | (found.t > 26.0)], truth.pitch)
+    turn = np.exp(1j * moving.q)
+    pins = (foot * np.exp(1j * pitch))[:, None] + np.cumsum(turn * MACHINE.lengths, axis=1) - turn * MACHINE.lengths
+    centres = pins + turn * np.array([k.cx + 1j * k.cz for k in truth.links])
+    pushed = np.array([k.mass for k in truth.links]) * (second_rate(centres) + 1j * moving.g[:, None])
+    spun = np.array([k.inertia for k in truth.links]) * second_rate(moving.q)
+    expected = [
+        np.sum((np.conj(centres - pins[:, [j]]) * pushed).imag[:, j:] + spun[:, j:], axis=1)
+        for j in range(len(truth.links))
+    ]
+    bare = joint_torque(moving._replace(force=moving.force - found.physics.friction))
+    off = np.abs(bare - np.stack(expected, axis=-1))[4:-4]
+    # strokes begin with a jump of jerk, at which differences are wrong
+    np.testing.assert_array_less(np.percentile(off, 99.0, axis=0), 1e-4 * np.ptp(bare, axis=0))
+
+
+def second_rate(x, dt=0.01):
+    """Second derivative along time, by differences of fourth order; a few steps at the ends are wrong."""
+    return sum(w * np.roll(x, -k, axis=0) for k, w in ((0, -30), (1, 16), (-1, 16), (2, -1), (-2, -1))) / (12.0 * dt**2)
+
+
 @pytest.mark.parametrize("group", LIBRARY, ids=lambda g: repr(g[0]))
 def test_every_effect_of_the_library_changes_what_is_seen(group, plain):
     """At every of its places some signal differs, and without a size nothing does."""

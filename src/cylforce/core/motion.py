@@ -145,6 +145,16 @@ class Channels:
             channels[:, -1] = np.unwrap(channels[:, -1])
         return channels
 
+    def turning(self, values: Array) -> Array:
+        """Rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a gapless recording (T, S): that of
+        its pitch, less what slewing on a slope makes of it; zero where no sensor tells."""
+        if (Kind.PITCH, 0) not in self._where:
+            return np.zeros(len(values) - 1)
+        four = fours(self.smoothed(self.course(values)))
+        rate, middle = slope(four, self.dt), mean(four)
+        slew = middle[:, -1] if (Kind.SLEW_RATE, 0) in self._where else rate[:, -1]
+        return np.asarray(rate[:, -3] - slew * np.tan(middle[:, -2]) * np.cos(middle[:, -3]))
+
     def smoothed(self, channels: Array) -> Array:
         """Channels (T, D) through the low-pass (T+2, D), as if they had stood still before."""
         _, smooth = self.smooth.run(self.smooth.steady(channels[0]), channels)

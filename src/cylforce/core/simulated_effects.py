@@ -13,6 +13,7 @@ from cylforce.core.soil import RAMP, Load, smooth
 from cylforce.machine.candidate import (
     PRESSURES,
     Alteration,
+    BaseMotion,
     Candidate,
     Course,
     Distortion,
@@ -87,7 +88,7 @@ def imposed(
 def units(group: Group) -> tuple[str, ...]:
     """Units of all sizes of a group; a clock is late by the first, and every second by the second more."""
     first = group[0]
-    if isinstance(first, Weight):
+    if isinstance(first, Weight | BaseMotion):
         return first.units
     if isinstance(first, Incident):
         each = tuple(CHANGED[what] for what in _changed(first))

@@ -5,10 +5,12 @@ It uses the product's own effects: figures reached on it show that the programs 
 right.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.core.simulated_base import Swing, swing
 from cylforce.core.simulated_effects import (
     Imposed,
     added_parameters,
@@ -27,8 +29,9 @@ from cylforce.effects.slew import Slew, slew_parameters
 from cylforce.effects.stribeck import Stribeck
 from cylforce.effects.tip_force import TipForce
 from cylforce.effects.viscous_friction import ViscousFriction
-from cylforce.machine.candidate import ForceLaw
+from cylforce.machine.candidate import BaseMotion, ForceLaw
 from cylforce.machine.chain import Complex
+from cylforce.machine.effect import Halves
 from cylforce.machine.machine import Link, Machine, base_parameters
 from cylforce.machine.motion import Attitude, Motion, motion
 from cylforce.words.estimate import Array
@@ -123,7 +126,8 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     clock, machine = t + begin, altered(machine, truth.effects)
     course, carried = follow(scene, t), changed_load(truth.effects, load(scene.dig, t), clock)
     slew = np.sqrt(course.slew**2 + unseen_slew(truth.effects, clock))
-    attitude = standing(truth.pitch, truth.roll, course.turn)._replace(slew=slew)
+    stands, swung = standing(truth.pitch, truth.roll, course.turn), swing(truth.effects, clock)
+    attitude = stands._replace(pitch=np.asarray(stands.pitch) + swung.angle, slew=slew)
     unknown = np.zeros((*t.shape, len(machine.cylinders)))
     moving = motion(machine, course.theta, course.thetad, unknown, attitude)
     tip = machine.tool_point(course.theta)
@@ -133,6 +137,7 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     value = base_values(truth.links, carried)
     value[..., :3] += added_parameters(machine, truth.effects, clock)
     tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
+    tau += carrying_torque(machine, truth.effects, value, course, attitude, swung)
     moving, friction = balance(truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
     return Physics(t, course, moving, attitude, friction, head, rod, soil, velocity, _plane(turn * tip.place), carried)
@@ -173,16 +178,47 @@ def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: A
 
     Momentum depends on place and speed only, so along the parabola of each instant its difference gives d/dt.
     Material joins and leaves at the bucket's own velocity: value itself is not differentiated."""
-    now = _later(course, attitude, 0.0)
-    columns = Rigid().halves(machine, now).static
-    for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
-        momentum = Rigid().halves(machine, _later(course, attitude, s)).momentum
-        if momentum is not None:
-            columns = columns + weight / (12.0 * H) * momentum
+    columns = _columns(lambda s: Rigid().halves(machine, _later(course, attitude, s)))
     flat = value.shape[:-2]
     torque = columns @ value[..., :3].reshape(*flat, -1, 1)
-    centrifugal = Slew().halves(machine, now).static @ value.reshape(*flat, -1, 1)
+    centrifugal = Slew().halves(machine, _later(course, attitude, 0.0)).static @ value.reshape(*flat, -1, 1)
     return np.asarray((torque + centrifugal)[..., 0])
+
+
+def _columns(at: Callable[[float], Halves]) -> Array:
+    """d/dt(momentum) + static (T, N, P) of what is `at` so many seconds after each instant."""
+    columns = at(0.0).static
+    for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
+        momentum = at(s).momentum
+        if momentum is not None:
+            columns = columns + weight / (12.0 * H) * momentum
+    return columns
+
+
+def carrying_torque(
+    machine: Machine, effects: Sequence[Imposed], value: Array, course: Kinematics, attitude: Attitude, swung: Swing
+) -> Array:
+    """What a chassis that turns as `swung` asks of the joints besides (T, N) [N m]."""
+    torque = np.zeros_like(course.theta)
+    for each in effects:
+        for effect in each.group:
+            if isinstance(effect, BaseMotion):
+                columns = _columns(_carried(machine, effect, value[..., :3], course, attitude, swung))
+                torque += columns @ np.array(each.sizes)
+    return torque
+
+
+def _carried(
+    machine: Machine, effect: BaseMotion, base: Array, course: Kinematics, attitude: Attitude, swung: Swing
+) -> Callable[[float], Halves]:
+    """The effect's halves so many seconds along the parabola of each instant."""
+
+    def at(s: float) -> Halves:
+        pitch = np.asarray(attitude.pitch) + swung.rate * s + swung.acceleration * (s * s / 2)
+        moving = _later(course, attitude._replace(pitch=pitch), s)
+        return effect.halves(machine, moving, swung.rate + swung.acceleration * s, base)
+
+    return at
 
 
 def _later(course: Kinematics, attitude: Attitude, s: float) -> Motion:

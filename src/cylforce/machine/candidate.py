@@ -4,7 +4,9 @@ in which it acts. The same method serves the simulated machine and the diagnosis
 from enum import StrEnum
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from cylforce.machine.effect import Halves
 from cylforce.machine.machine import Machine
+from cylforce.machine.motion import Motion
 from cylforce.words.estimate import Array
 from cylforce.words.signals import Kind
 
@@ -104,6 +106,26 @@ class Share(Candidate, Protocol):
     @property
     def laws(self) -> tuple[str, ...]:
         """Names of the friction laws whose known sizes are multiplied by 1 + size."""
+        ...
+
+
+@runtime_checkable
+class BaseMotion(Candidate, Protocol):
+    """What carries the first link moves, and the model takes it to stand still."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the M sizes of which it consists, the first that of the size proper."""
+        ...
+
+    @property
+    def usual(self) -> tuple[float, ...]:
+        """Usual values of those sizes."""
+        ...
+
+    def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
+        """Columns (..., N, M) along a motion whose rates lack that of the chassis in the arm's plane, `turning` (...,)
+        [rad/s], for links whose (J, X, Z) are `base` (..., N, 3)."""
         ...
 
 

@@ -9,6 +9,9 @@ from scipy import signal
 
 from cylforce.words.estimate import Array
 
+STRETCH_S = 10.0  # stretches whose spectra are averaged
+SURE = 1.0  # standard errors of such a mean
+
 
 @dataclass(frozen=True)
 class Filter:
@@ -80,6 +83,22 @@ def slope(four: Array, dt: float) -> Array:
 def fours(x: Array) -> Array:
     """All stretches of four neighbours (4, T-3, ...) of x (T, ...)."""
     return np.stack([x[k : len(x) - 3 + k] for k in range(4)])
+
+
+def denoised(x: Array, rate_hz: float) -> Array:
+    """A recording (T,) without its sensor's white noise, nothing delayed (Wiener 1949): every frequency counts by the
+    share of it that is no noise, whose level is that of the upper half of the frequencies. A regression on what is left
+    is not biased by the noise, and a recording of nothing but noise leaves next to nothing."""
+    length = min(len(x), round(STRETCH_S * rate_hz))
+    f, power = signal.welch(x, rate_hz, nperseg=length)
+    level = float(np.mean(power[f > rate_hz / 4.0]))
+    clear = level * (1.0 + SURE * np.sqrt(length / len(x)))  # what noise alone does not reach
+    share = np.where(power > clear, 1.0 - level / np.maximum(power, 1e-300), 0.0)
+    share[0] = 1.0
+    around = np.concatenate([2.0 * x[0] - x[:0:-1], x, 2.0 * x[-1] - x[-2::-1]])
+    spectrum = np.fft.rfft(around)
+    kept = np.interp(np.fft.rfftfreq(len(around), 1.0 / rate_hz), f, share)
+    return np.asarray(np.fft.irfft(spectrum * kept, len(around))[len(x) - 1 : 2 * len(x) - 1])
 
 
 @lru_cache

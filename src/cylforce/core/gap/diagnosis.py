@@ -299,8 +299,16 @@ def _causes(
         rivals = tuple(x for x in ranked if x.key != r.key and x.score > NEAR * own.score)
         told = Evidence(blocks, [o.option.term for o in others]).of(r.option.term)
         sizes = evidence.fitted[k : k + m] + applied.get(r.key, np.zeros(m))
-        form = r.option.proposal.about.form * sizes
+        form = r.option.proposal.about.form * _extent(r, sizes)
         errors = np.sqrt(np.diag(told.covariance) * reappearance(blocks, r.option.term) + form**2)
         found.append(Cause(r, sizes, errors, magnitude(r, sizes), own.score, told.inflation, rivals))
         k += m
     return tuple(found)
+
+
+def _extent(found: Ranked, sizes: Array) -> Array:
+    """Of each size (M,) its magnitude; those along the axes have one in common, whose direction is as uncertain."""
+    each = sizes.reshape(-1, len(dict.fromkeys(found.option.term.columns))).copy()
+    axes = found.option.proposal.about.axes
+    each[:, :axes] = np.linalg.norm(each[:, :axes], axis=1, keepdims=True)
+    return np.asarray(np.abs(each).ravel())

@@ -6,6 +6,7 @@ from cylforce.effects.angle_offset import AngleOffset
 from cylforce.effects.angle_scale import AngleScale
 from cylforce.effects.asymmetric_friction import AsymmetricFriction
 from cylforce.effects.backlash import Backlash
+from cylforce.effects.boom_motion import BoomMotion
 from cylforce.effects.clock_fault import ClockFault
 from cylforce.effects.compliance import Compliance
 from cylforce.effects.coulomb_friction import CoulombFriction
@@ -59,6 +60,7 @@ LIBRARY: tuple[Group, ...] = (
     *((Backlash(turning),) for turning in (100.0, 600.0)),
     (SoilContact(),),
     (SlewCentrifugal(),),
+    (BoomMotion(),),
     (PayloadSpill(),),
     (PayloadShift(),),
     (ClockFault(),),

@@ -11,10 +11,21 @@ import numpy as np
 
 from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams
 from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.riding import Riding, riding
 from cylforce.core.gap.rows import BLOCK, CENTRE, Recorded, Rows
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
-from cylforce.machine.candidate import INCIDENTAL, THIRDS, Alteration, Candidate, Course, Distortion, Incident, Weight
+from cylforce.machine.candidate import (
+    INCIDENTAL,
+    THIRDS,
+    Alteration,
+    BaseMotion,
+    Candidate,
+    Course,
+    Distortion,
+    Incident,
+    Weight,
+)
 from cylforce.words.estimate import Array
 
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual sizes of what incidents change
@@ -23,6 +34,7 @@ NOTICED = 4.0  # nats in a block, from which on something is taken to happen in 
 RARE = 0.4  # of all blocks: what happens more often is no incident
 CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
 FREEDOM = 3  # rows, below which a force at the teeth would explain anything
+STILL = 1e-4  # of a usual motion of the base
 INSTANTS = 20.0  # that could as well have been the one
 
 
@@ -64,16 +76,35 @@ class Problem:
         return len(self.model.parameters) + len(CENTRE) * place[0] if place else None
 
     def fixed(self, blocks: Blocks) -> Array:
-        """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang."""
+        """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang, and how
+        a base that always moved goes: clean ones, on another slope, tell little of that."""
         weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
         values = Evidence(blocks, weight=weight).fitted
         loads = [self.of_load(seen) for seen in self.faulty]
         own = [k + i for k in loads if k is not None for i in range(len(CENTRE))]
+        own += range(self.first - len(self._ridden), self.first) if not self._riding.more else ()
         left = Evidence.coefficients(blocks, (), values)[1]
         score = np.einsum("bij,bj->i", blocks.faulty[:, own], left)
         gram = blocks.faulty[:, own][:, :, own].sum(axis=0) + np.diag(blocks.always[own] ** -2.0)
         values[own] += np.linalg.solve(gram, score - values[own] / blocks.always[own] ** 2)
         return values
+
+    @cached_property
+    def _ridden(self) -> list[tuple[int, float]]:
+        """The columns of motions of the base, counted from the first effect's, and their usual sizes."""
+        each = [(e, s) for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
+        return [(k, size) for k, (effect, size) in enumerate(each) if isinstance(effect, BaseMotion)]
+
+    @cached_property
+    def _riding(self) -> Riding:
+        return riding(*([seen.rows.turning for seen in group] for group in (self.clean, self.faulty)))
+
+    def _base_moves(self, seen: Seen) -> tuple[float, float]:
+        """By what the columns of how the base always moved, and those of its motion as an effect, are multiplied: in
+        faulty recordings it is either the one or the other."""
+        clean = any(seen.recorded is other.recorded for other in self.clean)
+        own = self._riding.always and (clean or not self._riding.more)
+        return float(own), float(self._riding.more and not clean)
 
     @cached_property
     def _loaded(self) -> list[Seen]:
@@ -83,18 +114,23 @@ class Problem:
     def spread(self) -> Array:
         """Standard errors (K,) of all columns' sizes beforehand."""
         effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
-        return np.concatenate([self.known, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
+        return np.concatenate([self.known, self._own, effects, UNUSUAL])
+
+    @cached_property
+    def _own(self) -> Array:
+        """Of what loads and the base's usual motion have."""
+        return np.concatenate([np.tile(CENTRE, len(self._loaded)), [size for _, size in self._ridden]])
 
     @cached_property
     def always(self) -> Array:
         """The same of what the machine always was: of effects, what goes unnoticed."""
         effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _small(e)]
-        return np.concatenate([self.known, np.tile(CENTRE, len(self._loaded)), effects, UNUSUAL])
+        return np.concatenate([self.known, self._own, effects, UNUSUAL])
 
     @cached_property
     def first(self) -> int:
         """The number of the first effect's column."""
-        return len(self.model.parameters) + len(CENTRE) * len(self._loaded)
+        return len(self.model.parameters) + len(self._own)
 
     @cached_property
     def lasting(self) -> int:
@@ -116,7 +152,8 @@ class Problem:
         return tuple(found)
 
     def columns(self, seen: Seen) -> Array:
-        """[base | loads | effects | incidents | left] (T, R, K+1) of a recording; a known load is taken off."""
+        """[base | loads | base's motion | effects | incidents | left] (T, R, K+1) of a recording; a known load is taken
+        off."""
         rows, own = seen.rows, np.zeros((*seen.rows.left.shape, len(CENTRE) * len(self._loaded)))
         left = rows.left
         first = self.of_load(seen)
@@ -125,7 +162,13 @@ class Problem:
             left = left - each[..., 0] * seen.recorded.load
             k = first - len(self.model.parameters)
             own[..., k : k + len(CENTRE)] = each[..., 1:]
-        return np.concatenate([rows.base, own, rows.effects, rows.incidental, left[..., None]], axis=-1)
+        chosen = [k for k, _ in self._ridden]
+        rides = rows.effects[..., chosen]
+        found = np.concatenate([rows.base, own, rides, rows.effects, rows.incidental, left[..., None]], axis=-1)
+        always, more = self._base_moves(seen)
+        found[..., self.first - len(chosen) : self.first] *= always
+        found[..., [self.first + k for k in chosen]] *= more
+        return found
 
     @cached_property
     def _made(self) -> list[tuple[Floor, Blocks]]:
@@ -247,7 +290,7 @@ class Problem:
 
 def _sizes(effect: Candidate) -> tuple[float, ...]:
     """Usual sizes of an effect's columns."""
-    if isinstance(effect, Weight):
+    if isinstance(effect, Weight | BaseMotion):
         return effect.usual
     return (effect.about.high / 2.0,)
 
@@ -258,8 +301,10 @@ def _half(t: Array) -> float:
 
 def _small(effect: Candidate) -> tuple[float, ...]:
     """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
-    proportion; friction is never quite of the model's form."""
+    proportion; friction is never quite of the model's form; how a base always moved has columns of its own."""
     about = effect.about
+    if isinstance(effect, BaseMotion):
+        return tuple(STILL * size for size in effect.usual)
     if isinstance(effect, Weight):
         return tuple(size * about.low / effect.usual[0] for size in effect.usual)
     return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)

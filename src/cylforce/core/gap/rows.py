@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.riding import Carried, quiet
 from cylforce.core.gap.sensitivity import Sensitivity
 from cylforce.core.model import Model
 from cylforce.core.motion import Moved
@@ -20,6 +21,7 @@ from cylforce.effects.tip_force import TipForce
 from cylforce.machine.candidate import (
     THIRDS,
     Alteration,
+    BaseMotion,
     Candidate,
     Distortion,
     ForceLaw,
@@ -53,17 +55,19 @@ class Recorded(NamedTuple):
 
 
 class Loaded(NamedTuple):
-    """A recording, the tares (P,) of the machine with what it carries there, and how its rows change then."""
+    """A recording, the tares (P,) of the machine with what it carries there, how its rows change then, and the rate
+    `turning` (T',) [rad/s] of its base."""
 
     recorded: Recorded
     tares: Array
     change: Sensitivity
+    turning: Array
 
 
 class Rows(NamedTuple):
     """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
     (T, R, I) columns of incidents (see `INCIDENTAL`), `left` (T, R) [N m] what the tares leave, NaN where not usable,
-    `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N)."""
+    `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N), `turning` (T,) [rad/s] of the base."""
 
     base: Array
     effects: Array
@@ -73,6 +77,7 @@ class Rows(NamedTuple):
     speed: Array
     force: Array
     posture: Array
+    turning: Array
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,9 @@ class Viewer:
         lost = self._lost(moved)
         left = np.where(lost, np.nan, left)
         tares = self.tares + self._carried(recorded.load, base[late], left[late])
-        loaded = Loaded(recorded, tares, self._sensitivity(values, tares))
+        still = quiet(self.model.machine, values, self.model.filters.rate_hz)
+        turning = self.slow.channels.turning(self.thinned(still))
+        loaded = Loaded(recorded, tares, self._sensitivity(values, tares), turning)
         parts = [self._columns(p, e, loaded, base, forces) for p, e in lasting]
         effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
         m = moved.motion
@@ -152,6 +159,7 @@ class Viewer:
             m.speed[late],
             m.force[late],
             posture[late],
+            turning[late],
         )
 
     def _carried(self, load: float, base: Array, left: Array) -> Array:
@@ -210,12 +218,21 @@ class Viewer:
             return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
         if isinstance(effect, Share):
             return self._known_friction(p, effect, base)
+        if isinstance(effect, BaseMotion):
+            return self._base_motion(effect, loaded)
         return self._difference(p, effect, loaded)
 
     def _known_friction(self, p: Proposal, effect: Share, base: Array) -> Array:
         names = [f"{self.model.machine.cylinders[p.where].name}.{law}" for law in effect.laws]
         chosen = [k for k, parameter in enumerate(self.model.parameters) if parameter.name in names]
         return np.asarray((base[..., chosen] @ self.tares[chosen])[..., None])
+
+    def _base_motion(self, effect: BaseMotion, loaded: Loaded) -> Array:
+        """Columns (T', R, M) of a base that moves as its pitch tells."""
+        f, machine = self.slow.filters, self.model.machine
+        carried = Carried(effect, loaded.turning, loaded.tares[: 3 * machine.size].reshape(-1, 3))
+        plain = FilteredRegressor(Regressor(machine, (carried,)), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+        return plain.run(loaded.change.motion).columns
 
     def _difference(self, p: Proposal, effect: Candidate, loaded: Loaded) -> Array:
         """Change of what is left with the size, by central difference: measured = true + error, so that an error of
