@@ -43,7 +43,7 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origin
             values = _corrected(problem, viewer.model.machine, own, recorded._replace(values=values))
         found = recorded._replace(values=values)
         faulty.append(Seen(found, _renewed(problem, other, found, applied)))
-    return replace(problem, faulty=tuple(faulty))
+    return replace(problem, faulty=tuple(faulty), same=problem.same or problem)
 
 
 def _renewed(problem: Problem, viewer: Viewer, recorded: Recorded, applied: Sequence[Applied]) -> Rows:

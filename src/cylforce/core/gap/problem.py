@@ -64,6 +64,7 @@ class Problem:
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
     only: tuple[str, str] | None = None  # name and place ("": any) of the one effect that may be a cause
+    same: "Problem | None" = None  # another one with the same clean recordings, whose Gram matrices both share
 
     @property
     def from_sheet(self) -> bool:
@@ -182,13 +183,20 @@ class Problem:
         return self._made[0][1]
 
     def _blocks(self, floor: Floor) -> Blocks:
-        size = len(self.spread) + 1
-        none = (np.zeros((0, size, size)), np.zeros(0))
-        clean = [none, *(grams(self.columns(seen), floor) for seen in self.clean)]
-        faulty = [grams(self.columns(seen), floor) for seen in self.faulty]
         shared = self.lasting if self.clean else self.first
-        (a, m), (b, n) = ([np.concatenate(x) for x in zip(*each, strict=True)] for each in (clean, faulty))
+        if self.same is None:
+            a, m = self._grams(self.clean, floor)
+        else:
+            a, m = (getattr(self.same.blocks(floor), name) for name in ("clean", "clean_rows"))
+        b, n = self._grams(self.faulty, floor)
         return Blocks(a, b, m, n, self.spread, self.always, tuple(range(shared)))
+
+    def _grams(self, group: Sequence[Seen], floor: Floor) -> tuple[Array, Array]:
+        ends, size = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in group]).tolist(), len(self.spread) + 1
+        found, rows = np.zeros((ends[-1], size, size)), np.zeros(ends[-1])
+        for seen, (first, last) in zip(group, pairwise(ends), strict=True):
+            found[first:last], rows[first:last] = grams(self.columns(seen), floor)
+        return found, rows
 
     @cached_property
     def spans(self) -> list[tuple[int, int]]:

@@ -3,6 +3,8 @@
 What a model lacks goes with the posture and is alike in block after block, so that neither white noise nor the scatter
 of blocks knows of it; it shows when a part of the machine's own reference plays the faulty recording."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from cylforce.core.gap.evidence import Blocks, Evidence, Term
@@ -16,19 +18,12 @@ def reappearance(blocks: Blocks, term: Term) -> float:
     count, columns = len(blocks.clean), tuple(dict.fromkeys(term.columns))
     if count < 2 * PARTS:
         return 1.0
-    squares = []
-    part = np.arange(count) * PARTS // count
+    squares, part = [], np.arange(count) * PARTS // count
     for k in range(PARTS):
-        own, rest = part == k, part != k
-        played = Blocks(
-            clean=blocks.clean[rest],
-            faulty=blocks.clean[own],
-            clean_rows=blocks.clean_rows[rest],
-            faulty_rows=blocks.clean_rows[own],
-            spread=blocks.spread,
-            always=blocks.always,
-            shared=blocks.shared,
-        )
-        told = Evidence(played).of(Term(columns, np.ones((len(columns), int(np.sum(own))))), 1.0)
+        own = slice(*np.searchsorted(part, [k, k + 1]))  # no copy: these are large
+        played = replace(blocks, faulty=blocks.clean[own], faulty_rows=blocks.clean_rows[own])
+        length = len(played.faulty)
+        weight = np.concatenate([np.where(part == k, 0.0, 1.0), np.ones(length)])
+        told = Evidence(played, weight=weight).of(Term(columns, np.ones((len(columns), length))), 1.0)
         squares.append(float(told.value @ np.linalg.solve(told.covariance, told.value)) / len(columns))
     return max(1.0, float(np.mean(squares)))

@@ -142,8 +142,8 @@ def _spans(squares: Array) -> Array:
 
 
 class Course(NamedTuple):
-    """A faulty recording's name, times `t` (T,) [s] from its beginning, what is left (T, R) [N m] `before` and
-    `after`."""
+    """A faulty recording's name, times `t` (T,) [s] from where its first stretch begins, what is left (T, R) [N m]
+    `before` and `after`."""
 
     name: str
     t: Array
@@ -155,23 +155,23 @@ def courses(search: Search) -> list[Course]:
     """What is left of each faulty recording with the parameters as they were, and with the causes, held out."""
     _, before = fixed(search.original, search.original.blocks(search.floor))
     after = held_out(search.problem, search.blocks, search.evidence.held)
+    begins = {seen.recorded.name: seen.recorded.begins for seen in reversed(search.original.faulty)}
     return [
-        Course(seen.recorded.name, seen.rows.t - seen.recorded.begins, a, b)
+        Course(seen.recorded.name, seen.rows.t - begins[seen.recorded.name], a, b)
         for seen, a, b in zip(search.original.faulty, before, after, strict=True)
     ]
 
 
 def contributions(search: Search) -> Array:
     """What each cause adds to the torques of the faulty recordings (N, R) [N m, rms], by its columns."""
-    problem, found = search.original, []
-    columns = [problem.columns(seen) for seen in problem.faulty]
-    for cause in search.causes:
-        term, each = cause.ranked.option.term, []
-        for c, (first, last) in zip(columns, problem.spans, strict=True):
-            sizes = cause.sizes[:, None] * term.course[:, first:last]
-            each.append(np.einsum("trm,tm->tr", c[..., list(term.columns)], _rows(sizes.T, len(c))))
-        found.append(rms(each))
-    return np.array(found).reshape(len(search.causes), len(search.floor.rms))
+    problem, terms = search.original, [cause.ranked.option.term for cause in search.causes]
+    found: list[list[Array]] = [[] for _ in terms]
+    for seen, (first, last) in zip(problem.faulty, problem.spans, strict=True):
+        columns = problem.columns(seen)
+        for each, cause, term in zip(found, search.causes, terms, strict=True):
+            sizes = _rows((cause.sizes[:, None] * term.course[:, first:last]).T, len(columns))
+            each.append(np.einsum("trm,tm->tr", columns[..., list(term.columns)], sizes))
+    return np.array([rms(each) for each in found]).reshape(len(terms), len(search.floor.rms))
 
 
 class Ends(NamedTuple):

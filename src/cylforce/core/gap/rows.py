@@ -151,7 +151,7 @@ class Viewer:
         m = moved.motion
         posture = np.diff(m.a, axis=1, prepend=0.0)
         return Rows(
-            base[late],
+            base[late].copy(),  # without the columns that stand beside it
             np.where(np.isfinite(effects), effects, 0.0)[late],
             self._incidental(loaded, moved, base)[late],
             left[late],
