@@ -128,6 +128,7 @@ KEYS = {
     "forward": {"horizon_s": N, "before_deg": N, "after_deg": N},
     "next_experiment": ["str"],
     "evidence": [{**PLACE, "nats": N}],
+    "looked_at": [{"name": "str", "seconds": N, "of_seconds": N, "stretches": N}],
 }
 
 

@@ -2,6 +2,7 @@
 
 import sys
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,8 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from cylforce.edges import cells
 from cylforce.edges.files import RecordingError, replacing
-from cylforce.edges.tables import ColumnMap, Table, TableMap, read_table, resample, write_table
+from cylforce.edges.tables import (
+    ColumnMap,
+    Table,
+    TableMap,
+    read_table,
+    resample,
+    resampled,
+    table_pieces,
+    write_table,
+)
 
 SUFFIXES = (".csv", ".parquet")
 SIGNALS = ("boom head", "Kolben, äußerer", 'stick "angle"')
@@ -180,6 +191,35 @@ def test_a_straight_line_stays_one_at_even_times(steps, start):
     assert found.t_s[0] == t[0]
     assert t[-1] - 0.01 - 1e-6 < found.t_s[-1] <= t[-1] + 1e-6
     np.testing.assert_allclose(found.values[:, 0], 3.0 * found.t_s - 1.0, atol=1e-7)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    arrays(float, st.integers(20, 60), elements=st.floats(0.002, 0.04)),
+    st.sets(st.integers(6, 19)),
+    st.sets(st.integers(6, 19), max_size=3),
+)
+def test_a_table_in_pieces_is_resampled_as_the_whole(steps, cuts, gaps):
+    steps[list(gaps)] = 0.2
+    t = 3.0 + np.cumsum(steps)
+    whole = table(t, np.sin(t), np.where(steps > 0.039, np.nan, t))
+    ends = [0, *sorted(cuts), len(t)]
+    found = list(resampled((Table(t[a:b], whole.values[a:b], whole.signals) for a, b in pairwise(ends)), 100.0))
+    joined = Table(*(np.concatenate([piece[k] for piece in found]) for k in (0, 1)), whole.signals)
+    assert_equal(joined, resample(whole, 100.0))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_long_table_comes_in_pieces(tmp_path, monkeypatch, suffix):
+    monkeypatch.setattr(cells, "ROWS", 7)
+    path, t = tmp_path / f"run{suffix}", np.arange(40) / 100
+    write_table(path, table(t, np.sin(t)))
+    found = list(table_pieces(path, SIGNALS[:1]))
+    assert max(len(piece.t_s) for piece in found) == 7
+    assert_equal(read_table(path, SIGNALS[:1]), table(t, np.sin(t)))
+    write_table(path, table(np.where(t == 0.14, 0.13, t), t))
+    with pytest.raises(RecordingError, match=r"(line 16|row 15): time \(column 't_s'\) does not increase"):
+        read_table(path, SIGNALS[:1])
 
 
 def test_gaps_become_nan_and_only_gaps():

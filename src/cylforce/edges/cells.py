@@ -2,7 +2,7 @@
 
 import csv
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from cylforce.edges.files import RecordingError
 from cylforce.words.estimate import Array
+
+ROWS = 1 << 15  # that are held at once
+READ_BYTES = 1 << 16  # of each column
 
 
 class Cells(NamedTuple):
@@ -34,35 +37,43 @@ def _positions(path: Path, present: Sequence[str], wanted: Sequence[str]) -> lis
     return [present.index(name) for name in wanted]
 
 
-def read_csv(path: Path, names: list[str]) -> Cells:
-    """The named columns of a CSV file; an empty cell is NaN."""
+def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
+    """The named columns of a CSV file, piece by piece; an empty cell is NaN."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            return _parse_csv(path, file, names)
+            yield from _parse_csv(path, file, names)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: is not UTF-8 text ({error.reason}); save it as UTF-8") from error
 
 
-def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Cells:
+def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
     head = file.readline()
     delimiter = next((mark for mark in ",;\t" if mark in head), ",")
     present = [name.strip() for name in next(csv.reader([head], delimiter=delimiter, skipinitialspace=True), [])]
     positions = _positions(path, present, names)
     numbers, lines = array("d"), array("q")
+    for line, row in _csv_rows(path, file, delimiter):
+        if len(row) == len(present):
+            numbers.extend(_numbers(path, line, row, positions, names))
+            lines.append(line)
+        elif row:
+            raise RecordingError(f"{path}, line {line}: has {len(row)} cells, the header has {len(present)}")
+        if len(lines) == ROWS:
+            yield Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
+            numbers, lines = array("d"), array("q")
+    yield Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
+
+
+def _csv_rows(path: Path, file: TextIO, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Every row after the header, with its line."""
     reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
     try:
         for row in reader:
-            if len(row) == len(present):
-                numbers.extend(_numbers(path, reader.line_num + 1, row, positions, names))
-                lines.append(reader.line_num + 1)
-            elif row:
-                where = f"{path}, line {reader.line_num + 1}"
-                raise RecordingError(f"{where}: has {len(row)} cells, the header has {len(present)}")
+            yield reader.line_num + 1, row
     except csv.Error as error:
         raise RecordingError(f"{path}, line {reader.line_num + 1}: is not CSV: {error}") from error
-    return Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
 
 
 def _numbers(path: Path, line: int, row: list[str], positions: list[int], names: list[str]) -> list[float]:
@@ -88,22 +99,31 @@ def pyarrow(path: Path) -> ModuleType:
         raise RecordingError(f"{path}: Parquet needs pyarrow: pip install 'cylforce[tables]'") from error
 
 
-def read_parquet(path: Path, names: list[str]) -> Cells:
-    """The named columns of a Parquet file; a null is NaN."""
-    arrow = pyarrow(path)
+def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
+    """The named columns of a Parquet file, piece by piece; a null is NaN."""
+    arrow, first = pyarrow(path), 1
     try:
-        with path.open("rb") as raw, arrow.parquet.ParquetFile(raw) as file:
-            _positions(path, file.schema_arrow.names, names)
-            table = file.read(columns=list(dict.fromkeys(names)))
+        # without read-ahead, which would hold the whole file
+        with (
+            path.open("rb") as raw,
+            arrow.parquet.ParquetFile(raw, pre_buffer=False, buffer_size=READ_BYTES) as file,
+        ):
+            schema = file.schema_arrow
+            _positions(path, schema.names, names)
+            _check_kinds(path, arrow, dict(zip(schema.names, schema.types, strict=True)), names)
+            for part in file.iter_batches(ROWS, columns=list(dict.fromkeys(names))):
+                columns = [part[name].cast(arrow.float64(), safe=False).fill_null(np.nan) for name in names]
+                rows = np.arange(first, first := first + part.num_rows)
+                yield Cells(np.stack([np.from_dlpack(each) for each in columns], axis=-1), "row", rows)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     except arrow.ArrowException as error:
         raise RecordingError(
             f"{path}: is no Parquet file: {str(error).splitlines()[0]}; save the table anew"
         ) from error
+
+
+def _check_kinds(path: Path, arrow: ModuleType, kinds: dict[str, object], names: list[str]) -> None:
     for name in names:
-        kind = table.schema.field(name).type
-        if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind)):
-            raise RecordingError(f"{path}: column {name!r} holds {kind}, not numbers")
-    numbers = [np.asarray(table[name].cast(arrow.float64(), safe=False).to_numpy()) for name in names]
-    return Cells(np.stack(numbers, axis=-1), "row", np.arange(1, len(table) + 1))
+        if not (arrow.types.is_floating(kinds[name]) or arrow.types.is_integer(kinds[name])):
+            raise RecordingError(f"{path}: column {name!r} holds {kinds[name]}, not numbers")

@@ -11,7 +11,7 @@ from cylforce.edges import logreader, tables
 from cylforce.edges.candump import Sent
 from cylforce.edges.files import RecordingError, Tell, warn
 from cylforce.edges.logfile import Header
-from cylforce.edges.tables import Table, TableMap, read_table, resample
+from cylforce.edges.tables import SlowTableError, Table, TableMap, joined, resampled, table_pieces
 from cylforce.words.events import Event, Frame
 
 SYNC, EMCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x080, 0x580, 0x600, 0x700  # CiA 301
@@ -41,12 +41,25 @@ def open_recording(
     RecordingError
         At once, or while events are read.
     """
+    found = open_pieces(path, service, mapping, channel=channel, tell=tell)
+    return found if isinstance(found, Events) else joined(list(found))
+
+
+def open_pieces(
+    path: Path,
+    service: Service,
+    mapping: TableMap | None = None,
+    *,
+    channel: str | None = None,
+    tell: Tell = warn,
+) -> Events | Iterator[Table]:
+    """The same; a table's samples piece by piece, as they are read."""
     rate_hz = service.filters.rate_hz
     if not path.exists():
         raise RecordingError(f"{path}: does not exist")
     if path.suffix.lower() in tables.SUFFIXES:
         names = [signal.name for signal in service.machine.signals]
-        return _at_rate(path, read_table(path, names, mapping), rate_hz)
+        return _at_rate(path, table_pieces(path, names, mapping), rate_hz)
     if path.suffix.lower() == ".toml":
         raise RecordingError(f"{path}: is no recording: a machine file is named once, before the recordings")
     if path.suffix.lower() not in logreader.SUFFIXES:
@@ -55,10 +68,10 @@ def open_recording(
     return Events(*logreader.read_events(path, round(1e6 / rate_hz), channel=channel, own=own_ids(service), tell=tell))
 
 
-def _at_rate(path: Path, table: Table, rate_hz: float) -> Table:
+def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:
     try:
-        return resample(table, rate_hz)
-    except RecordingError as error:
+        yield from resampled(pieces, rate_hz)
+    except SlowTableError as error:
         raise RecordingError(f"{path}: {error}") from error
 
 

@@ -1,7 +1,7 @@
 """Tables of samples, CSV or Parquet: a time column and one per signal, in SI units or by a mapping."""
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,13 +53,30 @@ def read_table(path: Path, signals: Sequence[str], mapping: TableMap | None = No
         When a column is missing or ambiguous, a cell is no number or infinite, time does not increase, or
         there are fewer than two rows; names the file and the line (of a CSV) or row (of Parquet, from 1).
     """
+    return joined(list(table_pieces(path, signals, mapping)))
+
+
+def joined(pieces: Sequence[Table]) -> Table:
+    """One table of its pieces."""
+    t_s, values = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
+    return Table(t_s, values, pieces[0].signals)
+
+
+def table_pieces(path: Path, signals: Sequence[str], mapping: TableMap | None = None) -> Iterator[Table]:
+    """The same, piece by piece."""
     wanted = _columns(signals, mapping)
     names = [mapping.time_column if mapping else TIME, *(c.column for c in wanted)]
-    cells = read_parquet(path, names) if path.suffix.lower() == ".parquet" else read_csv(path, names)
-    _check(path, cells, names)
     scale = np.array([mapping.time_scale_s if mapping else 1.0, *(c.scale for c in wanted)])
-    si = cells.numbers * scale + np.array([0.0, *(c.offset for c in wanted)])
-    return Table(np.ascontiguousarray(si[:, 0]), np.ascontiguousarray(si[:, 1:]), tuple(signals))
+    offset = np.array([0.0, *(c.offset for c in wanted)])
+    count, last = 0, -np.inf
+    for cells in read_parquet(path, names) if path.suffix.lower() == ".parquet" else read_csv(path, names):
+        if len(cells.at):
+            _check(path, cells, names, last)
+            count, last = count + len(cells.at), cells.numbers[-1, 0]
+            si = cells.numbers * scale + offset
+            yield Table(np.ascontiguousarray(si[:, 0]), np.ascontiguousarray(si[:, 1:]), tuple(signals))
+    if count < 2:
+        raise RecordingError(f"{path}: holds {count} rows, at least two are needed")
 
 
 def _columns(signals: Sequence[str], mapping: TableMap | None) -> list[ColumnMap]:
@@ -67,18 +84,21 @@ def _columns(signals: Sequence[str], mapping: TableMap | None) -> list[ColumnMap
     return [named.get(signal, ColumnMap(signal, signal, 1.0, 0.0)) for signal in signals]
 
 
-def _check(path: Path, cells: Cells, names: list[str]) -> None:
-    if len(cells.at) < 2:
-        raise RecordingError(f"{path}: holds {len(cells.at)} rows, at least two are needed")
+def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
+    """Of a piece that follows the time `last`."""
     infinite = np.argwhere(np.isinf(cells.numbers))
     if len(infinite):
         row, column = infinite[0]
         raise RecordingError(f"{path}, {cells.place} {cells.at[row]}: column {names[column]!r} is infinite")
     t = cells.numbers[:, 0]
-    bad = np.flatnonzero(np.isnan(t) | np.concatenate([[False], ~(np.diff(t) > 0.0)]))
+    bad = np.flatnonzero(np.isnan(t) | ~(np.diff(t, prepend=last) > 0.0))
     if len(bad):
         why = "is empty or not a number" if np.isnan(t[bad[0]]) else "does not increase"
         raise RecordingError(f"{path}, {cells.place} {cells.at[bad[0]]}: time (column {names[0]!r}) {why}")
+
+
+class SlowTableError(RecordingError):
+    """A table has too few rows a second."""
 
 
 def resample(table: Table, rate_hz: float) -> Table:
@@ -88,21 +108,50 @@ def resample(table: Table, rate_hz: float) -> Table:
 
     Raises
     ------
-    RecordingError
+    SlowTableError
         When the table's own rate is so low that all of it would be such a gap.
     """
+    return joined(list(resampled([table], rate_hz)))
+
+
+def resampled(pieces: Iterable[Table], rate_hz: float) -> Iterator[Table]:
+    """The same of a table in pieces; its own rate is that of its first piece."""
+    held: Table | None = None
+    start, done = 0.0, 0
+    for piece in pieces:
+        if held is None:
+            _check_rate(piece, rate_hz)
+            held, start = piece, float(piece.t_s[0])
+        else:
+            held = joined([held._replace(t_s=held.t_s[-1:], values=held.values[-1:]), piece])
+        count = int((held.t_s[-1] - start) * rate_hz) + 1
+        yield _at(held, start + np.arange(done, count) / rate_hz, rate_hz)
+        done = max(done, count)
+    if held is not None:
+        count = int((held.t_s[-1] - start) * rate_hz + 1e-6) + 1
+        yield _at(held, start + np.arange(done, count) / rate_hz, rate_hz)
+
+
+def _check_rate(table: Table, rate_hz: float) -> None:
     steps = np.diff(table.t_s)
-    widest = GAP_PERIODS * (1.0 + 1e-9) / rate_hz
-    if np.median(steps) > widest:
-        raise RecordingError(
+    if len(steps) and np.median(steps) > _widest(rate_hz):
+        raise SlowTableError(
             f"the table has {1.0 / float(np.median(steps)):.3g} rows a second, too few for {rate_hz:g} Hz"
         )
-    count = int(np.floor((table.t_s[-1] - table.t_s[0]) * rate_hz + 1e-6)) + 1
-    t_s = table.t_s[0] + np.arange(count) / rate_hz
+
+
+def _widest(rate_hz: float) -> float:
+    return GAP_PERIODS * (1.0 + 1e-9) / rate_hz
+
+
+def _at(table: Table, t_s: Array, rate_hz: float) -> Table:
+    """The table at times within it."""
     values = np.stack([np.interp(t_s, table.t_s, column) for column in table.values.T], axis=-1)
-    before = np.clip(np.searchsorted(table.t_s, t_s, side="right") - 1, 0, len(steps) - 1)
-    inside = (t_s > table.t_s[before]) & (t_s < table.t_s[before + 1])
-    values[inside & (steps[before] > widest)] = np.nan
+    if len(table.t_s) > 1:
+        steps = np.diff(table.t_s)
+        before = np.clip(np.searchsorted(table.t_s, t_s, side="right") - 1, 0, len(steps) - 1)
+        inside = (t_s > table.t_s[before]) & (t_s < table.t_s[before + 1])
+        values[inside & (steps[before] > _widest(rate_hz))] = np.nan
     return Table(t_s, values, table.signals)
 
 

@@ -1,12 +1,11 @@
 """`cylforce gap`: why a machine differs from its model."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.core.assembler import Assembler
 from cylforce.core.gap.answer import answer, off_clock
 from cylforce.core.gap.clocks import Slip, slips
 from cylforce.core.gap.diagnosis import Search, fitted_tares, search
@@ -17,21 +16,15 @@ from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
 from cylforce.core.gap.verdict import Judged, Verdict, judged
 from cylforce.core.gap.where import where
 from cylforce.core.model import FRICTION, Model, Tares
-from cylforce.core.segments import samples, stretches
-from cylforce.edges.files import RecordingError, warn
+from cylforce.edges.files import RecordingError
 from cylforce.edges.identified import read_identified
-from cylforce.edges.logfile import Header
-from cylforce.edges.recording import open_recording
 from cylforce.edges.settings import Loaded
-from cylforce.edges.tables import Table
 from cylforce.machine.candidate import places
 from cylforce.machine.machine import Machine
-from cylforce.programs.identify import ordered
-from cylforce.programs.progress import Watch, silent, watched
+from cylforce.programs.progress import Watch, silent
+from cylforce.programs.recorded import SHORTEST_S, chosen
 from cylforce.words.estimate import Array
-from cylforce.words.events import Frame, Tick
 
-SHORTEST_S = 20.0  # of a stretch
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 EXAMPLE = "field.log=1000"
@@ -62,8 +55,8 @@ def diagnose(
 ) -> Diagnosed:
     """The diagnosis of recordings. Raises RecordingError or ValueError, in a sentence."""
     _check_recordings(question)
-    clean = [r for path in question.reference for r in recorded(loaded, path, question.loads, watch)]
-    faulty = [r for path in question.field for r in recorded(loaded, path, question.loads, watch)]
+    reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
+    clean, faulty = reference.stretches, field.stretches
     if not faulty:
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     only = _only(library, question.only, loaded.service.machine)
@@ -79,6 +72,7 @@ def diagnose(
     watch("where it lies, how far it shrinks", None)
     size = gap(found, rng)
     whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, viewer))
+    whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     return Diagnosed(found, verdict, size, whole)
 
 
@@ -157,41 +151,3 @@ def _spread_out(model: Model, tares: Tares) -> tuple[Array, Array]:
     before = np.sqrt(np.diag(model.prior.covariance))
     pairs = [known.get(p.name, (0.0, b)) for p, b in zip(model.parameters, before, strict=True)]
     return np.array([v for v, _ in pairs]), np.array([e for _, e in pairs])
-
-
-def recorded(loaded: Loaded, path: Path, loads: dict[str, float], watch: Watch = silent) -> Iterator[Recorded]:
-    """The gapless stretches of a recording that are long enough to be diagnosed."""
-    service, load = loaded.service, loads.get(path.name, 0.0)
-    rate = service.filters.rate_hz
-    longest = int(service.health.hold_s * rate)
-    for begins, values in _pieces(loaded, path, watch):
-        for first, stretch in stretches(values, longest):
-            if len(stretch) >= SHORTEST_S * rate:
-                yield Recorded(path.name, stretch, load, begins + first / rate)
-
-
-def _pieces(loaded: Loaded, path: Path, watch: Watch) -> Iterator[tuple[float, Array]]:
-    """Samples (T, S) of a recording with the time [s] of their first row."""
-    service = loaded.service
-    recording = open_recording(path, service, loaded.columns)
-    if isinstance(recording, Table):
-        yield float(recording.t_s[0]), ordered(recording, loaded, path)
-        return
-    _check_machine(path, recording.header, loaded)
-    events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
-    rows = 0
-    for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
-        yield rows / service.filters.rate_hz, piece
-        rows += len(piece)
-
-
-def _check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
-    """A log says of which machine it is; a machine file that was changed since is worth a warning."""
-    if header is None or header.machine_sha256 == loaded.sha256:
-        return
-    then, now = Path(header.machine), loaded.path
-    if then.name != now.name:
-        raise RecordingError(
-            f"{path}: was recorded with machine file {then}, not with {now}: diagnose it with that one"
-        )
-    warn(f"{path}: was recorded with another state of {now.name} than this one")

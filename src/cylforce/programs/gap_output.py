@@ -16,6 +16,8 @@ from cylforce.edges.files import replacing
 from cylforce.programs.gap import Diagnosed
 from cylforce.words.estimate import Array
 
+MOST_OF = 0.9  # of a recording: to look at less is worth a line
+
 
 class Outputs(NamedTuple):
     """Where to write what, None where not: the answer as JSON, the effects as a patch, the report, the residuals."""
@@ -40,11 +42,11 @@ def write_all(found: Diagnosed, report: str | None, outputs: Outputs) -> None:
 
 def _residuals(found: Diagnosed) -> dict[str, Array]:
     """What is left of every recording before and after: NAME.t, NAME.before, NAME.after."""
-    columns: dict[str, Array] = {}
+    columns: dict[str, list[Array]] = {}
     for course in courses(found.search) if found.search else ():
-        name = Path(course.name).stem
-        columns |= {f"{name}.t": course.t, f"{name}.before": course.before, f"{name}.after": course.after}
-    return columns
+        for kind in ("t", "before", "after"):
+            columns.setdefault(f"{Path(course.name).stem}.{kind}", []).append(getattr(course, kind))
+    return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
 def _answer_text(found: Diagnosed) -> str:
@@ -66,6 +68,9 @@ def patch_text(blocks: list[dict[str, Any]]) -> str:
 def show(found: Diagnosed, console: Console) -> None:
     """The verdict in a sentence, the effects in a table."""
     console.print(sentence(found.answer))
+    for part in found.answer.get("looked_at", ()):
+        if part["seconds"] < MOST_OF * part["of_seconds"]:
+            console.print(f"{part['name']}: {looked(part)}")
     text = Text()
     for column in ("effect", "at", "size", "90 % interval", "unit", "confidence", "or"):
         text.add_column(column, justify="right" if column in ("size", "90 % interval", "confidence") else "left")
@@ -79,6 +84,12 @@ def show(found: Diagnosed, console: Console) -> None:
         console.print(text)
     for experiment in found.answer.get("next_experiment", ()):
         console.print(f"next: {experiment}")
+
+
+def looked(part: dict[str, Any]) -> str:
+    """How much of a recording was looked at, in words."""
+    many = f", in {part['stretches']} stretches" if part["stretches"] > 1 else ""
+    return f"{part['seconds'] / 60.0:.1f} of {part['of_seconds'] / 60.0:.1f} min looked at{many}"
 
 
 def sentence(answer: dict[str, Any]) -> str:

@@ -14,7 +14,7 @@ from cylforce.edges.files import RecordingError, replacing
 from cylforce.edges.logfile import file_sha256
 from cylforce.edges.settings import Loaded
 from cylforce.programs.gap import Diagnosed, Question
-from cylforce.programs.gap_output import sentence
+from cylforce.programs.gap_output import looked, sentence
 from cylforce.programs.progress import Watch, silent
 from cylforce.words.estimate import Array
 
@@ -59,19 +59,20 @@ def gap_report(loaded: Loaded, question: Question, found: Diagnosed, watch: Watc
     if found.answer["effects"]:
         told += f" Confidence: {100 * found.answer['effects'][0]['confidence']:.0f} %."
     parts = None if found.search is None or found.gap is None else (found.search, found.judged, found.gap)
-    return gap_page(parts, {"next_experiment": ()} | found.answer, told, _origin(loaded, question))
+    return gap_page(parts, {"next_experiment": ()} | found.answer, told, _origin(loaded, question, found.answer))
 
 
-def _origin(loaded: Loaded, question: Question) -> dict[str, Any]:
+def _origin(loaded: Loaded, question: Question, answer: dict[str, Any]) -> dict[str, Any]:
     identified = () if question.identified is None else (question.identified,)
     groups = {"field": question.field, "reference": question.reference, "identified": identified}
+    shares = iter(looked(part) for part in answer.get("looked_at", ()))  # in the order of the recordings
     return {
         "machine": loaded.service.machine.name,
         "machine_sha256": loaded.sha256,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "version": cylforce.__version__,
-    } | {kind: [_file(path, question.loads) for path in paths] for kind, paths in groups.items()}
+    } | {kind: [_file(path, question.loads, next(shares, "")) for path in paths] for kind, paths in groups.items()}
 
 
-def _file(path: Path, loads: dict[str, float]) -> dict[str, Any]:
-    return {"name": path.name, "sha256": file_sha256(path), "load": loads.get(path.name, 0.0)}
+def _file(path: Path, loads: dict[str, float], share: str) -> dict[str, Any]:
+    return {"name": path.name, "sha256": file_sha256(path), "load": loads.get(path.name, 0.0), "looked_at": share}

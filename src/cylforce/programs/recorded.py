@@ -1,0 +1,102 @@
+"""Recordings for the diagnosis, read in constant memory: all of short ones, of long ones stretches that are spread
+evenly."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from cylforce.core.assembler import Assembler
+from cylforce.core.gap.rows import Recorded
+from cylforce.core.gap.spread import Kept, Spread
+from cylforce.core.segments import parts, samples
+from cylforce.edges.files import RecordingError, warn
+from cylforce.edges.logfile import Header
+from cylforce.edges.recording import Events, open_pieces
+from cylforce.edges.settings import Loaded
+from cylforce.edges.tables import Table
+from cylforce.programs.progress import Watch, silent, watched
+from cylforce.words.estimate import Array
+from cylforce.words.events import Frame, Tick
+
+SHORTEST_S = 20.0  # of a stretch
+PART_S = 60.0  # of what is kept or given up together
+MOST = 20  # such parts of all recordings together: their rows are what fills the memory
+
+
+class LookedAt(NamedTuple):
+    """How much of a recording is looked at: `seconds` in so many `stretches`, of `of_seconds`."""
+
+    name: str
+    seconds: float
+    of_seconds: float
+    stretches: int
+
+
+class Chosen(NamedTuple):
+    """The stretches of some recordings that are looked at, and how much that is of each recording."""
+
+    stretches: list[Recorded]
+    looked_at: list[LookedAt]
+
+
+def chosen(
+    loaded: Loaded, paths: Sequence[Path], loads: dict[str, float], watch: Watch = silent, most: int = MOST
+) -> Chosen:
+    """Gapless stretches of recordings that are long enough to be diagnosed, `most` parts at most of all together."""
+    rate = loaded.service.filters.rate_hz
+    sizes = int(loaded.service.health.hold_s * rate), int(PART_S * rate), int(SHORTEST_S * rate)
+    spread, sources = Spread(most), []
+    for k, path in enumerate(paths):
+        source = _Source(loaded, path, watch)
+        for number, part in enumerate(parts(source.pieces(), *sizes)):
+            spread.add(Kept(k, number, part))
+        sources.append(source)
+    found = Chosen([], [])
+    for k, (path, source) in enumerate(zip(paths, sources, strict=True)):
+        own = [
+            Recorded(path.name, p.values, loads.get(path.name, 0.0), source.begins + p.first / rate)
+            for p in spread.of(k)
+        ]
+        seconds = sum(len(r.values) for r in own) / rate
+        found.stretches.extend(own)
+        found.looked_at.append(LookedAt(path.name, seconds, source.rows / rate, len(own)))
+    return found
+
+
+class _Source:
+    """A recording that is read once: the time [s] at which it `begins`, how many `rows` it had so far."""
+
+    def __init__(self, loaded: Loaded, path: Path, watch: Watch) -> None:
+        self._loaded, self._path, self._watch = loaded, path, watch
+        self.begins, self.rows = 0.0, 0
+
+    def pieces(self) -> Iterator[Array]:
+        """Samples (T, S), NaN where something was missing."""
+        recording = open_pieces(self._path, self._loaded.service, self._loaded.columns)
+        for piece in self._logged(recording) if isinstance(recording, Events) else self._tabled(recording):
+            self.rows += len(piece)
+            yield piece
+
+    def _tabled(self, tables: Iterator[Table]) -> Iterator[Array]:
+        for table in tables:
+            self._watch(f"reading {self._path.name}", None)
+            self.begins = self.begins if self.rows else float(table.t_s[0])
+            yield table.values
+
+    def _logged(self, recording: Events) -> Iterator[Array]:
+        _check_machine(self._path, recording.header, self._loaded)
+        service = self._loaded.service
+        events = watched(self._path, (e for e in recording.events if isinstance(e, Frame | Tick)), self._watch)
+        return samples(Assembler(service), events, round(1e6 / service.filters.rate_hz))
+
+
+def _check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
+    """A log says of which machine it is; a machine file that was changed since is worth a warning."""
+    if header is None or header.machine_sha256 == loaded.sha256:
+        return
+    then, now = Path(header.machine), loaded.path
+    if then.name != now.name:
+        raise RecordingError(
+            f"{path}: was recorded with machine file {then}, not with {now}: diagnose it with that one"
+        )
+    warn(f"{path}: was recorded with another state of {now.name} than this one")
