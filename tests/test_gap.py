@@ -135,7 +135,7 @@ KEYS = {
 def test_the_answer_has_the_documented_keys_and_types(made):
     answer = made[0]
     assert {key: shape(answer[key]) for key in KEYS} == KEYS
-    assert set(answer) - set(KEYS) <= {"not_observable", "baselines"}
+    assert set(answer) - set(KEYS) <= {"not_observable", "baselines", "warnings"}
     assert answer["verdict"] in VERDICTS
     assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
     assert all(0.0 <= spot[key] <= 1.0 for spot in answer["where"] for key in ("share", "p"))
@@ -221,6 +221,18 @@ def nothing_concluded(capsys, folder, field, reference):
 def test_too_short_a_recording_is_not_judged(capsys, files):
     reason = nothing_concluded(capsys, files, without(files, slice(0, 1500)), files / "order.csv")
     assert reason == "no gapless stretch of 20 s in spoilt.csv"
+
+
+def test_too_short_a_reference_is_said_and_hides_nothing_silently(capsys, files):
+    """A minute cannot tell what is usual: nothing is called in order, what stands out is named all the same."""
+    recorded(files / "again.csv", 8)
+    code, output, _ = gap(capsys, MACHINE, files / "again.csv", "--reference", files / "order.csv")
+    assert code == 0
+    assert output.startswith("Nothing can be concluded: the reference is too short")
+    words = (MACHINE, files / "field.csv", "--reference", files / "order.csv", "--only", "angle_offset")
+    _, output, _ = gap(capsys, *words)
+    assert "is caused by angle_offset at stick_angle" in output
+    assert "but the reference is too short" in output
 
 
 def test_nan_everywhere_within_twenty_seconds_leaves_nothing(capsys, files):

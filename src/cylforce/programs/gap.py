@@ -11,6 +11,7 @@ from cylforce.core.gap.clocks import Slip, slips
 from cylforce.core.gap.diagnosis import Search, fitted_tares, search
 from cylforce.core.gap.forward import forward
 from cylforce.core.gap.library import LIBRARY, Group
+from cylforce.core.gap.reference import doubt, hidden, shifted
 from cylforce.core.gap.residuals import Gap, ends, gap
 from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
 from cylforce.core.gap.verdict import Judged, Verdict, judged
@@ -68,11 +69,15 @@ def diagnose(
     seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
+    warning = doubt(found)
+    if warning and hidden(found):
+        return _nothing(warning)
     verdict, rng = judged(found), np.random.default_rng(SEED)
     watch("where it lies, how far it shrinks", None)
     size = gap(found, rng)
     whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, viewer))
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
+    whole["warnings"] = [text for text in (warning, shifted(whole, verdict) if not clean else "") if text]
     return Diagnosed(found, verdict, size, whole)
 
 

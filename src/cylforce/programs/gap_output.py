@@ -68,6 +68,8 @@ def patch_text(blocks: list[dict[str, Any]]) -> str:
 def show(found: Diagnosed, console: Console) -> None:
     """The verdict in a sentence, the effects in a table."""
     console.print(sentence(found.answer))
+    for warning in found.answer.get("warnings", ()):
+        console.print(f"but {warning}")
     for part in found.answer.get("looked_at", ()):
         if part["seconds"] < MOST_OF * part["of_seconds"]:
             console.print(f"{part['name']}: {looked(part)}")

@@ -167,8 +167,9 @@ class Viewer:
         and inertia by least squares of what is left (T, R), every row counted by its rms."""
         if not load:
             return np.zeros_like(self.tares)
-        each, scale = base @ self.model.load, np.sqrt(np.nanmean(left**2, axis=0)) + 1e-9
-        good = np.isfinite(left)
+        each, good = base @ self.model.load, np.isfinite(left)
+        squares = np.sum(np.where(good, left, 0.0) ** 2, axis=0)
+        scale = np.sqrt(squares / np.maximum(np.sum(good, axis=0), 1)) + 1e-9
         columns = (each / scale[:, None])[good]
         rest = (left / scale)[good] - columns[:, 0] * load
         prior = np.diag(np.array(CENTRE) ** -2.0)

@@ -57,7 +57,7 @@ def judged(search: Search) -> Judged:
     shares = _shares(search, excess)
     named = [_named(c, share) for c, share in zip(search.causes, shares, strict=True) if _counts(c, share)]
     named.sort(key=lambda n: -n.cause.score)
-    if not named:
+    if not named or (not search.original.clean and before <= floor):
         found = max(before, float(np.sum(energy.fixed))) > (1.0 + LARGE) * floor
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
     if explained < PARTLY or _misfit(named[0].cause):
