@@ -129,13 +129,14 @@ KEYS = {
     "next_experiment": ["str"],
     "evidence": [{**PLACE, "nats": N}],
     "looked_at": [{"name": "str", "seconds": N, "of_seconds": N, "stretches": N}],
+    "warnings": ["str"],
 }
 
 
 def test_the_answer_has_the_documented_keys_and_types(made):
     answer = made[0]
     assert {key: shape(answer[key]) for key in KEYS} == KEYS
-    assert set(answer) - set(KEYS) <= {"not_observable", "baselines", "warnings"}
+    assert set(answer) - set(KEYS) <= {"not_observable", "baselines"}
     assert answer["verdict"] in VERDICTS
     assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
     assert all(0.0 <= spot[key] <= 1.0 for spot in answer["where"] for key in ("share", "p"))
