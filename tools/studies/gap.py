@@ -1,13 +1,16 @@
-"""How long a diagnosis takes and how much memory, for recordings of growing length: the machine in order, and the same
-with an angle sensor off its zero, each so many minutes at 100 Hz (`--form parquet`, `csv`, or `log`: candump text with
-all frames). Every diagnosis is a process of its own; memory is its greatest resident one, interpreter and libraries
-included."""
+"""How long a diagnosis takes and how much memory, for recordings of growing length at 100 Hz (`--form parquet`, `csv`,
+or `log`: candump text with all frames). So many minutes of the machine in order, and as many of it with an angle sensor
+off its zero: half of them empty, half with a known load, in sessions of three minutes with a pause between. Every
+diagnosis is a process of its own; memory is its greatest resident one, interpreter and libraries included."""
 
 import argparse
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from itertools import product
+from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
@@ -17,49 +20,61 @@ ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config" / "excavator_20t.toml"
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # before numpy
 
+import numpy as np  # noqa: E402
+
+from cylforce.core.scenario import moves  # noqa: E402
+from cylforce.core.sensing import Record, Sensors, run, sensors  # noqa: E402
+from cylforce.core.simulated_effects import imposed  # noqa: E402
+from cylforce.core.simulator import Truth, draw_truth  # noqa: E402
+from cylforce.edges.settings import Loaded, load  # noqa: E402
+from cylforce.programs.gap import Question, diagnose  # noqa: E402
+from cylforce.programs.sim import Play, write_files  # noqa: E402
+
 FAULT = ("angle_offset", "stick_angle", 0.02)  # rad
+LOADS = (0.0, 1000.0)  # kg
 MASS_ERROR = 0.1
-KEYS = ("seconds", "cpu_seconds", "peak_mb", "looked_at_min", "verdict")
+SESSION_S, PAUSE_S = 180.0, 20.0
+COLUMNS = ("minutes", "seconds", "cpu_seconds", "peak_mb", "looked_at_min", "verdict")
 
 
-def simulated(folder: Path, minutes: float, seed: int, form: str) -> tuple[Path, Path]:
-    """A recording of the machine in order, and one of it with the fault."""
-    import numpy as np
-
-    from cylforce.core.scenario import moves
-    from cylforce.core.sensing import run, sensors
-    from cylforce.core.simulated_effects import imposed
-    from cylforce.core.simulator import draw_truth
-    from cylforce.edges.settings import load
-    from cylforce.programs.sim import Play, write_files
-
-    loaded = load(CONFIG)
-    service, machine = loaded.service, loaded.service.machine
-    made, found = sensors(machine, service.nodes), []
-    for k, effects in enumerate(((), (imposed(machine, *FAULT),))):
-        path = folder / f"{('order', 'field')[k]}.{form}"
+def simulated(folder: Path, minutes: float, seed: int, form: str) -> list[Path]:
+    """Recordings of the machine in order, empty and loaded, and of it with the fault."""
+    loaded, found = load(CONFIG), []
+    machine = loaded.service.machine
+    made = sensors(machine, loaded.service.nodes)
+    for k, (name, kg) in enumerate(product(("order", "field"), LOADS)):
+        effects = (imposed(machine, *FAULT),) if name == "field" else ()
         truth = draw_truth(machine, np.random.default_rng((seed, 0)), MASS_ERROR)._replace(effects=effects)
-        scene, noise = moves(machine, np.random.default_rng((seed, 1, k)), 60.0 * minutes), (seed, 2, k)
-        records = run(machine, truth, made, [scene], dt=1.0 / service.filters.rate_hz, rng=np.random.default_rng(noise))
-        play = Play(loaded, seed, truth, made, {}, records)
+        path = folder / f"{name}_{kg:.0f}.{form}"
+        play = Play(loaded, seed, truth, made, {}, sessions(loaded, truth, made, kg, 30.0 * minutes, (seed, k)))
         write_files(play, None, *((path, None) if form == "log" else (None, path)))
         found.append(path)
-    return found[0], found[1]
+    return found
 
 
-def diagnosed(order: Path, field: Path) -> dict[str, Any]:
+def sessions(
+    loaded: Loaded, truth: Truth, made: Sensors, kg: float, seconds: float, seed: tuple[int, int]
+) -> Iterator[Record]:
+    """So many seconds of moves with a load."""
+    machine, dt = loaded.service.machine, 1.0 / loaded.service.filters.rate_hz
+    for k in range(ceil(seconds / SESSION_S)):
+        length = min(SESSION_S, seconds - k * SESSION_S)
+        scene = moves(machine, np.random.default_rng((*seed, k)), length, payload=kg, turning=True)
+        for record in run(machine, truth, made, [scene], dt=dt, rng=np.random.default_rng((*seed, k, 1))):
+            yield record._replace(t=record.t + k * (SESSION_S + PAUSE_S))
+
+
+def diagnosed(files: list[Path]) -> dict[str, Any]:
     """What this process spends on the diagnosis."""
     begin, used = perf_counter(), process_time()
-    from cylforce.edges.settings import load
-    from cylforce.programs.gap import Question, diagnose
-
-    answer = diagnose(load(CONFIG), Question((field,), (order,))).answer
+    loads = {path.name: kg for path, kg in zip(files, 2 * LOADS, strict=True)}
+    answer = diagnose(load(CONFIG), Question(tuple(files[2:]), tuple(files[:2]), None, loads)).answer
     (line,) = [x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM")]
     return {
         "seconds": perf_counter() - begin,
         "cpu_seconds": process_time() - used,
         "peak_mb": int(line.split()[1]) / 1024.0,
-        "looked_at_min": answer["looked_at"][0]["seconds"] / 60.0,
+        "looked_at_min": sum(each["seconds"] for each in answer["looked_at"][:2]) / 60.0,
         "verdict": " ".join([answer["verdict"], *(f"{e['name']}@{e['at']}" for e in answer["effects"])]),
     }
 
@@ -79,25 +94,23 @@ def main() -> None:
     parser.add_argument("--form", choices=("parquet", "csv", "log"), default="parquet")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--diagnose", type=Path, nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--diagnose", type=Path, nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.diagnose:
-        print(json.dumps(diagnosed(*options.diagnose)))
+        print(json.dumps(diagnosed(options.diagnose)))
         return
     from rich.console import Console
     from rich.table import Table
 
     found = [of_length(minutes, options) for minutes in options.minutes]
     table = Table(title=f"{options.form}, seed {options.seed}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    for column in ("minutes", *KEYS):
+    for column in COLUMNS:
         table.add_column(column, justify="left" if column == "verdict" else "right")
     for row in found:
-        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else v for v in row.values()))
+        table.add_row(*(f"{row[name]:.4g}" if isinstance(row[name], float) else row[name] for name in COLUMNS))
     Console(highlight=False).print(table)
     if options.json:
-        options.json.write_text(
-            json.dumps({"seed": options.seed, "form": options.form, "rows": found}, indent=1) + "\n"
-        )
+        options.json.write_text(json.dumps({"seed": options.seed, "form": options.form, "rows": found}, indent=1) + "\n")
 
 
 if __name__ == "__main__":
