@@ -8,12 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cylforce.core.gap.evidence import Evidence
+from cylforce.core.gap.library import proposals
+from cylforce.core.gap.problem import Problem, Seen
+from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.spread import Kept, Spread
+from cylforce.core.gap.whitening import Floor
+from cylforce.core.model import FRICTION, Model
 from cylforce.core.segments import Part, parts, stretches
 from cylforce.edges.settings import load
 from cylforce.edges.tables import Table, write_table
 from cylforce.programs.recorded import PART_S, SHORTEST_S, chosen
-from scenarios import EXCAVATOR
+from scenarios import EXCAVATOR, moved
 
 MOST, SIZE, LEAST, LONGEST = 6, 10, 4, 2
 LOADED = load(EXCAVATOR)
@@ -110,3 +116,23 @@ def test_of_a_long_one_stretches_that_begin_when_they_did(tmp_path):
     assert told[short.name].seconds == told[short.name].of_seconds == SHORTEST_S + 1.0
     assert told[long.name].seconds < 0.5 * told[long.name].of_seconds == 0.5 * 11.5 * PART_S
     assert told[long.name].stretches == len(begins) >= 2
+
+
+def test_a_load_hangs_in_all_stretches_of_a_recording_and_is_lost_for_the_rest_of_it():
+    model = Model(LOADED.service.machine, LOADED.service.filters, FRICTION)
+    wanted = [p for p in proposals(model.machine) if p.name in ("payload_spill", "payload_shift")]
+    viewer, values = Viewer(model, model.prior.mean), moved(LOADED, seconds=90.0)
+
+    def problem(count):
+        length = len(values) // count
+        cut = [Recorded("run", values[k * length :][:length], 500.0, k * length / RATE) for k in range(count)]
+        seen = tuple(Seen(r, viewer.rows(r, wanted)) for r in cut)
+        return Problem(model, np.sqrt(np.diag(model.prior.covariance)), tuple(wanted), (), seen)
+
+    whole, three = problem(1), problem(3)
+    assert whole.first == three.first == len(model.parameters) + 3
+    assert len({three.of_load(seen) for seen in three.faulty}) == 1
+    blocks = three.blocks(Floor(np.full(3, 100.0), np.zeros((3, 1)), np.full(3, 100.0)))
+    options = list(three.options(Evidence(blocks)))
+    assert {option.proposal.name for option in options} == {"payload_spill", "payload_shift"}
+    assert all(option.term.course[0][-1] == 1.0 for option in options)

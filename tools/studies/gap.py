@@ -110,7 +110,9 @@ def main() -> None:
         table.add_row(*(f"{row[name]:.4g}" if isinstance(row[name], float) else row[name] for name in COLUMNS))
     Console(highlight=False).print(table)
     if options.json:
-        options.json.write_text(json.dumps({"seed": options.seed, "form": options.form, "rows": found}, indent=1) + "\n")
+        options.json.write_text(
+            json.dumps({"seed": options.seed, "form": options.form, "rows": found}, indent=1) + "\n"
+        )
 
 
 if __name__ == "__main__":

@@ -73,8 +73,8 @@ class Problem:
 
     def of_load(self, seen: Seen) -> int | None:
         """The first of the columns of a recording's load beyond its mass; None for an empty one."""
-        place = [k for k, other in enumerate(self._loaded) if other.recorded is seen.recorded]
-        return len(self.model.parameters) + len(CENTRE) * place[0] if place else None
+        place = self._loaded.index(self._recording(seen)) if seen.recorded.load else None
+        return None if place is None else len(self.model.parameters) + len(CENTRE) * place
 
     def fixed(self, blocks: Blocks) -> Array:
         """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang, and how
@@ -82,7 +82,7 @@ class Problem:
         weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
         values = Evidence(blocks, weight=weight).fitted
         loads = [self.of_load(seen) for seen in self.faulty]
-        own = [k + i for k in loads if k is not None for i in range(len(CENTRE))]
+        own = [k + i for k in dict.fromkeys(loads) if k is not None for i in range(len(CENTRE))]
         own += range(self.first - len(self._ridden), self.first) if not self._riding.more else ()
         left = Evidence.coefficients(blocks, (), values)[1]
         score = np.einsum("bij,bj->i", blocks.faulty[:, own], left)
@@ -108,8 +108,13 @@ class Problem:
         return float(own), float(self._riding.more and not clean)
 
     @cached_property
-    def _loaded(self) -> list[Seen]:
-        return [seen for seen in (*self.clean, *self.faulty) if seen.recorded.load]
+    def _loaded(self) -> list[tuple[bool, str]]:
+        """Recordings with a load: it hangs in all stretches of one alike."""
+        return list(dict.fromkeys(self._recording(seen) for seen in (*self.clean, *self.faulty) if seen.recorded.load))
+
+    def _recording(self, seen: Seen) -> tuple[bool, str]:
+        """Of which recording a stretch is: whether of a clean one, and its name."""
+        return any(seen is other for other in self.clean), seen.recorded.name
 
     @cached_property
     def spread(self) -> Array:
@@ -237,9 +242,10 @@ class Problem:
         return Term(places * len(course), np.repeat(course, len(places), axis=0))
 
     def _after(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
+        end = {self._recording(seen): last for (_, last), seen in zip(self.spans, self.faulty, strict=True)}
         for (first, last), seen in zip(self.spans, self.faulty, strict=True):
             for k in range(first + 1, last - 2) if seen.recorded.load else ():
-                yield self._from(p, places, k, last)
+                yield self._from(p, places, k, end[self._recording(seen)])
 
     def _from(self, p: Proposal, places: tuple[int, ...], k: int, last: int) -> Option:
         """The columns in blocks k + 1 to last - 1, and with sizes of their own in block k, in which it begins."""
