@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.machine.candidate import About, Course, Place
+from cylforce.machine.candidate import SHAPES, About, Course, Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +21,13 @@ class SlewCentrifugal:
             "while the house turns, as the centrifugal force of all links",
             "the same arm motion with the house still",
             1,
-            axes=3,
+            axes=SHAPES,
         )
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns whose sizes change."""
-        return ("slew.0", "slew.1", "slew.2")
+        return tuple(f"slew.{k}" for k in range(SHAPES))
 
     @property
     def course(self) -> Course:

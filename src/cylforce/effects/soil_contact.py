@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.machine.candidate import About, Course, Place
+from cylforce.machine.candidate import SHAPES, About, Course, Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +20,13 @@ class SoilContact:
             Place.TOOL,
             "for some seconds at a time, in all joints as one force at the teeth",
             "the same moves higher above the ground",
-            axes=6,
+            axes=2 * SHAPES,
         )
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns whose sizes change."""
-        return ("tip.x.0", "tip.z.0", "tip.x.1", "tip.z.1", "tip.x.2", "tip.z.2")
+        return tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
 
     @property
     def course(self) -> Course:

@@ -152,12 +152,12 @@ class Incident(Candidate, Protocol):
         ...
 
 
-# Columns of incidents: what hangs in the bucket besides, a force at the teeth and the unit square of the slew rate in
-# each third of a block, a second by which all pressures come late.
-THIRDS = 3
+# Columns of incidents: what hangs in the bucket besides, a force at the teeth and the unit square of the slew rate with
+# the course of a polynomial in each block, a second by which all pressures come late.
+SHAPES = 6  # Legendre's polynomials: level, slope, bend, ..., each of mean square one over the block
 INCIDENTAL = (
     *("load.mass", "load.X", "load.Z", "load.J", "clock"),
-    *(f"{name}.{k}" for k in range(THIRDS) for name in ("tip.x", "tip.z", "slew")),
+    *(f"{name}.{k}" for k in range(SHAPES) for name in ("tip.x", "tip.z", "slew")),
 )
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)

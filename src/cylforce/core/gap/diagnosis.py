@@ -70,7 +70,7 @@ class Search(NamedTuple):
 
 def search(
     viewer: Viewer,
-    faulty: Sequence[Recorded],
+    faulty: Sequence[Recorded | Seen],
     clean: Sequence[Recorded | Seen],
     library: tuple[Group, ...] = LIBRARY,
     watch: Watch = lambda _: None,
@@ -86,7 +86,7 @@ def search(
     problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], only)
     floor = noise_floor(problem)
     blocks = problem.blocks(floor)
-    return _greedy(viewer, problem, blocks, floor, list(faulty), watch)
+    return _greedy(viewer, problem, blocks, floor, [each.recorded for each in problem.faulty], watch)
 
 
 def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:

@@ -131,9 +131,19 @@ class Evidence:
         self._columns = [c for h in self.held for c in h.columns]
         self._course = np.concatenate([np.zeros((0, len(blocks.faulty))), *(h.course for h in self.held)])
         self._rows = self._held_across()
-        self._root = cho_factor(self._known() + np.diag(self._spread**-2.0))
+        self._root = cho_factor(self._known() + np.diag(self._spread**-2.0 * self._own_weight()))
         self._score = np.concatenate([self._both[self._base, -1], self._rows[:, -1]])
         self.fitted = self._solved(self._score)
+
+    def _own_weight(self) -> Array:
+        """Weight (N+H,) of the block that a held column has to itself, by which its prior must count the less as well:
+        else a small weight would keep it from fitting its own block; 1 for all others."""
+        found = np.ones(len(self._spread))
+        for k, course in enumerate(self._course, len(self._base)):
+            (here,) = np.nonzero(course)
+            if len(here) == 1:
+                found[k] = self._weight[here[0]]
+        return found
 
     def _held_across(self) -> Array:
         """Gram rows (H, K+1) of the held terms' columns."""

@@ -7,11 +7,13 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import Cause
 from cylforce.core.gap.problem import Problem
-from cylforce.core.gap.rows import BLOCK, RATE_HZ
-from cylforce.machine.candidate import THIRDS, Course, Incident
+from cylforce.core.gap.rows import BLOCK, RATE_HZ, shapes
+from cylforce.machine.candidate import SHAPES, Course, Incident
 from cylforce.words.estimate import Array
 
 LENGTH_S = BLOCK / RATE_HZ
+PARTS = 6  # of a block, in which what happens within it is taken as constant
+WITHIN = shapes((np.arange(PARTS) + 0.5) / PARTS)  # (SHAPES, PARTS)
 GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
 
 
@@ -43,8 +45,8 @@ def _moments(problem: Problem, effect: Incident, cause: Cause) -> Iterator[dict[
     if effect.course is Course.WINDOWS:
         for own, course in zip(sizes, courses, strict=True):
             start = _time(problem, *[int(np.argmax(course))] * 2)["from_s"]
-            for k, part in enumerate(own.reshape(THIRDS, -1)):
-                begin, end = start + np.array([k, k + 1]) * LENGTH_S / THIRDS
+            for k, part in enumerate(WITHIN.T @ own.reshape(SHAPES, -1)):
+                begin, end = start + np.array([k, k + 1]) * LENGTH_S / PARTS
                 yield {"value": part.tolist(), "from_s": max(float(begin), 0.0), "until_s": float(end)}
         return
     held = np.flatnonzero(courses[0])

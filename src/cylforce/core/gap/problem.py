@@ -17,7 +17,7 @@ from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
 from cylforce.machine.candidate import (
     INCIDENTAL,
-    THIRDS,
+    SHAPES,
     Alteration,
     BaseMotion,
     Candidate,
@@ -28,7 +28,8 @@ from cylforce.machine.candidate import (
 )
 from cylforce.words.estimate import Array
 
-UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(8e3, 8e3, 0.3) * THIRDS)  # usual sizes of what incidents change
+WAVES = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)  # usual level, slope, bend, ... of what an incident changes within a block
+UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(w * x for w in WAVES for x in (8e3, 8e3, 0.3)))  # usual sizes of those
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
@@ -265,7 +266,7 @@ class Problem:
         most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
         hit = self._hits(places, evidence, most)
         if 0 < len(hit) <= most and not self._free(p):
-            cost = len(hit) * float(np.log(len(self.times)))
+            cost = len(hit) * float(np.log(len(self.times))) + self._undetermined(p, places, hit, evidence)
             yield Option(p, f"{len(hit)} times", self._each_of(places, hit), cost)
 
     def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
@@ -283,13 +284,20 @@ class Problem:
             known = Evidence(evidence.blocks, [*evidence.held, self._each_of(places, hit)], evidence.weight)
         return hit
 
+    def _undetermined(self, p: Proposal, places: tuple[int, ...], hit: list[int], evidence: Evidence) -> float:
+        """What the blocks are worth [nats] in which no more rows move than the effect has sizes at any instant: there
+        it would explain anything, which speaks neither for it nor against it."""
+        enough = (p.about.axes / SHAPES + 0.5) * BLOCK
+        free = [k for k in hit if evidence.blocks.faulty_rows[k] < enough]
+        return float(np.sum(self._local(places, evidence)[free]))
+
     def _each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
         """The columns in each of some blocks by itself."""
         return Term(places * len(hit), np.repeat(np.eye(len(self.times))[hit], len(places), axis=0))
 
     def _free(self, p: Proposal) -> bool:
         """Whether the effect has as many freedoms as there are rows."""
-        return p.about.axes >= THIRDS * (FREEDOM - 1) and len(self.model.machine.rows) < FREEDOM
+        return p.about.axes >= SHAPES * (FREEDOM - 1) and len(self.model.machine.rows) < FREEDOM
 
     def _local(self, places: tuple[int, ...], evidence: Evidence) -> Array:
         """Evidence (B,) [nats] for the columns in each faulty block by itself."""

@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
-from cylforce.machine.candidate import THIRDS, Course, ForceLaw, Incident, Weight
+from cylforce.machine.candidate import Course, ForceLaw, Incident, Weight
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
@@ -42,10 +42,7 @@ def leading(found: Ranked, values: Array) -> Array:
 
 def magnitude(found: Ranked, values: Array) -> float:
     """The size as one number: over its axes, and over the windows if it has several (rms)."""
-    each = leading(found, values)
-    effect = found.option.proposal.group[0]
-    windows = THIRDS if isinstance(effect, Incident) and effect.course is Course.WINDOWS else 1
-    return float(np.sqrt(np.mean(np.sum(each**2, axis=1)) / windows))
+    return float(np.sqrt(np.mean(np.sum(leading(found, values) ** 2, axis=1))))
 
 
 def ranking(
@@ -75,5 +72,5 @@ def _simplest(ranked: list[Ranked]) -> list[Ranked]:
 def _possible(found: Ranked) -> bool:
     """Whether the sign is one that the effect can have, and the size not beyond all that is plausible."""
     about = found.option.proposal.about
-    right = about.sign * np.sum(leading(found, found.told.value)) >= 0.0
+    right = about.sign * np.sum(leading(found, found.told.value)[:, 0]) >= 0.0
     return bool(right and magnitude(found, found.told.value) <= BEYOND * about.high)

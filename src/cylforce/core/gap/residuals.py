@@ -11,7 +11,7 @@ from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.evidence import Blocks, Evidence, Term
 from cylforce.core.gap.problem import Problem
 from cylforce.core.gap.rows import BLOCK
-from cylforce.machine.candidate import INCIDENTAL, THIRDS
+from cylforce.machine.candidate import INCIDENTAL, SHAPES
 from cylforce.words.estimate import Array
 
 SPAN = 5  # blocks that are held out together
@@ -204,9 +204,9 @@ def _weighed(problem: Problem, blocks: Blocks, left: Array) -> float:
 
 
 def _pushed(problem: Problem, blocks: Blocks, left: Array) -> float:
-    columns = _incident(problem, *(f"tip.{axis}.{k}" for k in range(THIRDS) for axis in "xz"))
+    columns = _incident(problem, *(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz"))
     each = [_solved(problem, blocks, left, columns, slice(k, k + 1)) for k in range(len(blocks.faulty))]
-    return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1) / THIRDS)))
+    return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1))))
 
 
 def _solved(problem: Problem, blocks: Blocks, left: Array, columns: list[int], part: slice) -> Array:

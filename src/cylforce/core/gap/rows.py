@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from cylforce.core.gap.library import Proposal
@@ -19,7 +20,7 @@ from cylforce.core.observation import REST_SHARE, unusable
 from cylforce.effects.slew import Slew
 from cylforce.effects.tip_force import TipForce
 from cylforce.machine.candidate import (
-    THIRDS,
+    SHAPES,
     Alteration,
     BaseMotion,
     Candidate,
@@ -78,6 +79,12 @@ class Rows(NamedTuple):
     force: Array
     posture: Array
     turning: Array
+
+
+def shapes(share: Array) -> Array:
+    """Level, slope, bend, ... (SHAPES, T) at `share` (T,) 0..1 of a block: Legendre's polynomials, of mean square
+    one."""
+    return np.asarray(legvander(2.0 * share - 1.0, SHAPES - 1).T * np.sqrt(2.0 * np.arange(SHAPES) + 1.0)[:, None])
 
 
 @dataclass(frozen=True)
@@ -186,9 +193,9 @@ class Viewer:
         slew = found[..., 3:] @ np.array([known.get(name, 0.0) for name in plain.names[3:]])
         dead = np.abs(moved.motion.slew) < DEAD_SLEW
         local = np.concatenate([found[..., :2], (slew * dead[:, None])[..., None]], axis=-1)
-        third = (np.arange(len(base)) - self.slow.settle_steps) % BLOCK * THIRDS // BLOCK
-        thirds = [local * (third == k)[:, None, None] for k in range(THIRDS)]
-        return np.concatenate([base @ self.model.load, self._late(loaded), *thirds], axis=-1)
+        steps = np.arange(len(base)) - self.slow.settle_steps
+        shaped = [local * shape[:, None, None] for shape in shapes((steps % BLOCK + 0.5) / BLOCK)]
+        return np.concatenate([base @ self.model.load, self._late(loaded), *shaped], axis=-1)
 
     def _late(self, loaded: Loaded) -> Array:
         """What all pressures' being late by a second would leave (T', R, 1), from a hundredth of it."""
