@@ -25,4 +25,4 @@ class FrictionLevelChange:
     @property
     def laws(self) -> tuple[str, ...]:
         """The known laws that change together."""
-        return ("coulomb", "viscous", "load_dependent", "directional")
+        return ("coulomb", "viscous", "load_dependent")

@@ -12,7 +12,8 @@ from cylforce.words.estimate import Array
 class ReturnLineLoss:
     """Pressure lost between sensor and chamber, growing with the flow more than in proportion: f sgn(v) |v|^power."""
 
-    way: int = 0  # 1: while extending only, -1: while retracting only
+    extending: float = 1.0  # share of the loss that counts: oil leaves through the rod side, whose area is smaller
+    retracting: float = 1.0
     power: float = 2.0  # 1.75 in a smooth pipe (Blasius)
 
     @property
@@ -30,6 +31,6 @@ class ReturnLineLoss:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """sgn(v) |v|^power, one way or both."""
-        loss = np.sign(speed) * np.abs(speed) ** self.power
-        return loss if self.way == 0 else np.asarray(np.where(np.sign(speed) == self.way, loss, 0.0))
+        """sgn(v) |v|^power, by direction."""
+        share = np.where(speed > 0.0, self.extending, self.retracting)
+        return np.asarray(share * np.sign(speed) * np.abs(speed) ** self.power)

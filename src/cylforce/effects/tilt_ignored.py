@@ -22,7 +22,7 @@ class TiltIgnored:
         return About(
             "tilt_ignored",
             "rad",
-            0.003,
+            0.004,
             0.12,
             Place.MACHINE,
             "with the posture, in all joints alike, changing as the house turns",

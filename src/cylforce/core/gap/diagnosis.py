@@ -10,7 +10,7 @@ from cylforce.core.gap.correction import Applied, bends, without
 from cylforce.core.gap.evidence import Blocks, Evidence
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
-from cylforce.core.gap.rank import TIE, Ranked, magnitude, ranking
+from cylforce.core.gap.rank import TIE, Ranked, leading, magnitude, ranking
 from cylforce.core.gap.reappearance import reappearance
 from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
 from cylforce.core.gap.whitening import Floor, floor_of
@@ -23,7 +23,8 @@ MOST = 6  # effects
 MINOR = 0.01  # of the gap's energy: a lesser cause is not looked for
 FOLDS = 4
 ROUGH = 0.6  # of a block's energy that an incident may leave
-ROUNDS = 2  # in which columns are computed anew at the sizes found
+ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
+STILL = 0.05  # of a size: a smaller change of it does not bend its columns
 NEAR = 0.6  # of the best's score
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
@@ -40,6 +41,17 @@ class Cause(NamedTuple):
     score: float
     inflation: float
     rivals: tuple[Ranked, ...]
+
+    @property
+    def tempered(self) -> float:
+        """The score [nats] if all blocks scatter as they do with this cause taken off."""
+        return self.score * TEMPER / max(TEMPER, self.inflation)
+
+    @property
+    def significance(self) -> float:
+        """The surest of the sizes along its axes, in standard errors."""
+        sizes, errors = (leading(self.ranked, x) for x in (self.sizes, self.errors))
+        return float(np.max(np.abs(sizes) / np.maximum(errors, 1e-300)))
 
 
 class Energy(NamedTuple):
@@ -178,9 +190,12 @@ def _greedy(
     first = tuple(ranking(problem, base))
     held = _settled(problem, blocks, [], worth)
     applied: dict[tuple[str, str], Array] = {}
-    for _ in range(ROUNDS if any(bends(r.option) for r in held) else 0):
+    for _ in range(ROUNDS):
+        found = _sizes(blocks, held, applied)
+        if not _moved(applied, found):
+            break
         watch("columns at the sizes found")
-        applied = _sizes(blocks, held, applied)
+        applied = found
         problem = without(problem, viewer, _bending(held, applied), original)
         blocks = problem.blocks(floor)
         held = _settled(problem, blocks, held, worth, kept=tuple(applied))
@@ -274,6 +289,16 @@ def _sizes(
             found[r.key] = applied.get(r.key, np.zeros(m)) + evidence.fitted[k : k + m]
         k += m
     return found
+
+
+def _moved(before: dict[tuple[str, str], Array], after: dict[tuple[str, str], Array]) -> bool:
+    """Whether the sizes (M,) of any cause have changed by more than STILL."""
+    return any(
+        key not in before
+        or before[key].shape != sizes.shape
+        or float(np.linalg.norm(sizes - before[key])) > STILL * float(np.linalg.norm(sizes))
+        for key, sizes in after.items()
+    )
 
 
 def _bending(held: Sequence[Ranked], applied: dict[tuple[str, str], Array]) -> list[Applied]:

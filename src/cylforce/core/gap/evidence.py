@@ -142,7 +142,7 @@ class Evidence:
         for k, course in enumerate(self._course, len(self._base)):
             (here,) = np.nonzero(course)
             if len(here) == 1:
-                found[k] = self._weight[here[0]]
+                found[k] = self._weight[here[0]] or 1.0
         return found
 
     def _held_across(self) -> Array:

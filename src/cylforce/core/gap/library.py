@@ -32,6 +32,7 @@ from cylforce.effects.viscous_friction import ViscousFriction
 from cylforce.machine.candidate import About, Candidate, places
 from cylforce.machine.machine import Machine
 
+WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))  # of a loss, extending and retracting
 MEASURES = 8  # of a linkage, at most
 
 Group = tuple[Candidate, ...]  # effects of one name that act together, each with a size of its own
@@ -40,12 +41,12 @@ LIBRARY: tuple[Group, ...] = (
     (CoulombFriction(),),
     (ViscousFriction(),),
     (FrictionLevelChange(),),
-    *((Stribeck(width),) for width in (0.01, 0.03)),
+    *((Stribeck(width),) for width in (0.006, 0.015, 0.04)),
     (LoadDependentFriction(),),
     (AsymmetricFriction(),),
     *((PreslidingHysteresis(way),) for way in (0.001, 0.004)),
     (FrictionTemperatureDrift(),),
-    *((ReturnLineLoss(way, power),) for way in (0, 1, -1) for power in (1.75, 2.0)),
+    *((ReturnLineLoss(*ways, power),) for ways in WAYS for power in (1.75, 2.0)),
     (PressureOffset(),),
     (PressureGain(),),
     (PressureDrift(),),

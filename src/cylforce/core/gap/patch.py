@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cylforce.core.gap.diagnosis import Cause
-from cylforce.core.gap.problem import Problem
+from cylforce.core.gap.problem import EACH, GROWTH_S, Problem
 from cylforce.core.gap.rows import BLOCK, RATE_HZ, shapes
 from cylforce.machine.candidate import SHAPES, Course, Incident
 from cylforce.words.estimate import Array
@@ -14,7 +14,6 @@ from cylforce.words.estimate import Array
 LENGTH_S = BLOCK / RATE_HZ
 PARTS = 6  # of a block, in which what happens within it is taken as constant
 WITHIN = shapes((np.arange(PARTS) + 0.5) / PARTS)  # (SHAPES, PARTS)
-GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
 
 
 def patch(problem: Problem, causes: Sequence[Cause]) -> list[dict[str, Any]]:
@@ -49,6 +48,9 @@ def _moments(problem: Problem, effect: Incident, cause: Cause) -> Iterator[dict[
                 begin, end = start + np.array([k, k + 1]) * LENGTH_S / PARTS
                 yield {"value": part.tolist(), "from_s": max(float(begin), 0.0), "until_s": float(end)}
         return
+    if effect.course is Course.CLOCK and cause.ranked.option.when == EACH:
+        yield from _clocks(problem, *sizes[:, 0].tolist())
+        return
     held = np.flatnonzero(courses[0])
     time = _time(problem, int(held[0]), int(held[-1]))
     if len(courses) > 1 and np.count_nonzero(courses[1]) == 1:
@@ -58,6 +60,13 @@ def _moments(problem: Problem, effect: Incident, cause: Cause) -> Iterator[dict[
         yield {"value": [float(sizes[0, 0]), growth]} | ({} if held[0] == 0 else {"from_s": time["from_s"]})
     else:
         yield {"value": sizes[0].tolist()} | time
+
+
+def _clocks(problem: Problem, late: float, growth: float) -> Iterator[dict[str, Any]]:
+    """A clock that begins anew with each recording."""
+    for (first, behind), begin in zip(problem.spans, problem.begins, strict=True):
+        each = growth / GROWTH_S
+        yield {"value": [late - each * begin, each]} | _time(problem, first, behind - 1)
 
 
 def _time(problem: Problem, first: int, last: int) -> dict[str, float]:

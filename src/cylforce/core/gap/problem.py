@@ -36,6 +36,8 @@ RARE = 0.4  # of all blocks: what happens more often is no incident
 CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
 FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 STILL = 1e-4  # of a usual motion of the base
+EACH = "growing in each recording"
+GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
 INSTANTS = 20.0  # that could as well have been the one
 
 
@@ -211,6 +213,11 @@ class Problem:
         return list(pairwise(ends))
 
     @cached_property
+    def begins(self) -> list[float]:
+        """When the faulty recordings begin [s]."""
+        return [seen.recorded.begins for seen in self.faulty]
+
+    @cached_property
     def times(self) -> Array:
         """Time (B,) [s] of the middle of every faulty block."""
         return np.concatenate([seen.rows.t[::BLOCK] + _half(seen.rows.t) for seen in self.faulty])
@@ -258,7 +265,10 @@ class Problem:
     def _clocks(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
         one = np.ones_like(self.times)
         yield Option(p, "always", Term(places, one[None]), 0.0)
-        yield Option(p, "growing", Term(places * 2, np.stack([one, self.times / 100.0])), 0.0)
+        yield Option(p, "growing", Term(places * 2, np.stack([one, self.times / GROWTH_S])), 0.0)
+        since = np.concatenate([self.times[a:b] - begin for (a, b), begin in zip(self.spans, self.begins, strict=True)])
+        if len(self.spans) > 1:
+            yield Option(p, EACH, Term(places * 2, np.stack([one, since / GROWTH_S])), 0.0)
         for k in range(1, len(one) - 2, 2):
             yield self._from(p, places, k, len(one))
 

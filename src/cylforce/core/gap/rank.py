@@ -12,6 +12,7 @@ from cylforce.machine.candidate import Course, ForceLaw, Incident, Weight
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
+WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 TIE = 3.0  # nats that are no difference
 LEAD = 0.05  # of its evidence, by which a fault must do better than masses and friction that only a data sheet tells
 
@@ -71,6 +72,7 @@ def _simplest(ranked: list[Ranked]) -> list[Ranked]:
 
 def _possible(found: Ranked) -> bool:
     """Whether the sign is one that the effect can have, and the size not beyond all that is plausible."""
-    about = found.option.proposal.about
-    right = about.sign * np.sum(leading(found, found.told.value)[:, 0]) >= 0.0
+    about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
+    wrong = np.sum(np.square(each[about.sign * each < 0.0]))
+    right = wrong <= WRONG * np.sum(each**2)
     return bool(right and magnitude(found, found.told.value) <= BEYOND * about.high)

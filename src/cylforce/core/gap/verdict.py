@@ -10,13 +10,17 @@ from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
+from cylforce.words.estimate import Array
 
 NEGLIGIBLE = 0.5  # of an effect's least plausible size
-WORTH = 0.1  # of a joint's gap energy: a smaller part is not named
-EXPLAINED, PARTLY = 0.9, 0.7  # of the gap's energy
+BESIDES = 1.0  # the same of an effect beside a larger one
+SIGNIFICANT = 2.5  # standard errors
+STRAY, OTHER = 0.1, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
+EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
+NOISE = 0.5  # of the floor's energy: an excess that no verdict hangs on
 CLOSE = 0.04  # relative margin of a rival's score
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
-OFF, SURE = 30.0, 100.0  # inflation from which on the shape does not fit, unless the evidence is so many times that
+HINT = 25.0  # nats for an effect whose shape does not fit: something is there
 
 
 class Verdict(StrEnum):
@@ -50,27 +54,38 @@ class Judged(NamedTuple):
 def judged(search: Search) -> Judged:
     """The verdict on a search."""
     energy = search.energy
-    floor = float(np.sum(energy.floor))
-    before, after = float(np.sum(energy.before)), float(np.sum(energy.after))
-    excess = max(before - floor, before - after, 1e-9)
-    explained = float(np.clip((before - after) / excess, 0.0, 1.0))
-    shares = _shares(search, excess)
-    named = [_named(c, share) for c, share in zip(search.causes, shares, strict=True) if _counts(c, share)]
-    named.sort(key=lambda n: -n.cause.score)
+    floor, before, after = (float(np.sum(x)) for x in (energy.floor, energy.before, energy.after))
+    removed, left = max(before - after, 1e-9), max(after - floor, 0.0)
+    explained = removed / (removed + left)
+    named = _causes(search, removed + left)
     if not named or (not search.original.clean and before <= floor):
-        found = max(before, float(np.sum(energy.fixed))) > (1.0 + LARGE) * floor
+        found = before > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
-    if explained < PARTLY or _misfit(named[0].cause):
+    if left > max(PARTLY * removed, NOISE * floor):
         return Judged(Verdict.UNKNOWN, (), explained)
     if named[0].confused:
-        return Judged(Verdict.AMBIGUOUS, tuple(named), explained)
-    return Judged(Verdict.EXPLAINED if explained > EXPLAINED else Verdict.PARTLY, tuple(named), explained)
+        return Judged(Verdict.AMBIGUOUS, named, explained)
+    enough = left <= max(EXPLAINED * removed, NOISE * floor)
+    return Judged(Verdict.EXPLAINED if enough else Verdict.PARTLY, named, explained)
 
 
-def _shares(search: Search, whitened: float) -> list[float]:
-    """For each cause its share of the gap: of the `whitened` energy by its evidence, or of a joint's energy by what it
-    contributes there, whichever is more."""
+def _causes(search: Search, excess: float) -> tuple[Named, ...]:
+    """The first cause and those that stand beside it."""
     parts = contributions(search)
+    joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
+    each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
+    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -e[0].score)
+    kept = found[:1]
+    for cause, share, joint in found[1:]:
+        least = STRAY if joint in [j for *_, j in kept] else OTHER
+        if _counts(cause, BESIDES) and share >= least:
+            kept.append((cause, share, joint))
+    return tuple(_named(c, share) for c, share, _ in kept)
+
+
+def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
+    """For each cause its share of the gap: of the `whitened` energy by its evidence, or of a joint's energy by what it
+    contributes there (`parts` (N, R) [N m]), whichever is more."""
     _, faulty = fixed_residuals(search.original, search.original.blocks(search.floor))
     whole = rms(faulty) ** 2
     excess = np.maximum(whole - search.floor.rms**2, 0.1 * search.floor.rms**2)
@@ -78,17 +93,25 @@ def _shares(search: Search, whitened: float) -> list[float]:
     return [float(np.clip(max(np.max(p**2 / excess), t), 0.0, 1.0)) for p, t in zip(parts, told, strict=True)]
 
 
-def _counts(cause: Cause, share: float) -> bool:
-    plausible = cause.size >= NEGLIGIBLE * cause.ranked.option.proposal.about.low
-    return plausible and cause.score >= ENOUGH and share >= WORTH
+def _counts(cause: Cause, least: float) -> bool:
+    """Whether a cause is large enough, certain enough, and of the right shape."""
+    large = cause.size >= least * cause.ranked.option.proposal.about.low
+    return large and cause.tempered >= ENOUGH and cause.significance >= SIGNIFICANT
 
 
-def _misfit(cause: Cause) -> bool:
-    """Whether the blocks' scores scatter so much with the cause taken off that its shape cannot be right."""
-    return cause.inflation > OFF and cause.score * TEMPER < SURE * cause.inflation
+def _shapeless(cause: Cause) -> bool:
+    """Whether something like the cause is there, but not of its shape."""
+    large = cause.size >= NEGLIGIBLE * cause.ranked.option.proposal.about.low
+    return large and cause.score >= HINT and cause.tempered < ENOUGH
 
 
 def _named(cause: Cause, share: float) -> Named:
-    close = tuple(r for r in cause.rivals if r.score > (1.0 - CLOSE) * cause.score)
-    margin = 1.0 - max((r.score for r in cause.rivals), default=0.0) / cause.score
+    rivals = [r for r in cause.rivals if not _contains(r, cause)]
+    close = tuple(r for r in rivals if r.score > (1.0 - CLOSE) * cause.score)
+    margin = 1.0 - max((r.score for r in rivals), default=0.0) / cause.score
     return Named(cause, float(np.clip(0.5 + margin, 0.0, 0.99)), share, close)
+
+
+def _contains(rival: Ranked, cause: Cause) -> bool:
+    """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one."""
+    return set(rival.option.term.columns) > set(cause.ranked.option.term.columns)
