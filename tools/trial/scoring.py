@@ -149,7 +149,7 @@ def _closure(case: Judged) -> Record:
 
 def _closures(cases: Iterable[Judged]) -> list[Judged]:
     """Cases in which a name came with a closure, and the true closure is known."""
-    return [c for c in cases if c.named and c.label.get("closure") is not None and "value" in _closure(c)]
+    return [c for c in cases if c.named and c.label.get("closure") is not None and _closure(c).get("value") is not None]
 
 
 def _within(case: Judged) -> bool:

@@ -159,6 +159,7 @@ INCIDENTAL = (
     *("load.mass", "load.X", "load.Z", "load.J", "clock"),
     *(f"{name}.{k}" for k in range(SHAPES) for name in ("tip.x", "tip.z", "slew")),
 )
+TORQUES = tuple(f"torque.{k}" for k in range(SHAPES))  # the same of a torque, once for every measured joint
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 

@@ -108,4 +108,6 @@ def sentence(answer: dict[str, Any]) -> str:
     closure = answer["effects"][0]["closure"]
     words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
     verb = words.get(verdict, "is caused by")
-    return f"The gap, {gap_nm}, {verb} {names}; with it {100 * closure['value']:.0f} % of the gap's energy is gone."
+    share = closure["value"]
+    gone = "" if share is None else f"; with it {100 * share:.0f} % of the gap's energy is gone"
+    return f"The gap, {gap_nm}, {verb} {names}{gone}."

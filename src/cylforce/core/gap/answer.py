@@ -131,7 +131,7 @@ def _effect(named: Named, gap: Gap) -> dict[str, Any]:
         "shape": shape(proposal),
         "confidence": named.confidence,
         "confused_with": [{"name": r.key[0], "at": r.key[1]} for r in named.confused],
-        "closure": {"value": gap.closure, "low": gap.low, "high": gap.high},
+        "closure": {"value": _known(gap.closure), "low": _known(gap.low), "high": _known(gap.high)},
         "share": share,
         "removed_nm": gap.removed * float(np.sqrt(share)),
         "evidence_nats": cause.score,

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.core.gap.correction import Applied, bends, without
-from cylforce.core.gap.evidence import Blocks, Evidence
+from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
 from cylforce.core.gap.rank import TIE, Ranked, leading, magnitude, ranking
 from cylforce.core.gap.reappearance import reappearance
 from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
+from cylforce.core.gap.unknown import NAME, UNKNOWN
 from cylforce.core.gap.whitening import Floor, floor_of
 from cylforce.core.model import Model
-from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
@@ -41,6 +41,11 @@ class Cause(NamedTuple):
     score: float
     inflation: float
     rivals: tuple[Ranked, ...]
+
+    @property
+    def known(self) -> bool:
+        """Whether it is an effect, not a torque of which nothing is known."""
+        return self.ranked.key[0] != NAME
 
     @property
     def tempered(self) -> float:
@@ -91,7 +96,7 @@ def search(
 ) -> Search:
     """Which effects of the library explain what the model leaves of the faulty recordings; `known` (P,): standard
     errors of the viewer's tares, by default the data sheet's; `only`: name and place of the one that may be a cause."""
-    wanted = proposals(viewer.model.machine, library)
+    wanted = proposals(viewer.model.machine, (*library, *UNKNOWN))
     watch("columns of every effect")
     seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
@@ -184,7 +189,6 @@ def _greedy(
     first_problem, usual = problem, _usual(blocks)
     base = Evidence(blocks)
     _, before = base.squares((), base.fitted)
-    _, fixed = base.squares((), problem.fixed(blocks))
     worth = max(ENOUGH, MINOR * float(np.sum(before) - np.sum(usual)) / (2.0 * TEMPER))
     watch("search")
     first = tuple(ranking(problem, base))
@@ -202,6 +206,7 @@ def _greedy(
         applied = {key: sizes for key, sizes in applied.items() if key in {r.key for r in held}}
     evidence = Evidence(blocks, [r.option.term for r in held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
+    _, fixed = base.squares((), first_problem.fixed(base.blocks, evidence.fitted))
     after = np.where(_rough(held, fixed, after), np.minimum(after, usual), after)
     causes = _causes(first_problem, blocks, floor, held, applied, evidence)
     energy = Energy(fixed, before, after, usual, clean)
@@ -211,12 +216,8 @@ def _greedy(
 def _rough(held: Sequence[Ranked], fixed: Array, after: Array) -> NDArray[np.bool_]:
     """Blocks (B,) of which an incident explains most: what happens there for a moment is rougher than any form, and its
     rest is no sign of another cause."""
-    found = np.zeros(len(fixed), dtype=bool)
-    for r in held:
-        effect = r.option.proposal.group[0]
-        if isinstance(effect, Incident) and effect.course is Course.WINDOWS:
-            found |= np.any(r.option.term.course != 0.0, axis=0)
-    return np.asarray(found & (after < ROUGH * fixed))
+    here = own_blocks([r.option.term for r in held])
+    return np.asarray(np.isin(np.arange(len(fixed)), here) & (after < ROUGH * fixed))
 
 
 def _settled(
@@ -321,7 +322,8 @@ def _causes(
         others = [o for o in held if o is not r]
         ranked = ranking(original, Evidence(plain, [o.option.term for o in others]), besides=others)
         own = next((x for x in ranked if x.key == r.key), r)
-        rivals = tuple(x for x in ranked if x.key != r.key and x.score > NEAR * own.score)
+        others_too = (x for x in ranked if x.key != r.key and x.key[0] != NAME)
+        rivals = tuple(x for x in others_too if x.score > NEAR * own.score)
         told = Evidence(blocks, [o.option.term for o in others]).of(r.option.term)
         sizes = evidence.fitted[k : k + m] + applied.get(r.key, np.zeros(m))
         form = r.option.proposal.about.form * _extent(r, sizes)

@@ -78,7 +78,7 @@ def grams(columns: Array, floor: Floor) -> tuple[Array, Array]:
     return found, rows
 
 
-def _moments(terms: Sequence[Term]) -> NDArray[np.intp]:
+def own_blocks(terms: Sequence[Term]) -> NDArray[np.intp]:
     """The faulty blocks that some term has to itself."""
     courses = [course for term in terms for course in term.course if np.count_nonzero(course) == 1]
     return np.unique(np.flatnonzero(np.any(courses, axis=0))) if courses else np.zeros(0, dtype=np.intp)
@@ -115,11 +115,11 @@ class Evidence:
         self._base = list(blocks.shared)
         self._spread = np.concatenate([blocks.always[self._base], *(blocks.spread[list(h.columns)] for h in self.held)])
         self._fit(np.ones(len(blocks.clean) + len(blocks.faulty)) if weight is None else weight)
-        moments = _moments(self.held)
+        moments = own_blocks(self.held)
         for _ in range(2 if moments.size else 0):
             left = _squares(blocks.faulty[moments], self.left(self.held, self.fitted)[1][moments])
             share, own = self.weight.copy(), len(blocks.clean) + moments
-            share[own] = np.minimum(1.0, USUAL * blocks.faulty_rows[moments] / np.maximum(left, 1e-9))
+            share[own] *= np.minimum(1.0, USUAL * blocks.faulty_rows[moments] / np.maximum(left, 1e-9))
             self._fit(share)
 
     def _fit(self, weight: Array) -> None:
@@ -131,19 +131,9 @@ class Evidence:
         self._columns = [c for h in self.held for c in h.columns]
         self._course = np.concatenate([np.zeros((0, len(blocks.faulty))), *(h.course for h in self.held)])
         self._rows = self._held_across()
-        self._root = cho_factor(self._known() + np.diag(self._spread**-2.0 * self._own_weight()))
+        self._root = cho_factor(self._known() + np.diag(self._spread**-2.0))
         self._score = np.concatenate([self._both[self._base, -1], self._rows[:, -1]])
         self.fitted = self._solved(self._score)
-
-    def _own_weight(self) -> Array:
-        """Weight (N+H,) of the block that a held column has to itself, by which its prior must count the less as well:
-        else a small weight would keep it from fitting its own block; 1 for all others."""
-        found = np.ones(len(self._spread))
-        for k, course in enumerate(self._course, len(self._base)):
-            (here,) = np.nonzero(course)
-            if len(here) == 1:
-                found[k] = self._weight[here[0]] or 1.0
-        return found
 
     def _held_across(self) -> Array:
         """Gram rows (H, K+1) of the held terms' columns."""

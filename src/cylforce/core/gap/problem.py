@@ -18,6 +18,7 @@ from cylforce.core.model import Model
 from cylforce.machine.candidate import (
     INCIDENTAL,
     SHAPES,
+    TORQUES,
     Alteration,
     BaseMotion,
     Candidate,
@@ -30,6 +31,7 @@ from cylforce.words.estimate import Array
 
 WAVES = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)  # usual level, slope, bend, ... of what an incident changes within a block
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(w * x for w in WAVES for x in (8e3, 8e3, 0.3)))  # usual sizes of those
+TORQUE = 5e3  # N m, the same of a torque of which nothing is known
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
@@ -79,18 +81,16 @@ class Problem:
         place = self._loaded.index(self._recording(seen)) if seen.recorded.load else None
         return None if place is None else len(self.model.parameters) + len(CENTRE) * place
 
-    def fixed(self, blocks: Blocks) -> Array:
+    def fixed(self, blocks: Blocks, fitted: Array) -> Array:
         """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang, and how
-        a base that always moved goes: clean ones, on another slope, tell little of that."""
+        a base that always moved goes (clean ones, on another slope, tell little of that); `fitted` (N+H,) tells both
+        best: there the causes are taken out."""
         weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
         values = Evidence(blocks, weight=weight).fitted
         loads = [self.of_load(seen) for seen in self.faulty]
         own = [k + i for k in dict.fromkeys(loads) if k is not None for i in range(len(CENTRE))]
         own += range(self.first - len(self._ridden), self.first) if not self._riding.more else ()
-        left = Evidence.coefficients(blocks, (), values)[1]
-        score = np.einsum("bij,bj->i", blocks.faulty[:, own], left)
-        gram = blocks.faulty[:, own][:, :, own].sum(axis=0) + np.diag(blocks.always[own] ** -2.0)
-        values[own] += np.linalg.solve(gram, score - values[own] / blocks.always[own] ** 2)
+        values[own] = fitted[own]
         return values
 
     @cached_property
@@ -123,7 +123,7 @@ class Problem:
     def spread(self) -> Array:
         """Standard errors (K,) of all columns' sizes beforehand."""
         effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
-        return np.concatenate([self.known, self._own, effects, UNUSUAL])
+        return np.concatenate([self.known, self._own, effects, self.unusual])
 
     @cached_property
     def _own(self) -> Array:
@@ -134,7 +134,7 @@ class Problem:
     def always(self) -> Array:
         """The same of what the machine always was: of effects, what goes unnoticed."""
         effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _small(e)]
-        return np.concatenate([self.known, self._own, effects, UNUSUAL])
+        return np.concatenate([self.known, self._own, effects, self.unusual])
 
     @cached_property
     def first(self) -> int:
@@ -144,7 +144,12 @@ class Problem:
     @cached_property
     def lasting(self) -> int:
         """Number of columns before those of incidents."""
-        return len(self.spread) - len(UNUSUAL)
+        return len(self.spread) - len(self.unusual)
+
+    @cached_property
+    def unusual(self) -> Array:
+        """Usual sizes (I,) of what incidents change."""
+        return np.concatenate([UNUSUAL, np.tile(TORQUE * np.array(WAVES), len(self.model.machine.rows))])
 
     @cached_property
     def places(self) -> tuple[tuple[int, ...], ...]:
@@ -152,13 +157,18 @@ class Problem:
         found, k = [], self.first
         for p in self.proposals:
             if isinstance(p.group[0], Incident):
-                names = p.group[0].columns
-                found.append(tuple(self.lasting + INCIDENTAL.index(name) for name in names))
+                found.append(self._incidental(p.group[0], p.where))
                 continue
             m = sum(len(_sizes(e)) for e in p.group)
             found.append(tuple(range(k, k + m)))
             k += m
         return tuple(found)
+
+    def _incidental(self, effect: Incident, where: int) -> tuple[int, ...]:
+        if effect.columns == TORQUES:
+            first = self.lasting + len(INCIDENTAL) + SHAPES * self.model.machine.rows.index(where)
+            return tuple(range(first, first + SHAPES))
+        return tuple(self.lasting + INCIDENTAL.index(name) for name in effect.columns)
 
     def columns(self, seen: Seen) -> Array:
         """[base | loads | base's motion | effects | incidents | left] (T, R, K+1) of a recording; a known load is taken
@@ -276,7 +286,7 @@ class Problem:
         most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
         hit = self._hits(places, evidence, most)
         if 0 < len(hit) <= most and not self._free(p):
-            cost = len(hit) * float(np.log(len(self.times))) + self._undetermined(p, places, hit, evidence)
+            cost = len(hit) * float(np.log(len(self.times)))
             yield Option(p, f"{len(hit)} times", self._each_of(places, hit), cost)
 
     def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
@@ -293,13 +303,6 @@ class Problem:
             hit = sorted([*hit, *more.tolist()])
             known = Evidence(evidence.blocks, [*evidence.held, self._each_of(places, hit)], evidence.weight)
         return hit
-
-    def _undetermined(self, p: Proposal, places: tuple[int, ...], hit: list[int], evidence: Evidence) -> float:
-        """What the blocks are worth [nats] in which no more rows move than the effect has sizes at any instant: there
-        it would explain anything, which speaks neither for it nor against it."""
-        enough = (p.about.axes / SHAPES + 0.5) * BLOCK
-        free = [k for k in hit if evidence.blocks.faulty_rows[k] < enough]
-        return float(np.sum(self._local(places, evidence)[free]))
 
     def _each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
         """The columns in each of some blocks by itself."""

@@ -11,8 +11,10 @@ from cylforce.core.gap.problem import TEMPER, Option, Problem
 from cylforce.machine.candidate import Course, ForceLaw, Incident, Weight
 from cylforce.words.estimate import Array
 
+NEGLIGIBLE = 0.5  # of an effect's least plausible size
 BEYOND = 2.0  # times the largest plausible size
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
+FREER = 0.05  # of a score that sizes free at any instant must be better by
 TIE = 3.0  # nats that are no difference
 LEAD = 0.05  # of its evidence, by which a fault must do better than masses and friction that only a data sheet tells
 
@@ -28,6 +30,12 @@ class Ranked(NamedTuple):
     def key(self) -> tuple[str, str]:
         """Name and place."""
         return self.option.proposal.name, self.option.proposal.at
+
+    @property
+    def free(self) -> bool:
+        """Whether its sizes are free at any instant."""
+        effect = self.option.proposal.group[0]
+        return isinstance(effect, Incident) and effect.course is Course.WINDOWS
 
 
 def leading(found: Ranked, values: Array) -> Array:
@@ -64,15 +72,20 @@ def ranking(
 
 
 def _simplest(ranked: list[Ranked]) -> list[Ranked]:
-    """The ranking, but first among those as good as the best stands the one with the fewest sizes."""
-    tied = [r for r in ranked if r.score > ranked[0].score - TIE]
+    """The ranking, but first among those as good as the best stands the one with the fewest sizes. Sizes that are free
+    at any instant follow what they are not, too."""
+    best = ranked[0].score if ranked else 0.0
+    tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
+    tied = [r for r in ranked if r.score > best - tie]
     first = min(tied, key=lambda r: len(r.option.term.columns), default=None)
     return ranked if first is None else [first, *(r for r in ranked if r is not first)]
 
 
 def _possible(found: Ranked) -> bool:
-    """Whether the sign is one that the effect can have, and the size not beyond all that is plausible."""
+    """Whether the sign is one that the effect can have, and the size not beyond all that is plausible; what happens at
+    a time is followed by so many sizes that it must be of some size, too."""
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
-    right = wrong <= WRONG * np.sum(each**2)
-    return bool(right and magnitude(found, found.told.value) <= BEYOND * about.high)
+    right, size = wrong <= WRONG * np.sum(each**2), magnitude(found, found.told.value)
+    least = NEGLIGIBLE * about.low if isinstance(found.option.proposal.group[0], Incident) else 0.0
+    return bool(right and least <= size <= BEYOND * about.high)

@@ -6,15 +6,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cylforce.core.gap.diagnosis import Search
-from cylforce.core.gap.evidence import Blocks, Evidence, Term
+from cylforce.core.gap.diagnosis import FOLDS, Search
+from cylforce.core.gap.evidence import Blocks, Evidence, Term, own_blocks
 from cylforce.core.gap.problem import Problem
 from cylforce.core.gap.rows import BLOCK
 from cylforce.machine.candidate import INCIDENTAL, SHAPES
 from cylforce.words.estimate import Array
 
 SPAN = 5  # blocks that are held out together
+LEAST = 0.1  # of the floor's energy: a smaller gap has no meaningful closure
 DRAWS = 400
 LEVEL = 90.0  # percent of the intervals
 
@@ -39,19 +41,20 @@ class Gap(NamedTuple):
 def gap(search: Search, rng: np.random.Generator) -> Gap:
     """The size of the gap before and after."""
     blocks = search.original.blocks(search.floor)
-    _, before = fixed(search.original, blocks)
+    _, before = fixed(search)
     refit_blocks = replace(blocks, shared=tuple(range(_base(search.original))))
     weight = np.repeat([0.0, 1.0], [len(blocks.clean), len(blocks.faulty)])
     refit_values = Evidence(refit_blocks, weight=weight).fitted
     refit = _residuals(search.original, refit_blocks, (), refit_values)
     after = held_out(search.problem, search.blocks, search.evidence.held)
     squares = [np.concatenate([_blockwise(e) for e in each]) for each in (before, after)]
-    floor = search.floor.rms
-    closure, interval = _closure(squares[0], squares[1], floor, rng)
+    floor = held_out_clean(search) or [search.floor.rms[None]]
+    usual = np.concatenate([_blockwise(e) for e in floor])
+    closure, interval = _closure(squares[0], squares[1], usual, rng)
     removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
     n = len(search.original.model.parameters)
     shift = refit_values[:n] / search.original.spread[:n]
-    return Gap(rms(before), rms(refit), rms(after), floor, closure, *interval, float(removed), shift)
+    return Gap(rms(before), rms(refit), rms(after), rms(floor), closure, *interval, float(removed), shift)
 
 
 def _base(problem: Problem) -> int:
@@ -68,18 +71,37 @@ def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Ar
         weight = np.concatenate([np.ones(clean), np.where(fold == k, 0.0, 1.0)])
         part = _residuals(problem, blocks, terms, Evidence(blocks, terms, weight).fitted)
         found = part if not found else _chosen(found, part, problem, fold == k)
+    moments = np.isin(np.arange(count), own_blocks(terms))
+    if np.any(moments):  # what happens for a moment has sizes that no other stretch knows
+        found = _chosen(found, _residuals(problem, blocks, terms, Evidence(blocks, terms).fitted), problem, moments)
     return found
 
 
-def _chosen(one: list[Array], other: list[Array], problem: Problem, second: Array) -> list[Array]:
+def held_out_clean(search: Search) -> list[Array]:
+    """Residuals (T, R) [N m] of the clean recordings, every fourth stretch predicted from the others: what a clean
+    field would leave. Empty without clean recordings."""
+    problem, blocks = search.original, search.original.blocks(search.floor)
+    ends = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in problem.clean]).tolist()
+    fold = np.arange(ends[-1]) * 4 * FOLDS // max(ends[-1], 1) % FOLDS
+    found: list[Array] = [np.full(seen.rows.left.shape, np.nan) for seen in problem.clean]
+    for k in range(FOLDS):
+        weight = np.concatenate([np.where(fold == k, 0.0, 1.0), np.zeros(len(blocks.faulty))])
+        each = Evidence.coefficients(blocks, (), Evidence(blocks, weight=weight).fitted)[0]
+        for n, seen in enumerate(problem.clean):
+            here = _rows(fold[ends[n] : ends[n + 1]] == k, len(seen.rows.t))
+            found[n][here] = problem.columns(seen)[here] @ each[0]
+    return found
+
+
+def _chosen(one: list[Array], other: list[Array], problem: Problem, second: NDArray[np.bool_]) -> list[Array]:
     return [
         np.where(_rows(second[first:last], len(a))[:, None], b, a)
         for a, b, (first, last) in zip(one, other, problem.spans, strict=True)
     ]
 
 
-def _rows(per_block: Array, length: int) -> Array:
-    return np.repeat(per_block, BLOCK, axis=0)[:length]
+def _rows(per_block: Array | NDArray[np.bool_], length: int) -> Array:
+    return np.asarray(np.repeat(per_block, BLOCK, axis=0)[:length])
 
 
 def _residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: Array) -> list[Array]:
@@ -91,9 +113,10 @@ def _residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: 
     ]
 
 
-def fixed(problem: Problem, blocks: Blocks) -> tuple[list[Array], list[Array]]:
+def fixed(search: Search) -> tuple[list[Array], list[Array]]:
     """Residuals (T, R) [N m] of the clean and of the faulty recordings, nothing fitted to the latter."""
-    values = problem.fixed(blocks)
+    problem, blocks = search.original, search.original.blocks(search.floor)
+    values = problem.fixed(blocks, search.evidence.fitted)
     each = Evidence.coefficients(blocks, (), values)[0]
     clean = [problem.columns(seen) @ each[0] for seen in problem.clean]
     return clean, _residuals(problem, blocks, (), values)
@@ -119,19 +142,24 @@ def _blockwise(residual: Array) -> Array:
 
 def _closure(before: Array, after: Array, floor: Array, rng: np.random.Generator) -> tuple[float, tuple[float, float]]:
     """1 - (MSE after - floor)/(MSE before - floor), rows weighted by their floor, and its interval by drawing spans
-    of blocks anew."""
-    unit = floor**2
-    kept = [np.any(np.isfinite(_spans(x / unit)), axis=1) for x in (before, after)]
-    a, b = (np.nanmean(_spans(x / unit)[kept[0] & kept[1]], axis=1) for x in (before, after))
-    draws = rng.integers(0, len(a), (DRAWS, len(a)))
-    each = [_share(a[k], b[k]) for k in (np.arange(len(a)), *draws)]
-    low, high = np.percentile(each[1:], [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
-    return each[0], (float(low), float(high))
+    of blocks anew, those of the floor (mean squares (B, R) of clean blocks), too. NaN where the gap is too small for a
+    ratio (GAP.md: below a tenth of the floor's energy)."""
+    unit = np.nanmean(floor, axis=0)
+    spans = [_spans(x / unit) for x in (before, after, floor)]
+    kept = np.all([np.any(np.isfinite(x), axis=1) for x in spans[:2]], axis=0)
+    a, b = (np.nanmean(x[kept], axis=1) for x in spans[:2])
+    c = np.nanmean(spans[2][np.any(np.isfinite(spans[2]), axis=1)], axis=1)
+    if float(np.mean(a) - np.mean(c)) < LEAST * float(np.mean(c)):
+        return float("nan"), (float("nan"), float("nan"))
+    draws = [rng.integers(0, len(x), (DRAWS, len(x))) for x in (a, c)]
+    each = [_share(a[k], b[k], c[m]) for k, m in zip(*draws, strict=True)]
+    low, high = np.percentile(each, [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
+    return _share(a, b, c), (float(low), float(high))
 
 
-def _share(before: Array, after: Array) -> float:
-    excess = float(np.mean(before)) - 1.0
-    return 1.0 - (float(np.mean(after)) - 1.0) / excess if excess > 0.0 else 0.0
+def _share(before: Array, after: Array, floor: Array) -> float:
+    excess = float(np.mean(before) - np.mean(floor))
+    return 1.0 - float(np.mean(after) - np.mean(floor)) / excess if excess > 0.0 else 0.0
 
 
 def _spans(squares: Array) -> Array:
@@ -153,7 +181,7 @@ class Course(NamedTuple):
 
 def courses(search: Search) -> list[Course]:
     """What is left of each faulty recording with the parameters as they were, and with the causes, held out."""
-    _, before = fixed(search.original, search.original.blocks(search.floor))
+    _, before = fixed(search)
     after = held_out(search.problem, search.blocks, search.evidence.held)
     begins = {seen.recorded.name: seen.recorded.begins for seen in reversed(search.original.faulty)}
     return [
@@ -185,7 +213,7 @@ class Ends(NamedTuple):
 def ends(search: Search) -> Ends:
     """Errors of payload and tip force with the parameters as they were, and with the causes taken out."""
     blocks = search.original.blocks(search.floor)
-    before = Evidence.coefficients(blocks, (), search.original.fixed(blocks))[1]
+    before = Evidence.coefficients(blocks, (), search.original.fixed(blocks, search.evidence.fitted))[1]
     after = search.evidence.left(search.evidence.held, search.evidence.fitted)[1]
     pairs = ((search.original, blocks, before), (search.problem, search.blocks, after))
     payload = [_weighed(problem, b, left) for problem, b, left in pairs]

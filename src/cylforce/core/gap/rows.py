@@ -67,8 +67,8 @@ class Loaded(NamedTuple):
 
 class Rows(NamedTuple):
     """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
-    (T, R, I) columns of incidents (see `INCIDENTAL`), `left` (T, R) [N m] what the tares leave, NaN where not usable,
-    `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N), `turning` (T,) [rad/s] of the base."""
+    (T, R, I) columns of incidents (see `INCIDENTAL`, `TORQUES`), `left` (T, R) [N m] what the tares leave, NaN where
+    not usable, `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N), `turning` (T,) [rad/s] of the base."""
 
     base: Array
     effects: Array
@@ -194,8 +194,11 @@ class Viewer:
         dead = np.abs(moved.motion.slew) < DEAD_SLEW
         local = np.concatenate([found[..., :2], (slew * dead[:, None])[..., None]], axis=-1)
         steps = np.arange(len(base)) - self.slow.settle_steps
-        shaped = [local * shape[:, None, None] for shape in shapes((steps % BLOCK + 0.5) / BLOCK)]
-        return np.concatenate([base @ self.model.load, self._late(loaded), *shaped], axis=-1)
+        within = shapes((steps % BLOCK + 0.5) / BLOCK)
+        shaped = [local * shape[:, None, None] for shape in within]
+        alone = np.eye(len(machine.rows))[None, :, :, None] * within.T[:, None, None, :]
+        torques = alone.reshape(*alone.shape[:2], -1)  # (T, R, R SHAPES), joint by joint
+        return np.concatenate([base @ self.model.load, self._late(loaded), *shaped, torques], axis=-1)
 
     def _late(self, loaded: Loaded) -> Array:
         """What all pressures' being late by a second would leave (T', R, 1), from a hundredth of it."""

@@ -7,19 +7,21 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
 from cylforce.core.gap.problem import TEMPER
-from cylforce.core.gap.rank import Ranked
+from cylforce.core.gap.rank import NEGLIGIBLE, Ranked
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.words.estimate import Array
 
-NEGLIGIBLE = 0.5  # of an effect's least plausible size
 BESIDES = 1.0  # the same of an effect beside a larger one
-SIGNIFICANT = 2.5  # standard errors
-STRAY, OTHER = 0.1, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
+SIGNIFICANT = 1.5  # standard errors
+STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
-NOISE = 0.5  # of the floor's energy: an excess that no verdict hangs on
-CLOSE = 0.04  # relative margin of a rival's score
+NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
+LEAD = 10.0  # nats by which a cause must be better than a rival of the same shape
+CLOSE, BENT = 0.04, 10.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
+FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
+FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
 HINT = 25.0  # nats for an effect whose shape does not fit: something is there
 
 
@@ -61,7 +63,7 @@ def judged(search: Search) -> Judged:
     if not named or (not search.original.clean and before <= floor):
         found = before > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
-    if left > max(PARTLY * removed, NOISE * floor):
+    if left > max(PARTLY * removed, NOISE * floor) or _free(search, named[0].cause):
         return Judged(Verdict.UNKNOWN, (), explained)
     if named[0].confused:
         return Judged(Verdict.AMBIGUOUS, named, explained)
@@ -75,18 +77,31 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
     found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -e[0].score)
-    kept = found[:1]
-    for cause, share, joint in found[1:]:
+    largest = max((c.score for c in search.causes), default=0.0)
+    kept = [e for e in found[:1] if e[0].score >= FIRST * largest]
+    for cause, share, joint in found[1:] if kept else ():
         least = STRAY if joint in [j for *_, j in kept] else OTHER
-        if _counts(cause, BESIDES) and share >= least:
+        enough = cause.known and cause.score >= MINOR * largest and _counts(cause, BESIDES)
+        if enough and share >= least and _best(cause):
             kept.append((cause, share, joint))
     return tuple(_named(c, share) for c, share, _ in kept)
+
+
+def _free(search: Search, cause: Cause) -> bool:
+    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
+    beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > STRAY * cause.score]
+    return not cause.known or bool(cause.ranked.free and beside)
+
+
+def _best(cause: Cause) -> bool:
+    """Whether nothing else explains better what the cause explains beside the others."""
+    return all(r.score <= cause.score for r in cause.rivals if not _contains(r, cause))
 
 
 def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
     """For each cause its share of the gap: of the `whitened` energy by its evidence, or of a joint's energy by what it
     contributes there (`parts` (N, R) [N m]), whichever is more."""
-    _, faulty = fixed_residuals(search.original, search.original.blocks(search.floor))
+    _, faulty = fixed_residuals(search)
     whole = rms(faulty) ** 2
     excess = np.maximum(whole - search.floor.rms**2, 0.1 * search.floor.rms**2)
     told = [2.0 * TEMPER * cause.score / whitened for cause in search.causes]
@@ -96,18 +111,20 @@ def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
 def _counts(cause: Cause, least: float) -> bool:
     """Whether a cause is large enough, certain enough, and of the right shape."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
-    return large and cause.tempered >= ENOUGH and cause.significance >= SIGNIFICANT
+    enough = ENOUGH if cause.known else FREE
+    return large and cause.tempered >= enough and cause.significance >= SIGNIFICANT
 
 
 def _shapeless(cause: Cause) -> bool:
     """Whether something like the cause is there, but not of its shape."""
     large = cause.size >= NEGLIGIBLE * cause.ranked.option.proposal.about.low
-    return large and cause.score >= HINT and cause.tempered < ENOUGH
+    return large and cause.score >= HINT and cause.tempered < ENOUGH and cause.significance >= SIGNIFICANT
 
 
 def _named(cause: Cause, share: float) -> Named:
     rivals = [r for r in cause.rivals if not _contains(r, cause)]
-    close = tuple(r for r in rivals if r.score > (1.0 - CLOSE) * cause.score)
+    lead = max(LEAD, CLOSE * cause.score * min((cause.inflation - 1.0) / BENT, 1.0))
+    close = tuple(r for r in rivals if r.score > cause.score - lead)
     margin = 1.0 - max((r.score for r in rivals), default=0.0) / cause.score
     return Named(cause, float(np.clip(0.5 + margin, 0.0, 0.99)), share, close)
 

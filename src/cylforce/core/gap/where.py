@@ -53,7 +53,7 @@ def _angle(seen: Seen, c: int) -> Array:
 def where(search: Search, rng: np.random.Generator) -> list[Spot]:
     """All joints and regimes, most certain first."""
     problem = search.original
-    clean, faulty = fixed(problem, problem.blocks(search.floor))
+    clean, faulty = fixed(search)
     spots = []
     for r, j in enumerate(problem.model.machine.rows):
         c = problem.model.acting[r][0]

@@ -52,7 +52,7 @@ class Shown(NamedTuple):
 
 def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
     """What is drawn of a diagnosis."""
-    clean, before = fixed(search.original, search.original.blocks(search.floor))
+    clean, before = fixed(search)
     after = held_out(search.problem, search.blocks, search.evidence.held)
     return Shown(
         _heat(search, clean, before, after),

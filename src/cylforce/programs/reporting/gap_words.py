@@ -58,10 +58,8 @@ def cards(answer: dict[str, Any]) -> tuple[Card, ...]:
     found = [Card("Verdict", answer["verdict"].replace("_", " "), _causes(len(effects)), good)]
     if effects:
         sure, closure = effects[0]["confidence"], effects[0]["closure"]
-        low, high = (100.0 * closure[k] for k in ("low", "high"))
         found.append(Card("Confidence", f"{100 * sure:.0f} %", "that the first cause is right", sure >= SURE))
-        value = closure["value"]
-        found.append(Card("Gap closed", f"{100 * value:.0f} %", f"90 %: {low:.0f} to {high:.0f} %", value >= CLOSED))
+        found.append(_closed(closure))
     left = f"of {gap['fixed']:.0f} N m; floor {gap['floor']:.0f} N m"
     found.append(Card("Residual torque", f"{gap['after']:.0f} N m", left, gap["after"] < 1.5 * gap["floor"]))
     for title, key, unit in (("Weight error", "payload_kg", "kg"), ("Force error", "tip_force_n", "N")):
@@ -72,6 +70,13 @@ def cards(answer: dict[str, Any]) -> tuple[Card, ...]:
         title, note = f"{ahead['horizon_s']:.0f} s ahead", f"before: {ahead['before_deg']:.2f}°, rms"
         found.append(Card(title, f"{ahead['after_deg']:.2f}°", note, ahead["after_deg"] <= ahead["before_deg"]))
     return tuple(found)
+
+
+def _closed(closure: dict[str, float | None]) -> Card:
+    value, low, high = (closure[k] for k in ("value", "low", "high"))
+    if value is None or low is None or high is None:
+        return Card("Gap closed", "--", "the gap is too small beside the floor for a share", good=True)
+    return Card("Gap closed", f"{100 * value:.0f} %", f"90 %: {100 * low:.0f} to {100 * high:.0f} %", value >= CLOSED)
 
 
 def _causes(count: int) -> str:
