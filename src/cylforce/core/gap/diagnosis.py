@@ -328,7 +328,7 @@ def _causes(
         sizes = evidence.fitted[k : k + m] + applied.get(r.key, np.zeros(m))
         form = r.option.proposal.about.form * _extent(r, sizes)
         errors = np.sqrt(np.diag(told.covariance) * reappearance(blocks, r.option.term) + form**2)
-        found.append(Cause(r, sizes, errors, magnitude(r, sizes), own.score, told.inflation, rivals))
+        found.append(Cause(r, sizes, errors, magnitude(r, sizes, errors), own.score, told.inflation, rivals))
         k += m
     return tuple(found)
 

@@ -49,9 +49,11 @@ def leading(found: Ranked, values: Array) -> Array:
     return sizes
 
 
-def magnitude(found: Ranked, values: Array) -> float:
-    """The size as one number: over its axes, and over the windows if it has several (rms)."""
-    return float(np.sqrt(np.mean(np.sum(leading(found, values) ** 2, axis=1))))
+def magnitude(found: Ranked, values: Array, errors: Array) -> float:
+    """The size as one number: over its axes, and over the windows if it has several (rms), the better known ones
+    counting more: where few joints move, much of a force has no effect, and could be anything."""
+    squares, variances = (np.sum(leading(found, x) ** 2, axis=1) for x in (values, errors))
+    return float(np.sqrt(np.average(squares, weights=1.0 / np.maximum(variances, 1e-300))))
 
 
 def ranking(
@@ -86,6 +88,9 @@ def _possible(found: Ranked) -> bool:
     a time is followed by so many sizes that it must be of some size, too."""
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
-    right, size = wrong <= WRONG * np.sum(each**2), magnitude(found, found.told.value)
+    right, size = (
+        wrong <= WRONG * np.sum(each**2),
+        magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance))),
+    )
     least = NEGLIGIBLE * about.low if isinstance(found.option.proposal.group[0], Incident) else 0.0
     return bool(right and least <= size <= BEYOND * about.high)

@@ -13,7 +13,7 @@ from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.words.estimate import Array
 
 BESIDES = 1.0  # the same of an effect beside a larger one
-SIGNIFICANT = 1.5  # standard errors
+SIGNIFICANT = 2.0  # standard errors
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
@@ -77,7 +77,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
     found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -e[0].score)
-    largest = max((c.score for c in search.causes), default=0.0)
+    largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if e[0].score >= FIRST * largest]
     for cause, share, joint in found[1:] if kept else ():
         least = STRAY if joint in [j for *_, j in kept] else OTHER
