@@ -124,7 +124,9 @@ def test_an_effect_finds_itself(reference, name):
     truth = np.array(effect.sizes)[: sizes.shape[1]]
     off = np.sqrt(np.mean(((sizes - truth) / errors) ** 2, axis=0)) if len(sizes) > 2 else (sizes - truth) / errors
     assert np.all(np.abs(off) < 3.0), f"{sizes} +- {errors}, true {truth}"
-    for block in patch(found.original, [c for c in found.causes if c.known]):  # can be switched on in the simulated machine
+    for block in patch(
+        found.original, [c for c in found.causes if c.known]
+    ):  # can be switched on in the simulated machine
         times = {"begin": block.get("from_s", 0.0), "end": block.get("until_s", np.inf)}
         again = imposed(MACHINE, block["name"], block["at"], block["value"], shape=block.get("shape"), **times)
         assert (again.where, again.group[0]) in {(p.where, p.group[0]) for p in found.original.proposals}

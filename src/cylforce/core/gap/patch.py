@@ -45,6 +45,8 @@ def _moments(problem: Problem, effect: Incident, cause: Cause) -> Iterator[dict[
         for own, course in zip(sizes, courses, strict=True):
             start = _time(problem, *[int(np.argmax(course))] * 2)["from_s"]
             for k, part in enumerate(WITHIN.T @ own.reshape(SHAPES, -1)):
+                if effect.about.sign * part[0] < 0.0:  # a polynomial swings about nothing
+                    continue
                 begin, end = start + np.array([k, k + 1]) * LENGTH_S / PARTS
                 yield {"value": part.tolist(), "from_s": max(float(begin), 0.0), "until_s": float(end)}
         return

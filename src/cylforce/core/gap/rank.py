@@ -88,9 +88,7 @@ def _possible(found: Ranked) -> bool:
     a time is followed by so many sizes that it must be of some size, too."""
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
-    right, size = (
-        wrong <= WRONG * np.sum(each**2),
-        magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance))),
-    )
+    right = wrong <= WRONG * np.sum(each**2)
+    size = magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))
     least = NEGLIGIBLE * about.low if isinstance(found.option.proposal.group[0], Incident) else 0.0
     return bool(right and least <= size <= BEYOND * about.high)
