@@ -112,7 +112,9 @@ def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
             _positions(path, schema.names, names)
             _check_kinds(path, arrow, dict(zip(schema.names, schema.types, strict=True)), names)
             for part in file.iter_batches(ROWS, columns=list(dict.fromkeys(names))):
-                columns = [part[name].cast(arrow.float64(), safe=False).fill_null(np.nan) for name in names]
+                columns = [part[name].cast(arrow.float64(), safe=False) for name in names]
+                # no null is filled where there is none: that would load a library of a quarter of a second
+                columns = [each.fill_null(np.nan) if each.null_count else each for each in columns]
                 rows = np.arange(first, first := first + part.num_rows)
                 yield Cells(np.stack([np.from_dlpack(each) for each in columns], axis=-1), "row", rows)
     except OSError as error:
