@@ -8,6 +8,7 @@ noise would do."""
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -97,12 +98,11 @@ def _squares(grams: Array, coefficients: Array) -> Array:
     return np.asarray(np.einsum("bi,bij,bj->b", coefficients, grams, coefficients, optimize=True))
 
 
-def _each(columns: Sequence[int]) -> dict[int, list[int]]:
-    """The places of every column that is named."""
-    found: dict[int, list[int]] = {}
-    for place, column in enumerate(columns):
-        found.setdefault(column, []).append(place)
-    return found
+def _sorted(columns: Sequence[int]) -> tuple[list[int], dict[int, slice]]:
+    """An order in which those that name the same column stand side by side, and where each column then stands."""
+    order = sorted(range(len(columns)), key=columns.__getitem__)
+    ends = np.cumsum([0, *(len(list(same)) for _, same in groupby(columns[k] for k in order))]).tolist()
+    return order, {columns[order[first]]: slice(first, last) for first, last in pairwise(ends)}
 
 
 class Evidence:
@@ -168,12 +168,14 @@ class Evidence:
         if np.all(course == 1.0) and np.all(other == 1.0):
             return np.asarray(self._alone[np.ix_(rows, columns)])
         on = np.any(course != 0.0, axis=0) & np.any(other != 0.0, axis=0)
-        left, right, found = course[:, on], other[:, on], np.zeros((len(rows), len(columns)))
-        own, across = _each(rows), _each(columns)
-        grams = self._weight[on, None, None] * self.blocks.faulty[np.ix_(on, list(own), list(across))]
-        for j, m in enumerate(own.values()):
-            for k, n in enumerate(across.values()):
-                found[np.ix_(m, n)] = (left[m] * grams[:, j, k]) @ right[n].T
+        (own, j), (across, k) = _sorted(rows), _sorted(columns)
+        left, right = course[:, on][own], other[:, on][across]
+        grams = self._weight[on, None, None] * self.blocks.faulty[np.ix_(on, list(j), list(k))]
+        found, sums = np.empty((2, len(rows), len(columns)))
+        for a, m in enumerate(j.values()):
+            for b, n in enumerate(k.values()):
+                sums[m, n] = (left[m] * grams[:, a, b]) @ right[n].T
+        found[np.ix_(own, across)] = sums
         return found
 
     def _solved(self, right: Array) -> Array:

@@ -68,7 +68,7 @@ def ranking(
         told = evidence.of(option.term, TEMPER)
         lead = LEAD if problem.from_sheet and not isinstance(option.proposal.group[0], Weight | ForceLaw) else 0.0
         found = Ranked(option, told, told.evidence * (1.0 - lead) - option.cost)
-        if _possible(found) and found.score > best.get(found.key, found._replace(score=-1e300)).score:
+        if found.score > best.get(found.key, found._replace(score=-1e300)).score and _possible(found):
             best[found.key] = found
     return _simplest(sorted(best.values(), key=lambda r: -r.score))
 
