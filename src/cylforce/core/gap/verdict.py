@@ -18,6 +18,7 @@ STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form ma
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
 LEAD = 10.0  # nats by which a cause must be better than a rival of the same shape
+RELIABLE = 0.97  # of causes without a rival, on development machines of the withheld trial
 CLOSE, BENT = 0.04, 10.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
@@ -125,8 +126,8 @@ def _named(cause: Cause, share: float) -> Named:
     rivals = [r for r in cause.rivals if not _contains(r, cause)]
     lead = max(LEAD, CLOSE * cause.score * min((cause.inflation - 1.0) / BENT, 1.0))
     close = tuple(r for r in rivals if r.score > cause.score - lead)
-    margin = 1.0 - max((r.score for r in rivals), default=0.0) / cause.score
-    return Named(cause, float(np.clip(0.5 + margin, 0.0, 0.99)), share, close)
+    odds = float(np.sum(np.exp([min(3.0 * (r.score - cause.score) / lead, 0.0) for r in rivals])))
+    return Named(cause, RELIABLE / (1.0 + odds), share, close)
 
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
