@@ -52,7 +52,7 @@ class Floor:
 
     def times(self, rows: int) -> Array:
         """When the rows of a recording are [s], from its begin."""
-        return (self.model.settle_steps + EVERY * np.arange(rows)) / self.model.filters.rate_hz
+        return (self.model.settle_steps + EVERY * np.arange(rows) - 0.5) / self.model.filters.rate_hz
 
     def designed(self, parts: list[Rows]) -> tuple[Array, Array]:
         """Columns (T, R, K) and torque (T, R) of several recordings: shared parameters, for each loaded one the

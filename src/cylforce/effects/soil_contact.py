@@ -15,7 +15,7 @@ class SoilContact:
         return About(
             "soil_contact",
             "N",
-            2e3,
+            3e3,
             1e5,
             Place.TOOL,
             "for some seconds at a time, in all joints as one force at the teeth",

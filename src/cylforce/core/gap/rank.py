@@ -70,16 +70,17 @@ def ranking(
         found = Ranked(option, told, told.evidence * (1.0 - lead) - option.cost)
         if found.score > best.get(found.key, found._replace(score=-1e300)).score and _possible(found):
             best[found.key] = found
-    return _simplest(sorted(best.values(), key=lambda r: -r.score))
+    order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}
+    return _simplest(sorted(best.values(), key=lambda r: -r.score), order)
 
 
-def _simplest(ranked: list[Ranked]) -> list[Ranked]:
-    """The ranking, but first among those as good as the best stands the one with the fewest sizes. Sizes that are free
-    at any instant follow what they are not, too."""
+def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[Ranked]:
+    """The ranking, but first among those as good as the best stands the one with the fewest sizes, of equals the one
+    that the library lists first. Sizes that are free at any instant follow what they are not, too."""
     best = ranked[0].score if ranked else 0.0
     tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
     tied = [r for r in ranked if r.score > best - tie]
-    first = min(tied, key=lambda r: len(r.option.term.columns), default=None)
+    first = min(tied, key=lambda r: (len(r.option.term.columns), order[r.key]), default=None)
     return ranked if first is None else [first, *(r for r in ranked if r is not first)]
 
 

@@ -12,6 +12,7 @@ from cylforce.core.gap.diagnosis import FOLDS, Search
 from cylforce.core.gap.evidence import Blocks, Evidence, Term, own_blocks
 from cylforce.core.gap.problem import Problem
 from cylforce.core.gap.rows import BLOCK
+from cylforce.core.gap.whitening import ORDER
 from cylforce.machine.candidate import INCIDENTAL, SHAPES
 from cylforce.words.estimate import Array
 
@@ -108,9 +109,18 @@ def _residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: 
     """What values leave of each faulty recording (T, R) [N m]."""
     coefficients = Evidence.coefficients(blocks, terms, values)[1]
     return [
-        np.einsum("trk,tk->tr", problem.columns(seen), _rows(coefficients[first:last], len(seen.rows.t)))
+        _judged(np.einsum("trk,tk->tr", problem.columns(seen), _rows(coefficients[first:last], len(seen.rows.t))))
         for seen, (first, last) in zip(problem.faulty, problem.spans, strict=True)
     ]
+
+
+def _judged(left: Array) -> Array:
+    """Residuals (T, R), NaN where the whitening has no past to predict from: there nothing was fitted, and what is free
+    at any instant could be anything."""
+    lost = ~np.isfinite(left)
+    for k in range(1, ORDER + 1):
+        lost[k:] |= ~np.isfinite(left[:-k])
+    return np.where(lost, np.nan, left)
 
 
 def fixed(search: Search) -> tuple[list[Array], list[Array]]:

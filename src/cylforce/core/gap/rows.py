@@ -140,7 +140,7 @@ class Viewer:
         values, late = recorded.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
-        t = recorded.begins + (steps + 0.5) / self.slow.filters.rate_hz
+        t = recorded.begins + (steps - 0.5) / self.slow.filters.rate_hz  # the middle of four samples
         laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
         found = self._filtered(self.slow.machine, *([_Laws(laws, t)] if laws else [])).run(moved.motion)
         size = len(self.tares)

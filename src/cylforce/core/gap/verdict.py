@@ -77,7 +77,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     parts = contributions(search)
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
-    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -e[0].score)
+    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -_weight(e[0]))
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if e[0].score >= FIRST * largest]
     for cause, share, joint in found[1:] if kept else ():
@@ -86,6 +86,11 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
         if enough and share >= least and _best(cause):
             kept.append((cause, share, joint))
     return tuple(_named(c, share) for c, share, _ in kept)
+
+
+def _weight(cause: Cause) -> float:
+    """The score, of what is unknown the less: beside a known cause it is first only when it says much more."""
+    return cause.score if cause.known else cause.score / 2.0
 
 
 def _free(search: Search, cause: Cause) -> bool:
