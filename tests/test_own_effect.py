@@ -33,7 +33,7 @@ def recordings(kind, service, seed, effects=()):
 
 
 def test_an_effect_of_ones_own_is_found_as_the_readme_says(tmp_path, monkeypatch):
-    """The stick's head pressure reads 3 % of its rod pressure as well."""
+    """The stick's head pressure reads 3 % of the bucket's as well."""
     (tmp_path / "config").symlink_to(ROOT / "config")
     monkeypatch.chdir(tmp_path)
     service = load(Path("config/excavator_20t.toml")).service

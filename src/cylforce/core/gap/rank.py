@@ -15,6 +15,7 @@ NEGLIGIBLE = 0.5  # of an effect's least plausible size
 BEYOND = 2.0  # times the largest plausible size
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
+EQUAL = 1.0  # nats between what the same recording would turn round
 TIE = 3.0  # nats that are no difference
 LEAD = 0.05  # of its evidence, by which a fault must do better than masses and friction that only a data sheet tells
 
@@ -80,7 +81,9 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     best = ranked[0].score if ranked else 0.0
     tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
     tied = [r for r in ranked if r.score > best - tie]
-    first = min(tied, key=lambda r: (len(r.option.term.columns), order[r.key]), default=None)
+    fewest = min((len(r.option.term.columns) for r in tied), default=0)
+    tied = [r for r in tied if len(r.option.term.columns) == fewest]
+    first = min((r for r in tied if r.score > tied[0].score - EQUAL), key=lambda r: order[r.key], default=None)
     return ranked if first is None else [first, *(r for r in ranked if r is not first)]
 
 
