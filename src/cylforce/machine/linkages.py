@@ -130,16 +130,28 @@ class FourBar(Linkage):
 
     def driven(self, pins: Point) -> Eye:
         """The rocker's end is the intersection of two circles, its motion follows from both."""
+        arm, spin, sine = self._turned(pins)
+        eye = self.eye * arm
+        gradient = pins.gradient[..., 1, :] + 1j * eye[..., None] * spin
+        place = pins.place[..., 1] + eye
+        return Eye(place, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
+
+    def rocker(self, at: Pose) -> Complex:
+        """Derivatives (..., N) [1/rad] of the unit vector along the rocker, from its pin to its end, at a pose."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            arm, spin, _ = self._turned(points(at, fixed(self.pins, at.turn.shape[-1] - 1)))
+        return np.asarray(1j * arm[..., None] * spin / self.rocker_length)
+
+    def _turned(self, pins: Point) -> tuple[Complex, Array, Array]:
+        """Rocker pin -> rocker end (...,), how it turns with the joints (..., N), and the cross product of it and the
+        link (...,)."""
         rocker, link = pins.place[..., 1], pins.place[..., 2]
         apart = pins.gradient[..., 2, :] - pins.gradient[..., 1, :]
         arm = self._arm(link - rocker)
         bar = arm - (link - rocker)  # link pin -> rocker end
         sine = _cross(arm, bar)
         # both lengths are constant: end' = rocker' + i arm spin, and bar stays perpendicular to end' - link'
-        spin = _dot(bar[..., None], apart) / sine[..., None]
-        eye = self.eye * arm
-        gradient = pins.gradient[..., 1, :] + 1j * eye[..., None] * spin
-        return Eye(rocker + eye, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
+        return arm, _dot(bar[..., None], apart) / sine[..., None], sine
 
     def _arm(self, base: Complex) -> Complex:
         """Rocker pin -> rocker end, from rocker pin -> link pin; NaN where the two circles do not meet."""

@@ -12,9 +12,10 @@ import numpy as np
 from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.riding import Riding, riding
-from cylforce.core.gap.rows import BLOCK, CENTRE, Recorded, Rows
+from cylforce.core.gap.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
+from cylforce.effects.rocker_weight import RockerWeight
 from cylforce.machine.candidate import (
     INCIDENTAL,
     SHAPES,
@@ -127,8 +128,10 @@ class Problem:
 
     @cached_property
     def _own(self) -> Array:
-        """Of what loads and the base's usual motion have."""
-        return np.concatenate([np.tile(CENTRE, len(self._loaded)), [size for _, size in self._ridden]])
+        """Of what loads, linkages' bars and the base's usual motion have."""
+        bars = len(RockerWeight().parameters(self.model.machine))
+        loads, rides = np.tile(CENTRE, len(self._loaded)), [size for _, size in self._ridden]
+        return np.concatenate([loads, np.full(bars, ROCKER), rides])
 
     @cached_property
     def always(self) -> Array:
@@ -171,8 +174,8 @@ class Problem:
         return tuple(self.lasting + INCIDENTAL.index(name) for name in effect.columns)
 
     def columns(self, seen: Seen) -> Array:
-        """[base | loads | base's motion | effects | incidents | left] (T, R, K+1) of a recording; a known load is taken
-        off."""
+        """[base | loads | bars | base's motion | effects | incidents | left] (T, R, K+1) of a recording; a known load
+        is taken off."""
         rows, own = seen.rows, np.zeros((*seen.rows.left.shape, len(CENTRE) * len(self._loaded)))
         left = rows.left
         first = self.of_load(seen)
@@ -183,7 +186,8 @@ class Problem:
             own[..., k : k + len(CENTRE)] = each[..., 1:]
         chosen = [k for k, _ in self._ridden]
         rides = rows.effects[..., chosen]
-        found = np.concatenate([rows.base, own, rides, rows.effects, rows.incidental, left[..., None]], axis=-1)
+        parts = (rows.base, own, rows.rockers, rides, rows.effects, rows.incidental, left[..., None])
+        found = np.concatenate(parts, axis=-1)
         always, more = self._base_moves(seen)
         found[..., self.first - len(chosen) : self.first] *= always
         found[..., [self.first + k for k in chosen]] *= more

@@ -17,6 +17,7 @@ from cylforce.core.gap.sensitivity import Sensitivity
 from cylforce.core.model import Model
 from cylforce.core.motion import Moved
 from cylforce.core.observation import REST_SHARE, unusable
+from cylforce.effects.rocker_weight import RockerWeight
 from cylforce.effects.slew import Slew
 from cylforce.effects.tip_force import TipForce
 from cylforce.machine.candidate import (
@@ -42,6 +43,7 @@ from cylforce.words.estimate import Array
 RATE_HZ = 20.0
 BLOCK = 60  # rows that are judged as one: three seconds
 DEAD_SLEW = 0.01  # rad/s, below which a slew sensor may be dead
+ROCKER = 100.0  # kg m: how little is known of a linkage's bars
 CENTRE = (300.0, 300.0, 600.0)  # kg m, kg m, kg m^2: how little is known of a load but its mass
 
 
@@ -68,12 +70,14 @@ class Loaded(NamedTuple):
 class Rows(NamedTuple):
     """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
     (T, R, I) columns of incidents (see `INCIDENTAL`, `TORQUES`), `left` (T, R) [N m] what the tares leave, NaN where
-    not usable, `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N), `turning` (T,) [rad/s] of the base."""
+    not usable, `rockers` (T, R, K) columns of linkages' bars, `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N),
+    `turning` (T,) [rad/s] of the base."""
 
     base: Array
     effects: Array
     incidental: Array
     left: Array
+    rockers: Array
     t: Array
     speed: Array
     force: Array
@@ -142,10 +146,12 @@ class Viewer:
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         t = recorded.begins + (steps - 0.5) / self.slow.filters.rate_hz  # the middle of four samples
         laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
-        found = self._filtered(self.slow.machine, *([_Laws(laws, t)] if laws else [])).run(moved.motion)
+        more: list[Effect] = [_Laws(laws, t)] if laws else []
+        more += [RockerWeight()] if RockerWeight().parameters(self.model.machine) else []
+        found = self._filtered(self.slow.machine, *more).run(moved.motion)
         size = len(self.tares)
         base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
-        forces = iter(np.moveaxis(found.columns[..., size:], -1, 0))
+        forces = iter(np.moveaxis(found.columns[..., size : size + len(laws)], -1, 0))
         lasting = [(p, e) for p in wanted for e in p.group if not isinstance(e, Incident)]
         lost = self._lost(moved)
         left = np.where(lost, np.nan, left)
@@ -162,6 +168,7 @@ class Viewer:
             np.where(np.isfinite(effects), effects, 0.0)[late],
             self._incidental(loaded, moved, base)[late],
             left[late],
+            found.columns[late, :, size + len(laws) :].copy(),
             t[late],
             m.speed[late],
             m.force[late],
