@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from cylforce.core.gap.diagnosis import fitted_tares, search
-from cylforce.core.gap.library import proposals
 from cylforce.core.gap.riding import riding
 from cylforce.core.gap.rows import Viewer
 from cylforce.core.model import FRICTION, Model
@@ -105,5 +104,6 @@ def test_a_base_that_moved_in_the_reference_too_is_no_effect() -> None:
     found = search(Viewer(model, fitted_tares(model, clean)), recordings(12, (base, fault)), clean)
     assert [cause.ranked.key for cause in found.causes][:1] == [("coulomb_friction", "boom")]
     assert ("boom_motion", "machine") not in {cause.ranked.key for cause in found.causes}
-    (place,) = [k for k, p in zip(found.original.places, proposals(MACHINE), strict=True) if p.name == "boom_motion"]
+    problem = found.original
+    (place,) = [k for k, p in zip(problem.places, problem.proposals, strict=True) if p.name == "boom_motion"]
     assert found.evidence.blind(place[0], 1.0) == np.inf
