@@ -54,6 +54,15 @@ def test_a_lag_is_measured_whether_it_grows_or_not(values, rate, late, first, la
     assert slip.closed > 0.9
 
 
+def test_a_jump_is_measured(values):
+    """From one instant on the pressures are those of so much later."""
+    jump, k = -0.7, np.arange(len(values))
+    field = np.where((k > 0.4 * len(values))[:, None], paired(values, 1.0, jump), values)
+    (slip,) = slips(MODEL, [Recorded("field", field, 0.0)])
+    assert slip.first == 0.0
+    assert abs(slip.last - jump) < 4.0 * slip.errors[1] + 0.02
+
+
 def test_it_is_told_by_name_with_its_cure(values):
     told = slips(MODEL, [Recorded("field", paired(values, 0.5), 0.0)])
     verdict, answer = off_clock(told)

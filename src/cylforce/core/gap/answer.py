@@ -14,13 +14,13 @@ from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
 from cylforce.core.gap.residuals import Ends, Gap
-from cylforce.core.gap.verdict import EXPLAINED, PARTLY, Judged, Named, Verdict
+from cylforce.core.gap.verdict import Judged, Named, Verdict
 from cylforce.core.gap.where import Spot
 from cylforce.effects.clock_fault import ClockFault
 from cylforce.machine.candidate import Incident
 from cylforce.words.units import DEGREE
 
-CLOSING = ((Verdict.EXPLAINED, EXPLAINED), (Verdict.PARTLY, PARTLY))
+CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
 SUREST = 0.99
 SIGMAS = 5.0  # from which on an effect is detectable
 WIDE = 1.6449  # standard errors of a 90 % interval

@@ -2,9 +2,10 @@
 to forces and motion that are taken to belong together; where they do not, what bends most explains most.
 
 The force shown at rate t + offset is taken to belong to the motion at t, for rates and offsets far to either side of
-one clock. Each time masses and friction are fitted anew, the data sheet with its tolerances as prior, and what they
-leave of the torques is compared with what they leave on one clock, on the same rows. A slow sensor makes one joint fit
-better a little later, a contact makes some postures fit anywhere: on two clocks nearly all rows fit badly."""
+one clock, or for an offset from some instant on. Each time masses and friction are fitted anew, the data sheet with its
+tolerances as prior, and what they leave of the torques is compared with what they leave on one clock, on the same rows.
+A slow sensor makes one joint fit better a little later, a contact makes some postures fit anywhere: on two clocks
+nearly all rows fit badly."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ ENOUGH_S = 10.0  # of motion of a joint
 OFFSET_S = 2.0  # at a piece's beginning, at most
 FASTEST = 2.5  # of one clock as the other tells it
 STEPS_S = (0.5, 0.5)  # between offsets, and between lags at the end, that are tried
+JUMP_S = 5.0  # between instants of a jump that are tried
 SLICE = 500  # candidates at once
 REFINED = 10  # rounds
 LEAST = 0.3  # of the rows must have a force
@@ -58,13 +60,22 @@ class Slip(NamedTuple):
 
 
 class _Clock(NamedTuple):
-    """Rates (K,) and offsets (K,) [s] of forces against motion."""
+    """Rates (K,) and offsets (K,) [s] of forces against motion, from times `since` (K,) [s] on; one clock before."""
 
     rate: Array
     offset: Array
+    since: Array
+
+    def one(self, k: int) -> "_Clock":
+        """The k-th alone."""
+        return _Clock(*(part[k : k + 1] for part in self))
+
+    def shown(self, t: Array) -> Array:
+        """The times (K, T) [s] at which the forces of times t (T,) are shown."""
+        return np.where(t < self.since[:, None], t, self.rate[:, None] * t + self.offset[:, None])
 
 
-ONE = _Clock(np.ones(1), np.zeros(1))
+ONE = _Clock(np.ones(1), np.zeros(1), np.zeros(1))
 
 
 def slips(model: Model, recordings: Sequence[Recorded]) -> list[Slip]:
@@ -96,7 +107,7 @@ class _Piece:
 
     def wanted(self, clock: _Clock) -> Array:
         """What the forces of each clock leave for the columns to explain (K, T, R)."""
-        place = (clock.rate[:, None] * self.t + clock.offset[:, None]) / self.every
+        place = clock.shown(self.t) / self.every
         first = np.clip(place.astype(np.intp), 0, len(self.force) - 2)
         share = np.clip(place - first, 0.0, 1.0)[..., None]
         force = self.force[first] * (1.0 - share) + self.force[first + 1] * share
@@ -186,7 +197,7 @@ def _counts(model: Model, usable: Array, speed: Array) -> NDArray[np.bool_]:
 def _slip(name: str, piece: _Piece) -> Slip | None:
     """What the piece's clocks do, if they are not one."""
     scaled = piece.scaled()
-    clock = _refined(scaled, _searched(scaled))
+    clock = _searched(scaled)
     count, (first, last) = int(scaled.rows(clock)[0]), _lags(scaled, clock)
     left = float(scaled.share(clock)[0])
     if max(abs(first), abs(last)) < LATE_S or left > MOST:
@@ -201,7 +212,7 @@ def _slip(name: str, piece: _Piece) -> Slip | None:
 def _lags(piece: _Piece, clock: _Clock) -> tuple[float, float]:
     """How late [s] the pressures are at the first row and at the last that has a force."""
     ends = piece.t[[0, int(piece.rows(clock)[0]) - 1]]
-    first, last = (clock.rate[0] - 1.0) * ends + clock.offset[0]
+    first, last = clock.shown(ends)[0] - ends
     return float(first), float(last)
 
 
@@ -213,29 +224,37 @@ def _errors(piece: _Piece, clock: _Clock) -> Array:
 
 
 def _searched(piece: _Piece) -> _Clock:
-    """The best of all clocks that are tried."""
+    """The best of all clocks that are tried: any rate, or a jump."""
     short, step = STEPS_S[0], STEPS_S[1] / piece.ends
-    offsets = np.arange(-OFFSET_S, OFFSET_S + short / 2.0, short)
     slower = np.arange(1.0 - step, 1.0 / FASTEST, -step)
     rates = np.concatenate([slower, np.exp(np.arange(0.0, np.log(FASTEST), step))])
-    rate, offset = (x.ravel() for x in np.meshgrid(rates, offsets))
-    parts = [_Clock(rate[k : k + SLICE], offset[k : k + SLICE]) for k in range(0, len(rate), SLICE)]
-    best = int(np.argmin(np.concatenate([piece.share(part) for part in parts])))
-    return _Clock(rate[best : best + 1], offset[best : best + 1])
+    offsets, jumps = np.arange(-OFFSET_S, OFFSET_S + short / 2.0, short), np.arange(JUMP_S, piece.ends, JUMP_S)
+    families = (np.meshgrid(rates, offsets, [0.0]), np.meshgrid([1.0], offsets, jumps))
+    best = [_refined(piece, _best(piece, _Clock(*(part.ravel() for part in family)))) for family in families]
+    return min(best, key=lambda clock: float(piece.share(clock)[0]))
+
+
+def _best(piece: _Piece, clock: _Clock) -> _Clock:
+    """The one that leaves least."""
+    parts = [_Clock(*(part[k : k + SLICE] for part in clock)) for k in range(0, len(clock.rate), SLICE)]
+    return clock.one(int(np.argmin(np.concatenate([piece.share(part) for part in parts]))))
 
 
 def _refined(piece: _Piece, clock: _Clock) -> _Clock:
-    """The best clock near one, by smaller and smaller steps; the rate turns about the middle of the rows."""
+    """The best clock near one, by smaller and smaller steps; the rate turns about the middle of the rows, or it is the
+    jump that moves."""
     near, middle = np.array([-1.0, 0.0, 1.0]), float(piece.t[int(piece.rows(clock)[0]) // 2])
-    short, step = STEPS_S[0] / 2.0, STEPS_S[1] / piece.ends / 2.0
+    jumps = bool(clock.since[0] > 0.0)
+    short, other = STEPS_S[0] / 2.0, JUMP_S / 2.0 if jumps else STEPS_S[1] / piece.ends / 2.0
     for _ in range(REFINED):
-        turned, moved = (x.ravel() for x in np.meshgrid(step * near, short * near))
-        offset = np.clip(clock.offset + moved - turned * middle, -OFFSET_S, OFFSET_S)
-        some = _Clock(clock.rate + turned, offset)
+        turned, moved = (x.ravel() for x in np.meshgrid(other * near, short * near))
+        rate = clock.rate + turned * (not jumps)
+        offset = np.clip(clock.offset + moved - (rate - clock.rate) * middle, -OFFSET_S, OFFSET_S)
+        some = _Clock(rate, offset, np.maximum(clock.since + turned * jumps, 0.0))
         best = int(np.argmin(piece.share(some)))
-        clock = _Clock(some.rate[best : best + 1], some.offset[best : best + 1])
+        clock = some.one(best)
         if best == len(turned) // 2:
-            short, step = short / 2.0, step / 2.0
+            short, other = short / 2.0, other / 2.0
     return clock
 
 

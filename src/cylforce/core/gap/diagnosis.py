@@ -16,6 +16,9 @@ from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
 from cylforce.core.gap.unknown import NAME, UNKNOWN
 from cylforce.core.gap.whitening import Floor, floor_of
 from cylforce.core.model import Model
+from cylforce.effects.coulomb_friction import CoulombFriction
+from cylforce.effects.extra_mass import ExtraMass
+from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
@@ -25,6 +28,7 @@ FOLDS = 4
 ROUGH = 0.6  # of a block's energy that an incident may leave
 ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
+LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
 NEAR = 0.6  # of the best's score
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
@@ -192,7 +196,7 @@ def _greedy(
     worth = max(ENOUGH, MINOR * float(np.sum(before) - np.sum(usual)) / (2.0 * TEMPER))
     watch("search")
     first = tuple(ranking(problem, base))
-    held = _settled(problem, blocks, [], worth)
+    held = _found(problem, blocks, worth)
     applied: dict[tuple[str, str], Array] = {}
     for _ in range(ROUNDS):
         found = _sizes(blocks, held, applied)
@@ -211,6 +215,28 @@ def _greedy(
     causes = _causes(first_problem, blocks, floor, held, applied, evidence)
     energy = Energy(fixed, before, after, usual, clean)
     return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence)
+
+
+def _found(problem: Problem, blocks: Blocks, worth: float) -> list[Ranked]:
+    """The causes. Where only a data sheet is known, what none tells well - first moments, dry friction - is asked all
+    together, too: that is taken if it needs no more causes than what is found one by one, and explains as much."""
+    held = _settled(problem, blocks, [], worth)
+    if not problem.from_sheet:
+        return held
+    unknown = [p for p in problem.proposals if isinstance(p.group[0], FirstMomentChange | CoulombFriction)]
+    start = ranking(problem, Evidence(blocks), wanted=unknown)
+    other = _settled(problem, blocks, start, worth) if start else held
+    base, *gone = (
+        float(np.sum(each.squares(each.held, each.fitted)[1]))
+        for each in (Evidence(blocks, [r.option.term for r in causes]) for causes in ([], held, other))
+    )
+    return other if _moments(other) <= _moments(held) and base - gone[1] > (1.0 - LEAD) * (base - gone[0]) else held
+
+
+def _moments(causes: Sequence[Ranked]) -> int:
+    """How many causes; an extra mass stands for the first moments of its link and of all before it."""
+    proposals = [r.option.proposal for r in causes]
+    return len(causes) + sum(p.where for p in proposals if isinstance(p.group[0], ExtraMass))
 
 
 def _rough(held: Sequence[Ranked], fixed: Array, after: Array) -> NDArray[np.bool_]:
@@ -250,16 +276,11 @@ def _exchanged(
         others = [r for k, r in enumerate(held) if k != n]
         ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), besides=others)
         own = next((r for r in ranked if r.key == held[n].key), None)
-        if ranked and (own is None or ranked[0].score > own.score + TIE or _simpler(ranked[0], own)):
+        if ranked and (own is None or ranked[0].score > own.score + TIE):
             held = [*held[:n], ranked[0], *held[n + 1 :]]
         elif own is not None:
             held = [*held[:n], own, *held[n + 1 :]]
     return [r for r in held if r.key in kept or r.score >= worth]
-
-
-def _simpler(best: Ranked, own: Ranked) -> bool:
-    """Whether what is as good as the cause has fewer sizes."""
-    return best.score > own.score - TIE and len(best.option.term.columns) < len(own.option.term.columns)
 
 
 def _usual(blocks: Blocks) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
-from cylforce.machine.candidate import Course, ForceLaw, Incident, Weight
+from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
 NEGLIGIBLE = 0.5  # of an effect's least plausible size
@@ -17,7 +17,6 @@ WRONG = 0.02  # of the squares of sizes in several windows: how much of them may
 FREER = 0.05  # of a score that sizes free at any instant must be better by
 EQUAL = 1.0  # nats between what the same recording would turn round
 TIE = 3.0  # nats that are no difference
-LEAD = 0.05  # of its evidence, by which a fault must do better than masses and friction that only a data sheet tells
 
 
 class Ranked(NamedTuple):
@@ -67,8 +66,7 @@ def ranking(
         if (option.proposal.name, option.proposal.at) in taken:
             continue
         told = evidence.of(option.term, TEMPER)
-        lead = LEAD if problem.from_sheet and not isinstance(option.proposal.group[0], Weight | ForceLaw) else 0.0
-        found = Ranked(option, told, told.evidence * (1.0 - lead) - option.cost)
+        found = Ranked(option, told, told.evidence - option.cost)
         if found.score > best.get(found.key, found._replace(score=-1e300)).score and _possible(found):
             best[found.key] = found
     order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}

@@ -9,7 +9,7 @@ from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.verdict import Judged, Verdict
 
 SHORT = 2.0  # times the energy of a part that is fitted with the rest, left of one that is predicted by the rest
-ALIKE = 1.5  # times the energy of a fitted part: what is left with all causes taken out is as usual
+ALIKE = 1.25  # times the energy of a fitted part: what is left with all causes taken out is as usual
 
 
 def doubt(search: Search) -> str:

@@ -10,6 +10,8 @@ from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import NEGLIGIBLE, Ranked
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
+from cylforce.effects.extra_mass import ExtraMass
+from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.words.estimate import Array
 
 BESIDES = 1.0  # the same of an effect beside a larger one
@@ -62,7 +64,8 @@ def judged(search: Search) -> Judged:
     explained = removed / (removed + left)
     named = _causes(search, removed + left)
     if not named or (not search.original.clean and before <= floor):
-        found = before > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
+        most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
+        found = most > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
     if left > max(PARTLY * removed, NOISE * floor) or _free(search, named[0].cause):
         return Judged(Verdict.UNKNOWN, (), explained)
@@ -136,5 +139,9 @@ def _named(cause: Cause, share: float) -> Named:
 
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
-    """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one."""
+    """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one. A mass
+    anywhere on a link has all first moments of it, and a size more."""
+    more, less = (each.option.proposal for each in (rival, cause.ranked))
+    if isinstance(more.group[0], ExtraMass) and isinstance(less.group[0], FirstMomentChange):
+        return more.where == less.where
     return set(rival.option.term.columns) > set(cause.ranked.option.term.columns)

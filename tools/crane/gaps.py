@@ -1,0 +1,327 @@
+"""Why a real crane differs from its data sheet, and from the model that was identified on one run: what the diagnosis
+names, how far that holds on runs that it has not seen, and what it says of clocks that part."""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from figures import FITTED, data_sheet, number, recordings, samples
+from geometry import crane
+from machine_file import text
+from measure import Run, measured
+from rich.console import Console
+from rich.table import Table
+
+from cylforce.core.gap.diagnosis import Cause, Search
+from cylforce.core.model import Model
+from cylforce.edges.files import RecordingError
+from cylforce.edges.settings import Loaded, load
+from cylforce.machine.candidate import Weight
+from cylforce.programs.gap import Diagnosed, Question, diagnose
+from cylforce.programs.gap_output import sentence
+from cylforce.programs.identify import run_identify
+
+USED = ("JibSineTest", FITTED, "Dual2SineTest", "Dual2SineTestFlowShare")
+PRESSURES = ("MainPaCyl", "MainPbDCV", "JibPaCyl", "JibPbCyl")
+PERIODS = 5.0 / 10.0  # of the pressures, once they are resampled, and of the positions
+LAWS = {
+    "coulomb_friction": "coulomb",
+    "viscous_friction": "viscous",
+    "load_dependent_friction": "load_dependent",
+    "asymmetric_friction": "directional",
+}
+TOGETHER = "all four so, together"
+PLAIN = ("X", "Z", "coulomb")  # parameters of a plain fit: gravity and Coulomb friction
+
+
+class Told(NamedTuple):
+    """What the diagnosis says: the verdict, a sentence, the causes {name, at, sizes, errors, units, confused_with}, the
+    gap [N m] by joint {fixed, refit, after, floor}, warnings."""
+
+    verdict: str
+    sentence: str
+    causes: list[dict[str, Any]]
+    joints: dict[str, dict[str, float]]
+    warnings: list[str]
+
+
+class Unseen(NamedTuple):
+    """Unexplained torque [N m] by joint of runs that neither names nor sizes come from: by the data sheet, with the
+    causes, with a plain fit; the causes' names, and those among them that `lack` a parameter and so predict nothing."""
+
+    sheet: list[float | None]
+    causes: list[float | None]
+    plain: list[float | None]
+    names: list[str]
+    lack: list[str]
+
+
+class Gaps(NamedTuple):
+    """All that is told: by comparison; by run left out, of all of these together, and of all others from one."""
+
+    joints: tuple[str, ...]
+    told: dict[str, Told]
+    unseen: dict[str, Unseen]
+
+
+def gaps(folder: Path, work: Path, quick: bool = False) -> Gaps:
+    """All figures, or, if it has to be `quick`, those of the data sheet and of the clocks alone; `work` takes the
+    machine file, the tares and the recordings with clocks that part."""
+    (work / "crane.toml").write_text(text(crane(folder)))
+    loaded = load(work / "crane.toml")
+    paths = recordings(folder)
+    joints = tuple(loaded.service.machine.links[j].name for j in loaded.service.machine.rows)
+    asked = sheet_questions(paths, work)
+    if not quick:
+        run_identify(loaded, [paths[FITTED]], work / "identified.toml")
+        asked |= identified_questions(paths, work / "identified.toml")
+    told = {name: _told(diagnose(loaded, question)) for name, question in asked.items()}
+    found = Unknown(loaded, paths)
+    return Gaps(joints, told, found.by_others() | ({} if quick else found.by_one()))
+
+
+def sheet_questions(paths: Mapping[str, Path], work: Path) -> dict[str, Question]:
+    """What is asked of the data sheet, also with clocks that part."""
+    late = tuple(trapped(paths[name], work) for name in USED)
+    return {
+        "data sheet": Question(tuple(paths[name] for name in USED)),
+        "clocks part, four runs": Question(late),
+        f"clocks part, {FITTED}": Question(late[USED.index(FITTED) : USED.index(FITTED) + 1]),
+    }
+
+
+def identified_questions(paths: Mapping[str, Path], identified: Path) -> dict[str, Question]:
+    """What is asked of the model identified on one run."""
+    others = tuple(path for name, path in paths.items() if name != FITTED)
+    return {
+        f"identified on {FITTED}": Question(others, identified=identified),
+        f"the same, with {FITTED} as reference": Question(others, (paths[FITTED],), identified),
+    }
+
+
+def trapped(path: Path, work: Path) -> Path:
+    """The recording with its pressures resampled to 5 ms, and sample k of them beside sample k of the positions."""
+    header = path.read_text().splitlines()[0]
+    values = np.loadtxt(path, delimiter=",", skiprows=1)
+    k = np.arange(len(values))
+    for name in PRESSURES:
+        column = header.split(",").index(name)
+        values[:, column] = np.interp(PERIODS * k, k, values[:, column])
+    np.savetxt(work / path.name, values, fmt="%.9g", delimiter=",", header=header, comments="")
+    return work / path.name
+
+
+def _told(found: Diagnosed) -> Told:
+    answer = found.answer
+    return Told(
+        answer["verdict"],
+        sentence(answer),
+        [_cause(each.cause, e) for each, e in zip(found.judged.named, answer["effects"], strict=True)]
+        if found.search
+        else [{"name": e["name"], "at": e["at"], **_size(e), "confused_with": []} for e in answer["effects"]],
+        answer["gap"]["joints"] if found.search else {},
+        answer.get("warnings", []),
+    )
+
+
+def _cause(cause: Cause, effect: Mapping[str, Any]) -> dict[str, Any]:
+    proposal = cause.ranked.option.proposal
+    units = getattr(proposal.group[0], "units", (proposal.about.unit,))
+    sizes = {"sizes": cause.sizes.tolist(), "errors": cause.errors.tolist(), "units": list(units)}
+    return {"name": effect["name"], "at": effect["at"], **sizes, "confused_with": effect["confused_with"]}
+
+
+def _size(effect: Mapping[str, Any]) -> dict[str, Any]:
+    size = effect["parameters"]["size"]
+    return {"sizes": [size["value"]], "errors": [(size["high"] - size["low"]) / 3.29], "units": [size["unit"]]}
+
+
+class Unknown:
+    """The four runs, each as one that the diagnosis has not seen."""
+
+    def __init__(self, loaded: Loaded, paths: Mapping[str, Path]) -> None:
+        self.loaded, self.paths = loaded, paths
+        self.model = Model(loaded.service.machine, loaded.service.filters, tuple(LAWS.values()))
+        self.runs = {name: measured(self.model, samples(loaded, paths[name])) for name in USED}
+
+    def fitted(self, names: Sequence[str]) -> "Fits":
+        """Parameters from some runs."""
+        paths = {name: self.paths[name] for name in names}
+        return fitted(self.loaded, self.model, paths, [self.runs[name] for name in names])
+
+    def by_others(self) -> dict[str, Unseen]:
+        """Each run by the other three."""
+        pairs = {name: (self.runs[name], self.fitted([other for other in USED if other != name])) for name in USED}
+        found = {f"{name}, by the other three": left([pair]) for name, pair in pairs.items()}
+        return found | {TOGETHER: left(list(pairs.values()))}
+
+    def by_one(self) -> dict[str, Unseen]:
+        """The other three by one."""
+        fits = self.fitted([FITTED])
+        return {f"the other three, by {FITTED}": left([(self.runs[name], fits) for name in USED if name != FITTED])}
+
+
+class Fits(NamedTuple):
+    """Parameters (P,) by the data sheet, by the diagnosis, by a plain fit; names of the causes, and of those without a
+    parameter."""
+
+    sheet: np.ndarray
+    causes: np.ndarray
+    plain: np.ndarray
+    names: list[str]
+    lack: list[str]
+
+
+def fitted(loaded: Loaded, model: Model, paths: Mapping[str, Path], runs: Sequence[Run]) -> Fits:
+    """Parameters from some runs."""
+    found = diagnose(loaded, Question(tuple(paths.values())))
+    named = [each.cause for each in found.judged.named]
+    lack = [cause.ranked.key for cause in named if not _has_parameter(cause)]
+    causes = caused(model, found.search, named) if found.search else data_sheet(model)
+    names, without = ([" at ".join(key) for key in keys] for keys in ([c.ranked.key for c in named], lack))
+    return Fits(data_sheet(model), causes, plain(model, runs), names, without)
+
+
+def _has_parameter(cause: Cause) -> bool:
+    return isinstance(cause.ranked.option.proposal.group[0], Weight) or cause.ranked.key[0] in LAWS
+
+
+def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
+    """The data sheet's parameters with what the causes make of them."""
+    found, names = data_sheet(model), [p.name for p in model.parameters]
+    rigid = 3 * model.machine.size
+    found[:rigid] += search.evidence.fitted[:rigid]  # within a hundredth of the sheet's tolerance
+    for cause in causes:
+        proposal = cause.ranked.option.proposal
+        effect = proposal.group[0]
+        if isinstance(effect, Weight):
+            found[:rigid] += effect.change(model.machine, proposal.where) @ cause.sizes
+        elif proposal.name in LAWS:
+            found[names.index(f"{proposal.at}.{LAWS[proposal.name]}")] += cause.sizes[0]
+    return found
+
+
+def plain(model: Model, runs: Sequence[Run]) -> np.ndarray:
+    """Gravity and Coulomb friction by least squares, inertias as the data sheet has them."""
+    found, names = data_sheet(model), [p.name for p in model.parameters]
+    free = [k for k, name in enumerate(names) if name.split(".")[1] in PLAIN]
+    found[free] = 0.0
+    columns = np.concatenate([run.columns[run.counts] for run in runs])
+    torque = np.concatenate([run.torque[run.counts] for run in runs])
+    found[free] = np.linalg.lstsq(columns[:, free], torque - columns @ found)[0]
+    return found
+
+
+def left(pairs: Sequence[tuple[Run, Fits]]) -> Unseen:
+    """What is left of runs by what was fitted for each."""
+    kinds = [[(run, fits[kind]) for run, fits in pairs] for kind in range(3)]
+    names, lack = (sorted({name for _, fits in pairs for name in fits[kind]}) for kind in (3, 4))
+    return Unseen(*(_rms(each) for each in kinds), names, lack)
+
+
+def _rms(pairs: Sequence[tuple[Run, np.ndarray]]) -> list[float | None]:
+    """By joint, of all runs together; None where it never moves."""
+    rows = range(pairs[0][0].torque.shape[1])
+    left = [[(run.torque - run.columns @ fit)[run.counts[:, r], r] for run, fit in pairs] for r in rows]
+    return [float(np.sqrt(np.mean(e**2))) if (e := np.concatenate(parts)).size else None for parts in left]
+
+
+def closed(before: float | None, after: float | None) -> float | None:
+    """Share of the energy that is gone [%]."""
+    return None if before is None or after is None else 100.0 * (1.0 - after**2 / before**2)
+
+
+def told_table(found: Gaps) -> Table:
+    """What is named."""
+    table = Table(title="What the diagnosis says (gap: N m with fixed parameters, refitted, with the causes, floor)")
+    for column in ("against", "verdict", "cause", "size +- standard error", "may be", *found.joints):
+        table.add_column(column, overflow="fold")
+    for name, told in found.told.items():
+        sizes = [" / ".join(number(told.joints[j][key]) for key in GAP) if told.joints else "-" for j in found.joints]
+        causes = [(f"{c['name']} at {c['at']}", _in_words(c), _confused(c)) for c in told.causes] or [("-", "", "")]
+        for k, cause in enumerate(causes):
+            head = (name, told.verdict) if k == 0 else ("", "")
+            table.add_row(*head, *cause, *(sizes if k == 0 else ("",) * len(sizes)))
+        table.add_section()
+    return table
+
+
+GAP = ("fixed", "refit", "after", "floor")
+
+
+def _in_words(cause: Mapping[str, Any]) -> str:
+    parts = zip(cause["sizes"], cause["errors"], cause["units"], strict=False)
+    return ", ".join(f"{size:.4g} +- {error:.2g} {unit}" for size, error, unit in parts)
+
+
+def _confused(cause: Mapping[str, Any]) -> str:
+    return ", ".join(other["name"] for other in cause["confused_with"])
+
+
+def unseen_table(found: Gaps) -> Table:
+    """What is left of runs that were not seen."""
+    table = Table(title="Unexplained torque while moving, rms in N m, of runs that the diagnosis has not seen")
+    table.add_column("run")
+    for joint in found.joints:
+        for column in (f"{joint}: sheet", "causes", "closed %", "plain fit", "closed %"):
+            table.add_column(column, justify="right")
+    for name, each in found.unseen.items():
+        cells = []
+        for sheet, causes, fit in zip(each.sheet, each.causes, each.plain, strict=True):
+            cells += [number(sheet), number(causes), number(closed(sheet, causes), 1)]
+            cells += [number(fit), number(closed(sheet, fit), 1)]
+        table.add_row(name, *cells)
+    return table
+
+
+def show(found: Gaps, console: Console) -> None:
+    """All tables."""
+    console.print(told_table(found))
+    for name, told in found.told.items():
+        for line in (told.sentence, *told.warnings) if not told.causes or told.warnings else ():
+            console.print(f"{name}: {line}")
+    console.print(unseen_table(found))
+    for name, each in found.unseen.items():
+        lack = f"; without a parameter, and so without effect here: {', '.join(each.lack)}" if each.lack else ""
+        console.print(f"{name}: {', '.join(each.names) or 'nothing'}{lack}")
+
+
+def as_json(found: Gaps) -> dict[str, Any]:
+    """The figures."""
+    unseen = {}
+    for name, each in found.unseen.items():
+        plain = each._asdict() | {
+            "closed_percent": [closed(a, b) for a, b in zip(each.sheet, each.causes, strict=True)],
+            "plain_closed_percent": [closed(a, b) for a, b in zip(each.sheet, each.plain, strict=True)],
+        }
+        by_joint = {k: dict(zip(found.joints, v, strict=True)) for k, v in plain.items() if k not in ("names", "lack")}
+        unseen[name] = by_joint | {"names": each.names, "lack": each.lack}
+    return {"told": {name: told._asdict() for name, told in found.told.items()}, "unseen": unseen}
+
+
+def main() -> int:
+    """Diagnose and print; 1 with a sentence where the folder is not what it should be."""
+    parser = argparse.ArgumentParser(prog="crane_gap", description=__doc__)
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="with the recordings and the crane's parameters")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there, too")
+    parser.add_argument("--quick", action="store_true", help="without what is said of the identified model")
+    options = parser.parse_args()
+    try:
+        with TemporaryDirectory() as work:
+            found = gaps(options.folder, Path(work), options.quick)
+    except (OSError, ValueError, KeyError, RecordingError) as error:
+        print(f"crane_gap: {error}", file=sys.stderr)
+        return 1
+    show(found, Console(highlight=False))
+    if options.json:
+        options.json.write_text(json.dumps(as_json(found), indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
