@@ -90,7 +90,10 @@ def _weighted(grams: Array, total: Array, weight: Array) -> Array:
     less = np.flatnonzero(weight != 1.0)
     if 2 * len(less) > len(weight):
         return np.asarray(np.tensordot(weight, grams, 1))
-    return np.asarray(total - np.tensordot(1.0 - weight[less], grams[less], 1))
+    found = total.copy()
+    for k in less.tolist():  # one by one: they are large
+        found -= (1.0 - weight[k]) * grams[k]
+    return found
 
 
 def _squares(grams: Array, coefficients: Array) -> Array:
@@ -117,7 +120,8 @@ class Evidence:
         self._fit(np.ones(len(blocks.clean) + len(blocks.faulty)) if weight is None else weight)
         moments = own_blocks(self.held)
         for _ in range(2 if moments.size else 0):
-            left = _squares(blocks.faulty[moments], self.left(self.held, self.fitted)[1][moments])
+            each = self.left(self.held, self.fitted)[1]
+            left = np.array([each[k] @ blocks.faulty[k] @ each[k] for k in moments.tolist()])
             share, own = self.weight.copy(), len(blocks.clean) + moments
             share[own] *= np.minimum(1.0, USUAL * blocks.faulty_rows[moments] / np.maximum(left, 1e-9))
             self._fit(share)
