@@ -58,7 +58,7 @@ LIBRARY: tuple[Group, ...] = (
     (ExtraMass(),),
     (FirstMomentChange(),),
     (Compliance(),),
-    *((Backlash(turning),) for turning in (100.0, 600.0)),
+    *((Backlash(turning),) for turning in (100.0, 400.0, 1500.0)),
     (SoilContact(),),
     (SlewCentrifugal(),),
     (BoomMotion(),),

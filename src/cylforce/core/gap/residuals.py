@@ -49,13 +49,13 @@ def gap(search: Search, rng: np.random.Generator) -> Gap:
     refit = _residuals(search.original, refit_blocks, (), refit_values)
     after = held_out(search.problem, search.blocks, search.evidence.held)
     squares = [np.concatenate([_blockwise(e) for e in each]) for each in (before, after)]
-    floor = held_out_clean(search) or [search.floor.rms[None]]
-    usual = np.concatenate([_blockwise(e) for e in floor])
-    closure, interval = _closure(squares[0], squares[1], usual, rng)
+    floors = [each or [search.floor.rms[None]] for each in (_clean(search), held_out_clean(search))]
+    seen, unseen = (np.concatenate([_blockwise(e) for e in each]) for each in floors)
+    closure, interval = _closure(squares[0], squares[1], (seen, unseen), rng)
     removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
     n = len(search.original.model.parameters)
     shift = refit_values[:n] / search.original.spread[:n]
-    return Gap(rms(before), rms(refit), rms(after), rms(floor), closure, *interval, float(removed), shift)
+    return Gap(rms(before), rms(refit), rms(after), rms(floors[1]), closure, *interval, float(removed), shift)
 
 
 def _base(problem: Problem) -> int:
@@ -76,6 +76,14 @@ def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Ar
     if np.any(moments):  # what happens for a moment has sizes that no other stretch knows
         found = _chosen(found, _residuals(problem, blocks, terms, Evidence(blocks, terms).fitted), problem, moments)
     return found
+
+
+def _clean(search: Search) -> list[Array]:
+    """Residuals (T, R) [N m] of the clean recordings, fitted to them alone."""
+    blocks = search.original.blocks(search.floor)
+    weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
+    each = Evidence.coefficients(blocks, (), Evidence(blocks, weight=weight).fitted)[0]
+    return [search.original.columns(seen) @ each[0] for seen in search.original.clean]
 
 
 def held_out_clean(search: Search) -> list[Array]:
@@ -150,26 +158,33 @@ def _blockwise(residual: Array) -> Array:
     return found
 
 
-def _closure(before: Array, after: Array, floor: Array, rng: np.random.Generator) -> tuple[float, tuple[float, float]]:
-    """1 - (MSE after - floor)/(MSE before - floor), rows weighted by their floor, and its interval by drawing spans
-    of blocks anew, those of the floor (mean squares (B, R) of clean blocks), too. NaN where the gap is too small for a
-    ratio (GAP.md: below a tenth of the floor's energy)."""
-    unit = np.nanmean(floor, axis=0)
-    spans = [_spans(x / unit) for x in (before, after, floor)]
-    kept = np.all([np.any(np.isfinite(x), axis=1) for x in spans[:2]], axis=0)
-    a, b = (np.nanmean(x[kept], axis=1) for x in spans[:2])
-    c = np.nanmean(spans[2][np.any(np.isfinite(spans[2]), axis=1)], axis=1)
-    if float(np.mean(a) - np.mean(c)) < LEAST * float(np.mean(c)):
+def _closure(
+    before: Array, after: Array, floors: tuple[Array, Array], rng: np.random.Generator
+) -> tuple[float, tuple[float, float]]:
+    """1 - (MSE after - floor)/(MSE before - floor), rows weighted by their floor, and its interval by drawing spans of
+    blocks anew. The field's floor lies between what the fit leaves of the clean recordings and what it leaves of them
+    unseen (mean squares (B, R) of both in `floors`): its draws are mixtures. NaN where the gap is too small for a
+    ratio (below a tenth of the floor's energy)."""
+    unit = np.nanmean(floors[1], axis=0)
+    a, b, *c = (_spans(x / unit) for x in (before, after, *floors))
+    kept = np.all([np.any(np.isfinite(x), axis=1) for x in (a, b)], axis=0)
+    a, b = (np.nanmean(x[kept], axis=1) for x in (a, b))
+    seen, unseen = (np.nanmean(x[np.any(np.isfinite(x), axis=1)], axis=1) for x in c)
+    middle = (np.mean(seen) + np.mean(unseen)) / 2.0
+    if float(np.mean(a) - middle) < LEAST * float(middle):
         return float("nan"), (float("nan"), float("nan"))
-    draws = [rng.integers(0, len(x), (DRAWS, len(x))) for x in (a, c)]
-    each = [_share(a[k], b[k], c[m]) for k, m in zip(*draws, strict=True)]
+    each = []
+    for _ in range(DRAWS):
+        k, m, n = (rng.integers(0, len(x), len(x)) for x in (a, seen, unseen))
+        mixed = rng.uniform()
+        each.append(_share(a[k], b[k], mixed * np.mean(seen[m]) + (1.0 - mixed) * np.mean(unseen[n])))
     low, high = np.percentile(each, [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
-    return _share(a, b, c), (float(low), float(high))
+    return _share(a, b, middle), (float(low), float(high))
 
 
-def _share(before: Array, after: Array, floor: Array) -> float:
-    excess = float(np.mean(before) - np.mean(floor))
-    return 1.0 - float(np.mean(after) - np.mean(floor)) / excess if excess > 0.0 else 0.0
+def _share(before: Array, after: Array, floor: float) -> float:
+    excess = float(np.mean(before)) - floor
+    return min(1.0 - (float(np.mean(after)) - floor) / excess, 1.0) if excess > 0.0 else 0.0
 
 
 def _spans(squares: Array) -> Array:
