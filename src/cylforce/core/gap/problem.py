@@ -33,6 +33,7 @@ from cylforce.words.estimate import Array
 WAVES = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)  # usual level, slope, bend, ... of what an incident changes within a block
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(w * x for w in WAVES for x in (8e3, 8e3, 0.3)))  # usual sizes of those
 TORQUE = 5e3  # N m, the same of a torque of which nothing is known
+SHEET = 0.01  # of that, where only a data sheet is known: beyond it, its errors count as effects
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
@@ -131,7 +132,7 @@ class Problem:
         """Of what loads, linkages' bars and the base's usual motion have."""
         bars = len(RockerWeight().parameters(self.model.machine))
         loads, rides = np.tile(CENTRE, len(self._loaded)), [size for _, size in self._ridden]
-        return np.concatenate([loads, np.full(bars, ROCKER), rides])
+        return np.concatenate([loads, np.full(bars, ROCKER * (SHEET if self.from_sheet else 1.0)), rides])
 
     @cached_property
     def always(self) -> Array:
