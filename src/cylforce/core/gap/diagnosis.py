@@ -25,6 +25,7 @@ ENOUGH = 12.0  # nats
 MOST = 6  # effects
 MINOR = 0.01  # of the gap's energy: a lesser cause is not looked for
 FOLDS = 4
+WILD = 6.0
 ROUGH = 0.6  # of a block's energy that an incident may leave
 ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
@@ -285,7 +286,8 @@ def _exchanged(
 
 def _usual(blocks: Blocks) -> Array:
     """Whitened sums of squares (B,) that faulty blocks would have if they were clean: as clean blocks have them when
-    nothing is fitted to them (every fold predicted from the others)."""
+    nothing is fitted to them (every fold predicted from the others; a few that no other stretch is like do not count
+    beyond WILD times the median)."""
     count = len(blocks.clean)
     if count < 2 * FOLDS:
         return np.asarray(blocks.faulty_rows, dtype=np.float64)
@@ -296,7 +298,10 @@ def _usual(blocks: Blocks) -> Array:
         evidence = Evidence(blocks, weight=weight)
         left = np.where(fold == k, evidence.squares((), evidence.fitted)[0], left)
     good = blocks.clean_rows > 0.0
-    return np.asarray(np.sum(left[good]) / np.sum(blocks.clean_rows) * blocks.faulty_rows)
+    each = left[good] / blocks.clean_rows[good]
+    return np.asarray(
+        np.average(np.minimum(each, WILD * np.median(each)), weights=blocks.clean_rows[good]) * blocks.faulty_rows
+    )
 
 
 def _sizes(
