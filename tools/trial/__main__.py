@@ -5,6 +5,7 @@ tools/withheld_trial --cases 60 --seed 3 --development --write FOLDER   cases wi
 """
 
 import argparse
+import csv
 import json
 import shlex
 import sys
@@ -24,7 +25,7 @@ from trial.diagnosis import COMMAND, Diagnosis
 from trial.field import Lengths, Site
 from trial.orders import PER_MACHINE, Order, order
 from trial.run import Trial, run_machine
-from trial.summary import result, show
+from trial.summary import listed, result, show
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -36,6 +37,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--part", default="1/1", metavar="K/M", help="the K-th of M parts of the cases")
     parser.add_argument("--development", action="store_true", help="machines for development, never scored")
     parser.add_argument("--json", type=Path, metavar="OUT", help="all figures")
+    parser.add_argument("--csv", type=Path, metavar="OUT", help="a line per case: what was hidden, what was answered")
     parser.add_argument("--table", type=Path, metavar="FILE", help="where results are appended, a line each")
     parser.add_argument("--workers", type=int, default=2, metavar="N")
     parser.add_argument("--diagnosis", type=shlex.split, default=COMMAND, metavar="COMMAND", help="another than ours")
@@ -94,6 +96,9 @@ def main() -> int:
     missing = len({o.number for o in _orders(asked)} - {r["case"] for r in records})
     if missing:
         print(f"withheld_trial: {missing} cases are missing: call it again", file=sys.stderr)
+    if asked.csv:
+        with asked.csv.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(listed(records))
     if asked.json:
         asked.json.write_text(json.dumps(result(records), indent=1) + "\n")
     return 1 if missing else 0

@@ -54,6 +54,27 @@ def result(records: Sequence[Record]) -> Record:
     }
 
 
+def listed(records: Sequence[Record]) -> list[list[str]]:
+    """One short line per case, below its headings: what was hidden, what was answered."""
+    heads = "case kind poor clutter hidden sigmas verdict named confidence stated low high true payload_kg oracle_kg"
+    rows = [[*heads.split(), "sealed", "salt"]]
+    for record in records:
+        label, answer, after = record["label"], record["answer"], record["after"]
+        effects = answer.get("effects") or []
+        first = effects[0] if effects else {}
+        closure = first.get("closure") or {}
+        payload = ((answer.get("end_quantities") or {}).get("payload_kg") or {}).get("after")
+        numbers = [first.get("confidence"), *(closure.get(key) for key in ("value", "low", "high"))]
+        numbers += [after.get("closure"), payload, after.get("oracle_payload_kg")]
+        hidden = " + ".join(f"{e['name']}@{e['at']}" for e in label["effects"])
+        sigmas = " + ".join(f"{e['sigmas']:.0f}" for e in label["effects"])
+        named = " + ".join("/".join(f"{e['name']}@{e['at']}" for e in (one, *one["confused_with"])) for one in effects)
+        texts = [str(record["case"]), label["kind"], label["poor"], "yes" if label["clutter"] else ""]
+        texts += [hidden, sigmas, answer["verdict"], named, *("" if x is None else f"{x:.3g}" for x in numbers)]
+        rows.append([*texts, record["sealed"], record["salt"]])
+    return rows
+
+
 def _seconds(records: Sequence[Record]) -> Record:
     count = max(len(records), 1)
     return {
