@@ -15,7 +15,7 @@ class PayloadShift:
         return About(
             "payload_shift",
             "kg m",
-            20.0,
+            40.0,
             1e3,
             Place.TOOL,
             "from one instant on, mostly in the last joint",

@@ -86,11 +86,11 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
 
 
 def _possible(found: Ranked) -> bool:
-    """Whether the sign is one that the effect can have, and the size not beyond all that is plausible; what happens at
-    a time is followed by so many sizes that it must be of some size, too."""
+    """Whether the sign is one that the effect can have, and the size not beyond all that is plausible; what has
+    other sizes besides its own (a mass its moments) must be of some size, or it is but those."""
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
     right = wrong <= WRONG * np.sum(each**2)
     size = magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))
-    least = NEGLIGIBLE * about.low if isinstance(found.option.proposal.group[0], Incident) else 0.0
-    return bool(right and least <= size <= BEYOND * about.high)
+    more = not found.free and len(dict.fromkeys(found.option.term.columns)) > about.axes
+    return bool(right and (NEGLIGIBLE * about.low if more else 0.0) <= size <= BEYOND * about.high)

@@ -15,12 +15,16 @@ from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.words.estimate import Array
 
 BESIDES = 1.0  # the same of an effect beside a larger one
-SIGNIFICANT = 2.0  # standard errors
+SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
+PLAIN = 50.0  # nats
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
 LEAD = 10.0  # nats by which a cause must be better than a rival of the same shape
-RELIABLE = 0.97  # of causes without a rival, on development machines of the withheld trial
+# Fitted on development machines of the withheld trial: how often a cause without a rival is right if its evidence is
+# strong, how much less if it is weak and its form does not fit, and from where on it is then no name at all.
+RELIABLE, WEAK, FADING, BLURRED = 0.98, 0.3, 300.0, 5.0
+FAINT, SHAPELESS = 200.0, 5.0  # nats, inflation
 CLOSE, BENT = 0.04, 10.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
@@ -67,7 +71,7 @@ def judged(search: Search) -> Judged:
         most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
         found = most > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
-    if left > max(PARTLY * removed, NOISE * floor) or _free(search, named[0].cause):
+    if left > max(PARTLY * removed, NOISE * floor) or _free(search, named[0].cause) or _blurred(named[0].cause):
         return Judged(Verdict.UNKNOWN, (), explained)
     if named[0].confused:
         return Judged(Verdict.AMBIGUOUS, named, explained)
@@ -93,13 +97,18 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
 
 def _weight(cause: Cause) -> float:
     """The score, of what is unknown the less: beside a known cause it is first only when it says much more."""
-    return cause.score if cause.known else cause.score / 2.0
+    return cause.score if cause.known else cause.score / 3.0
 
 
 def _free(search: Search, cause: Cause) -> bool:
     """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
     beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > STRAY * cause.score]
     return not cause.known or bool(cause.ranked.free and beside)
+
+
+def _blurred(cause: Cause) -> bool:
+    """Whether little speaks for the cause, and that little scatters: something is there, of another shape."""
+    return cause.tempered < FAINT and cause.inflation > SHAPELESS
 
 
 def _best(cause: Cause) -> bool:
@@ -121,7 +130,8 @@ def _counts(cause: Cause, least: float) -> bool:
     """Whether a cause is large enough, certain enough, and of the right shape."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     enough = ENOUGH if cause.known else FREE
-    return large and cause.tempered >= enough and cause.significance >= SIGNIFICANT
+    sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
+    return large and cause.tempered >= enough and cause.significance >= sure
 
 
 def _shapeless(cause: Cause) -> bool:
@@ -135,7 +145,8 @@ def _named(cause: Cause, share: float) -> Named:
     lead = max(LEAD, CLOSE * cause.score * min((cause.inflation - 1.0) / BENT, 1.0))
     close = tuple(r for r in rivals if r.score > cause.score - lead)
     odds = float(np.sum(np.exp([min(3.0 * (r.score - cause.score) / lead, 0.0) for r in rivals])))
-    return Named(cause, RELIABLE / (1.0 + odds), share, close)
+    weak = WEAK * float(np.exp(-cause.tempered / FADING)) * min((cause.inflation - 1.0) / BLURRED, 1.0)
+    return Named(cause, (RELIABLE - weak) / (1.0 + odds), share, close)
 
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
