@@ -14,7 +14,7 @@ from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.words.estimate import Array
 
-BESIDES = 1.0  # the same of an effect beside a larger one
+BESIDES = 1.0  # of an effect's least plausible size: what one beside a larger one must have
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 PLAIN = 50.0  # nats
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
