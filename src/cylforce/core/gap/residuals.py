@@ -65,18 +65,27 @@ def _base(problem: Problem) -> int:
 
 
 def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Array]:
-    """Residuals (T, R) [N m] of the faulty recordings; each stretch predicted by what was fitted without it."""
+    """Residuals (T, R) [N m] of the faulty recordings with the terms taken out, each stretch with sizes that were
+    fitted without it. The parameters stay those of the clean recordings, if there are any: what is taken out is the terms."""
     count, clean = len(blocks.faulty), len(blocks.clean)
     fold = (np.arange(count) // SPAN) % 2
     found: list[Array] = []
     for k in (0, 1):
         weight = np.concatenate([np.ones(clean), np.where(fold == k, 0.0, 1.0)])
-        part = _residuals(problem, blocks, terms, Evidence(blocks, terms, weight).fitted)
+        part = _residuals(problem, blocks, terms, _at_rest(problem, blocks, Evidence(blocks, terms, weight).fitted))
         found = part if not found else _chosen(found, part, problem, fold == k)
     moments = np.isin(np.arange(count), own_blocks(terms))
     if np.any(moments):  # what happens for a moment has sizes that no other stretch knows
-        found = _chosen(found, _residuals(problem, blocks, terms, Evidence(blocks, terms).fitted), problem, moments)
+        values = _at_rest(problem, blocks, Evidence(blocks, terms).fitted)
+        found = _chosen(found, _residuals(problem, blocks, terms, values), problem, moments)
     return found
+
+
+def _at_rest(problem: Problem, blocks: Blocks, values: Array) -> Array:
+    """Values (N+H,) with the machine's own (N,) put back to what the clean recordings tell."""
+    if not len(blocks.clean):
+        return values
+    return np.concatenate([problem.fixed(blocks, values), values[len(blocks.shared) :]])
 
 
 def _clean(search: Search) -> list[Array]:
