@@ -66,7 +66,7 @@ def _base(problem: Problem) -> int:
 
 def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Array]:
     """Residuals (T, R) [N m] of the faulty recordings with the terms taken out, each stretch with sizes that were
-    fitted without it. The parameters stay those of the clean recordings, if there are any: what is taken out is the terms."""
+    fitted without it. The parameters stay those of the clean recordings, if there are any: only the terms go."""
     count, clean = len(blocks.faulty), len(blocks.clean)
     fold = (np.arange(count) // SPAN) % 2
     found: list[Array] = []
