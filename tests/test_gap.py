@@ -136,10 +136,24 @@ KEYS = {
 def test_the_answer_has_the_documented_keys_and_types(made):
     answer = made[0]
     assert {key: shape(answer[key]) for key in KEYS} == KEYS
-    assert set(answer) - set(KEYS) <= {"not_observable", "baselines"}
+    assert set(answer) - set(KEYS) <= {"not_observable", "baselines", "unknown"}
     assert answer["verdict"] in VERDICTS
     assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
     assert all(0.0 <= spot[key] <= 1.0 for spot in answer["where"] for key in ("share", "p"))
+
+
+def test_what_nothing_explains_is_null_or_has_a_shape(made):
+    shape_of = made[0]["unknown"]
+    assert (shape_of is None) == (made[0]["verdict"] not in ("unknown", "partly_explained"))
+    assert shape_of is None or set(shape_of) == {"at", "of", "detail", "share", "alternatives"}
+
+
+def test_the_verdict_says_of_what_it_is_a_function():
+    size = {"fixed": 900.0, "floor": 100.0}
+    told = {"at": "stick", "of": "periodic", "detail": "16 a turn", "share": 0.62, "alternatives": []}
+    said = sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": told})
+    assert "at the stick, mostly periodic in the joint's angle (16 a turn), 62 % of it" in said
+    assert "what is left" not in sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": None})
 
 
 def test_the_effect_asked_for_is_found_with_its_size(made):

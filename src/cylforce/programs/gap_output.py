@@ -16,6 +16,19 @@ from cylforce.edges.files import replacing
 from cylforce.programs.gap import Diagnosed
 from cylforce.words.estimate import Array
 
+MOSTLY = 0.5  # of what is left
+SHAPES = {
+    "constant": "always the same",
+    "speed": "a function of the cylinder's speed",
+    "position": "a function of the joint's angle",
+    "load": "a function of load",
+    "turning": "a function of how fast the base turns",
+    "time": "a function of time since the start",
+    "reversal": "a function of time since the motion turned back",
+    "periodic": "periodic in the joint's angle",
+    "swinging": "swinging with time",
+    "moments": "in a tenth of all moments",
+}
 MOST_OF = 0.9  # of a recording: to look at less is worth a line
 
 
@@ -103,11 +116,21 @@ def sentence(answer: dict[str, Any]) -> str:
     if verdict == Verdict.NO_GAP:
         return f"No gap: what the model leaves, {gap_nm}, is what it always left."
     if verdict == Verdict.UNKNOWN:
-        return f"There is a gap, {gap_nm}, and none of the known effects explains it."
+        return f"There is a gap, {gap_nm}, and none of the known effects explains it{shape_words(answer)}."
     names = " and ".join(f"{e['name']} at {e['at']}" for e in answer["effects"])
     closure = answer["effects"][0]["closure"]
     words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
     verb = words.get(verdict, "is caused by")
     share = closure["value"]
     gone = "" if share is None else f"; with it {100 * share:.0f} % of the gap's energy is gone"
-    return f"The gap, {gap_nm}, {verb} {names}{gone}."
+    return f"The gap, {gap_nm}, {verb} {names}{gone}{shape_words(answer)}."
+
+
+def shape_words(answer: dict[str, Any]) -> str:
+    """Where what nothing explains lies, and of what it is a function."""
+    shape = answer.get("unknown")
+    if shape is None or shape["of"] == "none":
+        return ""
+    amount = "mostly" if shape["share"] >= MOSTLY else "in part"
+    words = SHAPES[shape["of"]] + (f" ({shape['detail']})" if shape["detail"] else "")
+    return f"; what is left is at the {shape['at']}, {amount} {words}, {100 * shape['share']:.0f} % of it"

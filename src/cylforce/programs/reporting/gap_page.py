@@ -7,10 +7,12 @@ from markupsafe import Markup
 
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.residuals import Gap
+from cylforce.core.gap.shape import unexplained
 from cylforce.core.gap.verdict import Judged
 from cylforce.programs.reporting import gap_figures
 from cylforce.programs.reporting.gap_shown import Shown, shown
 from cylforce.programs.reporting.gap_words import cards, least, lines, rivals
+from cylforce.programs.reporting.shape_figure import shape_figure
 from cylforce.programs.reporting.template import Wanted, drawn, rendered
 from cylforce.programs.reporting.units import SHOWN
 
@@ -49,6 +51,10 @@ def _figures(search: Search, judged: Judged, drawing: Shown, answer: dict[str, A
         ),
         "friction": (lambda: gap_figures.friction(search, drawing), "residual force over cylinder speed"),
     }
+    lie = unexplained(search, judged)
+    if lie is not None and lie.shapes[0].of != "none":
+        machine = search.original.model.machine
+        wanted["shape"] = (lambda: shape_figure(lie, machine), "residual over what it is a function of")
     if drawing.overlays:
         wanted["signatures"] = (lambda: gap_figures.overlays(drawing.overlays), "effects laid over the residual")
     return drawn(wanted)
