@@ -14,7 +14,7 @@ from cylforce.core.gap.library import LIBRARY, Group
 from cylforce.core.gap.reference import doubt, hidden, shifted
 from cylforce.core.gap.residuals import Gap, ends, gap
 from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
-from cylforce.core.gap.shape import told, unexplained
+from cylforce.core.gap.shape import confirm, told, unexplained
 from cylforce.core.gap.verdict import Judged, Verdict, judged
 from cylforce.core.gap.where import where
 from cylforce.core.model import FRICTION, Model, Tares
@@ -78,6 +78,7 @@ def diagnose(
     size = gap(found, rng)
     whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, viewer))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
+    whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     whole["warnings"] = [text for text in (warning, shifted(whole, verdict) if not clean else "") if text]
     return Diagnosed(found, verdict, size, whole)

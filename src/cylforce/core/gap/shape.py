@@ -20,6 +20,18 @@ NEARLY = 0.2  # of what the best leaves, the same
 REAL = 1.0  # of the floor's energy: a lesser excess has no shape
 MOST = 0.6  # of the excess that is in few moments
 MENTIONED = 3  # alternatives
+CONFIRM = {
+    "constant": "move the {at} slowly, a little, at three angles: is it the same everywhere?",
+    "speed": "move the {at} alone at five speeds, both ways: does it follow the same curve?",
+    "position": "move the {at} alone, slowly, thrice through its range and back: does it return at the same angles?",
+    "periodic": "move the {at} alone, slowly, through its range: do the waves return at the same angles?",
+    "load": "repeat the same moves of the {at} empty and with two known loads: does it grow with the load?",
+    "turning": "turn the base with the arm held still: does it show at the {at}?",
+    "time": "repeat the same moves of the {at} every ten minutes: does it go on changing?",
+    "reversal": "reverse the {at} slowly, with waits of 1 to 10 s in between: does it fade in the same time?",
+    "swinging": "move the {at} alone, then another joint, then with the engine at another speed: does it swing on?",
+    "moments": "repeat the moves at which it shows, see the plot of the {at}: does it return?",
+}
 
 
 class Shape(NamedTuple):
@@ -55,6 +67,11 @@ def told(lie: Lie | None, machine: Machine) -> dict[str, Any] | None:
         {"of": s.of, "detail": s.detail(machine), "share": s.share} for s in (lie.shapes[0], *others[:MENTIONED])
     ]
     return {"at": at, **first, "alternatives": rest}
+
+
+def confirm(shape: dict[str, Any] | None) -> list[str]:
+    """The experiment that would tell whether a shape (as plain values) is real."""
+    return [CONFIRM[shape["of"]].format(at=shape["at"])] if shape and shape["of"] in CONFIRM else []
 
 
 def unexplained(search: Search, judged: Judged) -> Lie | None:
