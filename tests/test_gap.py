@@ -112,6 +112,7 @@ EFFECT = {
     "inflation": N,
 }
 JOINT = {"fixed": N, "refit": N, "after": N, "floor": N}
+BAR = {"fixed": N, "after": N, "floor": N}
 SPOT = {"channel": "str", "regime": "str", "share": N, "p": N, "found": "bool", "rms_faulty": N, "rms_clean": N}
 KEYS = {
     "verdict": "str",
@@ -120,6 +121,8 @@ KEYS = {
         **JOINT,
         "parameter_shift": [{"name": "str", "standard_errors": N}],
         "joints": {"stick": JOINT, "bucket": JOINT},
+        "bar": {"stick": BAR, "bucket": BAR},
+        "simulated": [{**PLACE, "named": "bool"}],
     },
     "where": [SPOT],
     "effects": [EFFECT],

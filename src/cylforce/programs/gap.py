@@ -12,9 +12,10 @@ from cylforce.core.gap.diagnosis import Search, fitted_tares, search
 from cylforce.core.gap.forward import forward
 from cylforce.core.gap.library import LIBRARY, Group
 from cylforce.core.gap.reference import doubt, hidden, shifted
-from cylforce.core.gap.residuals import Gap, ends, gap
+from cylforce.core.gap.residuals import ends
 from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
 from cylforce.core.gap.shape import confirm, told, unexplained
+from cylforce.core.gap.shrinkage import Gap, gap
 from cylforce.core.gap.verdict import Judged, Verdict, judged
 from cylforce.core.gap.where import where
 from cylforce.core.model import FRICTION, Model, Tares
@@ -75,8 +76,8 @@ def diagnose(
         return _nothing(warning)
     verdict, rng = judged(found), np.random.default_rng(SEED)
     watch("where it lies, how far it shrinks", None)
-    size = gap(found, rng)
-    whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, viewer))
+    size = gap(found, verdict, rng)
+    whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, size))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
     whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]

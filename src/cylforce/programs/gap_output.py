@@ -10,12 +10,13 @@ from rich.console import Console
 from rich.table import Table as Text
 
 from cylforce.core.gap.patch import patch
-from cylforce.core.gap.residuals import courses
+from cylforce.core.gap.shrinkage import courses, written
 from cylforce.core.gap.verdict import Verdict
 from cylforce.edges.files import replacing
 from cylforce.programs.gap import Diagnosed
 from cylforce.words.estimate import Array
 
+BESIDE = "\n# Not named, too small or too uncertain; but these and the sizes above were found together.\n\n"
 MOSTLY = 0.5  # of what is left
 SHAPES = {
     "constant": "always the same",
@@ -43,7 +44,7 @@ class Outputs(NamedTuple):
 
 def write_all(found: Diagnosed, report: str | None, outputs: Outputs) -> None:
     """Write what was asked for, each file whole or not at all."""
-    texts = (_answer_text(found), patch_text(_blocks(found)), report)
+    texts = (_answer_text(found), _patch_text(found), report)
     for path, text in zip(outputs[:3], texts, strict=True):
         if path is not None and text is not None:
             with replacing(path) as temporary:
@@ -56,7 +57,7 @@ def write_all(found: Diagnosed, report: str | None, outputs: Outputs) -> None:
 def _residuals(found: Diagnosed) -> dict[str, Array]:
     """What is left of every recording before and after: NAME.t, NAME.before, NAME.after."""
     columns: dict[str, list[Array]] = {}
-    for course in courses(found.search) if found.search else ():
+    for course in courses(found.search, found.gap) if found.search and found.gap else ():
         for kind in ("t", "before", "after"):
             columns.setdefault(f"{Path(course.name).stem}.{kind}", []).append(getattr(course, kind))
     return {name: np.concatenate(parts) for name, parts in columns.items()}
@@ -68,14 +69,14 @@ def _answer_text(found: Diagnosed) -> str:
     return json.dumps(plain, indent=1, allow_nan=False) + "\n"
 
 
-def _blocks(found: Diagnosed) -> list[dict[str, Any]]:
-    """The causes that are named, as `patch_text` takes them."""
-    return patch(found.search.original, [n.cause for n in found.judged.named]) if found.search else []
-
-
-def patch_text(blocks: list[dict[str, Any]]) -> str:
-    """Effects as blocks of TOML."""
-    return tomlkit.dumps({"effects": blocks}) if blocks else "effects = []\n"
+def _patch_text(found: Diagnosed) -> str:
+    """Effects as blocks of TOML: those that are named, then those beside them."""
+    named = [n.cause for n in found.judged.named]
+    causes = written(found.search, found.judged) if found.search else ()
+    beside = [cause for cause in causes if not any(cause is n for n in named)]
+    first, then = (patch(found.search, part) if found.search else [] for part in (named, beside))
+    texts = [tomlkit.dumps({"effects": part}) if part else "" for part in (first, then)]
+    return texts[0] + (BESIDE + texts[1] if then else "") or "effects = []\n"
 
 
 def show(found: Diagnosed, console: Console) -> None:
@@ -122,7 +123,10 @@ def sentence(answer: dict[str, Any]) -> str:
     words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
     verb = words.get(verdict, "is caused by")
     share = closure["value"]
-    gone = "" if share is None else f"; with it {100 * share:.0f} % of the gap's energy is gone"
+    lesser = sum(not e["named"] for e in size["simulated"])
+    besides = f" and {lesser} lesser {'one' if lesser == 1 else 'ones'}" if lesser else ""
+    it = "it" if len(answer["effects"]) == 1 else "them"
+    gone = "" if share is None else f"; with {it}{besides} simulated, {100 * share:.0f} % of the gap's energy is gone"
     return f"The gap, {gap_nm}, {verb} {names}{gone}{shape_words(answer)}."
 
 

@@ -20,6 +20,12 @@ class Filter:
     b: tuple[float, ...]
     a: tuple[float, ...]
 
+    @cached_property
+    def delay(self) -> float:
+        """By how many samples what is slow comes late: the group delay at frequency zero."""
+        late = [float(np.arange(len(c)) @ np.array(c)) / float(np.sum(c)) for c in (self.b, self.a)]
+        return late[0] - late[1]
+
     def zero(self, shape: tuple[int, ...]) -> Array:
         """The state of a filter that has seen nothing but zeros."""
         return np.zeros((len(self.a) - 1, *shape))

@@ -121,6 +121,11 @@ class FilteredRegressor:
         gain = 8.0 * self._mean.b[0] / (3.0 * self.dt)
         return Filter((gain, 0.0, 0.0, -gain), self._mean.a)
 
+    @property
+    def delay(self) -> float:
+        """By how much a row comes after its motion [s]."""
+        return self._mean.delay * self.dt
+
     def _inputs(self, moving: Motion) -> tuple[Array, Array]:
         """Momentum (..., R, P) and static columns (..., R, P+1), the torque as the last of these."""
         (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from cylforce.core.gap.bars import measured
 from cylforce.core.gap.baselines import baselines
 from cylforce.core.gap.clocks import Slip
 from cylforce.core.gap.diagnosis import Cause, Search
@@ -13,7 +14,8 @@ from cylforce.core.gap.forward import Forward
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
-from cylforce.core.gap.residuals import Ends, Gap
+from cylforce.core.gap.residuals import Ends
+from cylforce.core.gap.shrinkage import Gap, written
 from cylforce.core.gap.verdict import Judged, Named, Verdict
 from cylforce.core.gap.where import Spot
 from cylforce.effects.clock_fault import ClockFault
@@ -46,6 +48,8 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
                     joints, *(x.tolist() for x in (gap.fixed, gap.refit, gap.after, gap.floor)), strict=True
                 )
             },
+            "bar": _bars(search, gap),
+            "simulated": [_place(cause, judged) for cause in written(search, judged)],
         },
         "where": [
             {"channel": s.channel, "regime": s.regime, "share": s.share, "p": s.p, "found": s.found}
@@ -68,6 +72,21 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
         "evidence": [_candidate(r) for r in search.first[:20]],
         "baselines": {method: {"name": p.name, "at": p.at} for method, p in baselines(search).items()},
     }
+
+
+def _bars(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
+    """Per measured cylinder."""
+    machine = search.original.model.machine
+    names = [machine.cylinders[c].name for c in measured(machine)]
+    return {
+        name: {"fixed": a, "after": b, "floor": c}
+        for name, a, b, c in zip(names, *(x.tolist() for x in gap.bar), strict=True)
+    }
+
+
+def _place(cause: Cause, judged: Judged) -> dict[str, Any]:
+    name, at = cause.ranked.key
+    return {"name": name, "at": at, "named": any(n.cause is cause for n in judged.named)}
 
 
 def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:

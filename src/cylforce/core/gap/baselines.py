@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from cylforce.core.gap.closure import SPAN
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.evidence import Blocks
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import Problem
-from cylforce.core.gap.residuals import SPAN
 from cylforce.machine.candidate import Incident
 from cylforce.words.estimate import Array
 

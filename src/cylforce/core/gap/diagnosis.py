@@ -77,8 +77,8 @@ class Energy(NamedTuple):
 
 
 class Search(NamedTuple):
-    """All that was found: the problem and blocks last looked at, the floor, the causes, energies; `first`: the first
-    ranking; `evidence`: the last one, with all causes held."""
+    """All that was found: the `original` problem, the problem and blocks last looked at, the floor, the causes,
+    energies; `first`: the first ranking; `evidence`: the last one, with all causes held; who looked, `viewer`."""
 
     original: Problem
     problem: Problem
@@ -88,6 +88,7 @@ class Search(NamedTuple):
     energy: Energy
     first: tuple[Ranked, ...]
     evidence: Evidence
+    viewer: Viewer
 
 
 def search(
@@ -215,7 +216,7 @@ def _greedy(
     after = np.where(_rough(held, fixed, after), np.minimum(after, usual), after)
     causes = _causes(first_problem, blocks, floor, held, applied, evidence)
     energy = Energy(fixed, before, after, usual, clean)
-    return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence)
+    return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence, viewer)
 
 
 def _found(problem: Problem, blocks: Blocks, worth: float) -> list[Ranked]:

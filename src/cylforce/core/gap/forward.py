@@ -11,8 +11,8 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.problem import Seen
-from cylforce.core.gap.residuals import courses
 from cylforce.core.gap.rows import RATE_HZ, Viewer
+from cylforce.core.gap.shrinkage import Gap, courses
 from cylforce.effects.rigid import Rigid
 from cylforce.machine.motion import motion
 from cylforce.words.estimate import Array
@@ -29,10 +29,10 @@ class Forward(NamedTuple):
     after: float
 
 
-def forward(search: Search, viewer: Viewer) -> Forward:
+def forward(search: Search, gap: Gap) -> Forward:
     """The prediction before and after."""
-    inertia = [_inertia(viewer, seen) for seen in search.original.faulty]
-    pairs = [(c.before, c.after) for c in courses(search)]
+    inertia = [_inertia(search.viewer, seen) for seen in search.original.faulty]
+    pairs = [(c.before, c.after) for c in courses(search, gap)]
     before, after = (_error([each[k] for each in pairs], inertia) for k in (0, 1))
     return Forward(HORIZON_S, before, after)
 

@@ -1,13 +1,12 @@
-"""How large the gap is, in newton metres, kilograms and newtons: with the parameters as they were, with the parameters
-refitted, with the causes taken out, on stretches that the causes' sizes were not fitted on."""
+"""What is left of the recordings [N m] with the parameters as they were, and what that does to weights and forces."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.core.gap.closure import SPAN
 from cylforce.core.gap.diagnosis import FOLDS, Search
 from cylforce.core.gap.evidence import Blocks, Evidence, Term, own_blocks
 from cylforce.core.gap.problem import Problem
@@ -16,68 +15,22 @@ from cylforce.core.gap.whitening import ORDER
 from cylforce.machine.candidate import INCIDENTAL, SHAPES
 from cylforce.words.estimate import Array
 
-SPAN = 5  # blocks that are held out together
-LEAST = 0.1  # of the floor's energy: a smaller gap has no meaningful closure
-UNTOLD = (0.05, 0.01)  # by which a closure lies lower, higher than all draws tell, on development machines
-DRAWS = 400
-LEVEL = 90.0  # percent of the intervals
-
-
-class Gap(NamedTuple):
-    """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with the causes taken out held-out, `after`,
-    the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that the causes take away, with
-    its interval `low`..`high`, `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard
-    errors of the prior."""
-
-    fixed: Array
-    refit: Array
-    after: Array
-    floor: Array
-    closure: float
-    low: float
-    high: float
-    removed: float
-    shift: Array
-
-
-def gap(search: Search, rng: np.random.Generator) -> Gap:
-    """The size of the gap before and after."""
-    blocks = search.original.blocks(search.floor)
-    _, before = fixed(search)
-    refit_blocks = replace(blocks, shared=tuple(range(_base(search.original))))
-    weight = np.repeat([0.0, 1.0], [len(blocks.clean), len(blocks.faulty)])
-    refit_values = Evidence(refit_blocks, weight=weight).fitted
-    refit = _residuals(search.original, refit_blocks, (), refit_values)
-    after = held_out(search.problem, search.blocks, search.evidence.held)
-    squares = [np.concatenate([_blockwise(e) for e in each]) for each in (before, after)]
-    floors = [each or [search.floor.rms[None]] for each in (_clean(search), held_out_clean(search))]
-    seen, unseen = (np.concatenate([_blockwise(e) for e in each]) for each in floors)
-    closure, interval = _closure(squares[0], squares[1], (seen, unseen), rng)
-    removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
-    n = len(search.original.model.parameters)
-    shift = refit_values[:n] / search.original.spread[:n]
-    return Gap(rms(before), rms(refit), rms(after), rms(floors[1]), closure, *interval, float(removed), shift)
-
-
-def _base(problem: Problem) -> int:
-    """Number of columns of the model's parameters and of loads."""
-    return problem.places[0][0]
-
 
 def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Array]:
-    """Residuals (T, R) [N m] of the faulty recordings with the terms taken out, each stretch with sizes that were
-    fitted without it. The parameters stay those of the clean recordings, if there are any: only the terms go."""
+    """Residuals (T, R) [N m] of the faulty recordings that some terms alone leave, each stretch with sizes of them that
+    were fitted without it. The parameters stay those of the clean recordings, if there are any: only the terms go. (How
+    far the gap shrinks is simulated: `shrinkage`.)"""
     count, clean = len(blocks.faulty), len(blocks.clean)
     fold = (np.arange(count) // SPAN) % 2
     found: list[Array] = []
     for k in (0, 1):
         weight = np.concatenate([np.ones(clean), np.where(fold == k, 0.0, 1.0)])
-        part = _residuals(problem, blocks, terms, _at_rest(problem, blocks, Evidence(blocks, terms, weight).fitted))
-        found = part if not found else _chosen(found, part, problem, fold == k)
+        part = residuals(problem, blocks, terms, _at_rest(problem, blocks, Evidence(blocks, terms, weight).fitted))
+        found = part if not found else chosen(found, part, problem, fold == k)
     moments = np.isin(np.arange(count), own_blocks(terms))
     if np.any(moments):  # what happens for a moment has sizes that no other stretch knows
         values = _at_rest(problem, blocks, Evidence(blocks, terms).fitted)
-        found = _chosen(found, _residuals(problem, blocks, terms, values), problem, moments)
+        found = chosen(found, residuals(problem, blocks, terms, values), problem, moments)
     return found
 
 
@@ -88,7 +41,7 @@ def _at_rest(problem: Problem, blocks: Blocks, values: Array) -> Array:
     return np.concatenate([problem.fixed(blocks, values), values[len(blocks.shared) :]])
 
 
-def _clean(search: Search) -> list[Array]:
+def fitted_clean(search: Search) -> list[Array]:
     """Residuals (T, R) [N m] of the clean recordings, fitted to them alone."""
     blocks = search.original.blocks(search.floor)
     weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
@@ -112,7 +65,8 @@ def held_out_clean(search: Search) -> list[Array]:
     return found
 
 
-def _chosen(one: list[Array], other: list[Array], problem: Problem, second: NDArray[np.bool_]) -> list[Array]:
+def chosen(one: list[Array], other: list[Array], problem: Problem, second: NDArray[np.bool_]) -> list[Array]:
+    """Residuals (T, R) of one kind, or of the other in the blocks (B,) that are `second`."""
     return [
         np.where(_rows(second[first:last], len(a))[:, None], b, a)
         for a, b, (first, last) in zip(one, other, problem.spans, strict=True)
@@ -123,7 +77,7 @@ def _rows(per_block: Array | NDArray[np.bool_], length: int) -> Array:
     return np.asarray(np.repeat(per_block, BLOCK, axis=0)[:length])
 
 
-def _residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: Array) -> list[Array]:
+def residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: Array) -> list[Array]:
     """What values leave of each faulty recording (T, R) [N m]."""
     coefficients = Evidence.coefficients(blocks, terms, values)[1]
     return [
@@ -147,7 +101,7 @@ def fixed(search: Search) -> tuple[list[Array], list[Array]]:
     values = problem.fixed(blocks, search.evidence.fitted)
     each = Evidence.coefficients(blocks, (), values)[0]
     clean = [problem.columns(seen) @ each[0] for seen in problem.clean]
-    return clean, _residuals(problem, blocks, (), values)
+    return clean, residuals(problem, blocks, (), values)
 
 
 def rms(each: Sequence[Array]) -> Array:
@@ -155,74 +109,6 @@ def rms(each: Sequence[Array]) -> Array:
     whole = np.concatenate(each)
     good = np.isfinite(whole)
     return np.asarray(np.sqrt(np.sum(np.where(good, whole, 0.0) ** 2, axis=0) / np.maximum(np.sum(good, axis=0), 1)))
-
-
-def _blockwise(residual: Array) -> Array:
-    """Mean squares (B, R) of blocks; NaN where a block has no rows."""
-    found = np.full((-(-len(residual) // BLOCK), residual.shape[1]), np.nan)
-    for k in range(len(found)):
-        part = residual[k * BLOCK : (k + 1) * BLOCK]
-        good = np.isfinite(part)
-        count = np.sum(good, axis=0)
-        found[k] = np.where(count > 0, np.sum(np.where(good, part, 0.0) ** 2, axis=0) / np.maximum(count, 1), np.nan)
-    return found
-
-
-def _closure(
-    before: Array, after: Array, floors: tuple[Array, Array], rng: np.random.Generator
-) -> tuple[float, tuple[float, float]]:
-    """1 - (MSE after - floor)/(MSE before - floor), rows weighted by their floor, and its interval by drawing spans of
-    blocks anew. The field's floor lies between what the fit leaves of the clean recordings and what it leaves of them
-    unseen (mean squares (B, R) of both in `floors`): its draws are mixtures. NaN where the gap is too small for a
-    ratio (below a tenth of the floor's energy)."""
-    unit = np.nanmean(floors[1], axis=0)
-    a, b, *c = (_spans(x / unit) for x in (before, after, *floors))
-    kept = np.all([np.any(np.isfinite(x), axis=1) for x in (a, b)], axis=0)
-    a, b = (np.nanmean(x[kept], axis=1) for x in (a, b))
-    seen, unseen = (np.nanmean(x[np.any(np.isfinite(x), axis=1)], axis=1) for x in c)
-    middle = (np.mean(seen) + np.mean(unseen)) / 2.0
-    if float(np.mean(a) - middle) < LEAST * float(middle):
-        return float("nan"), (float("nan"), float("nan"))
-    each = []
-    for _ in range(DRAWS):
-        k, m, n = (rng.integers(0, len(x), len(x)) for x in (a, seen, unseen))
-        mixed = rng.uniform()
-        each.append(_share(a[k], b[k], mixed * np.mean(seen[m]) + (1.0 - mixed) * np.mean(unseen[n])))
-    low, high = np.percentile(each, [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
-    return _share(a, b, middle), (float(low) - UNTOLD[0], min(float(high) + UNTOLD[1], 1.0))
-
-
-def _share(before: Array, after: Array, floor: float) -> float:
-    excess = float(np.mean(before)) - floor
-    return min(1.0 - (float(np.mean(after)) - floor) / excess, 1.0) if excess > 0.0 else 0.0
-
-
-def _spans(squares: Array) -> Array:
-    count = -(-len(squares) // SPAN)
-    padded = np.full((count * SPAN, squares.shape[1]), np.nan)
-    padded[: len(squares)] = squares
-    return padded.reshape(count, SPAN * squares.shape[1])
-
-
-class Course(NamedTuple):
-    """A faulty recording's name, times `t` (T,) [s] from where its first stretch begins, what is left (T, R) [N m]
-    `before` and `after`."""
-
-    name: str
-    t: Array
-    before: Array
-    after: Array
-
-
-def courses(search: Search) -> list[Course]:
-    """What is left of each faulty recording with the parameters as they were, and with the causes, held out."""
-    _, before = fixed(search)
-    after = held_out(search.problem, search.blocks, search.evidence.held)
-    begins = {seen.recorded.name: seen.recorded.begins for seen in reversed(search.original.faulty)}
-    return [
-        Course(seen.recorded.name, seen.rows.t - begins[seen.recorded.name], a, b)
-        for seen, a, b in zip(search.original.faulty, before, after, strict=True)
-    ]
 
 
 def contributions(search: Search) -> Array:

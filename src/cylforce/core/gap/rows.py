@@ -36,7 +36,7 @@ from cylforce.machine.candidate import (
 from cylforce.machine.effect import Effect, Halves, Parameter
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion
-from cylforce.regression.filters import second_order
+from cylforce.regression.filters import Filter, second_order
 from cylforce.regression.regressor import FilteredRegressor, Regressor
 from cylforce.words.estimate import Array
 
@@ -130,14 +130,40 @@ class Viewer:
         """Samples (T', S) at the diagnosis' rate, low-passed."""
         return self._sensitivity(values, self.tares).thinned
 
-    def _sensitivity(self, values: Array, tares: Array) -> Sensitivity:
-        low = second_order(self.model.filters.channel_hz, 1.0 / self.model.filters.rate_hz)
-        return Sensitivity(self.slow, tares, values, low, self._thin)
+    @cached_property
+    def _low(self) -> Filter:
+        return second_order(self.model.filters.channel_hz, 1.0 / self.model.filters.rate_hz)
 
-    def _filtered(self, machine: Machine, *more: Effect) -> FilteredRegressor:
-        f = self.slow.filters
-        effects = (*Model(machine, f, self.model.friction).empty.effects, *more)
-        return FilteredRegressor(Regressor(machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+    def _sensitivity(self, values: Array, tares: Array) -> Sensitivity:
+        return Sensitivity(self.slow, tares, values, self._low, self._thin)
+
+    @cached_property
+    def regressor(self) -> FilteredRegressor:
+        """The columns of the model's parameters and of linkages' bars."""
+        return self._filtered(*self._bars)
+
+    @property
+    def _bars(self) -> list[Effect]:
+        return [RockerWeight()] if RockerWeight().parameters(self.model.machine) else []
+
+    def _filtered(self, *more: Effect) -> FilteredRegressor:
+        f, effects = self.slow.filters, (*self.slow.empty.effects, *more)
+        return FilteredRegressor(Regressor(self.slow.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+
+    @property
+    def channel_lag(self) -> float:
+        """By how much a motion comes after its samples [s]."""
+        return self._low.delay / self.model.filters.rate_hz + self.slow.channels.smooth.delay * self.slow.channels.dt
+
+    @property
+    def filter_lag(self) -> float:
+        """By how much a row comes after its motion [s]."""
+        return self.regressor.delay
+
+    @property
+    def lag(self) -> float:
+        """By how much a row comes after its samples [s]."""
+        return self.channel_lag + self.filter_lag
 
     def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> Rows:
         """The rows of a recording; see `columns_of` for the order of the effects' columns."""
@@ -146,9 +172,7 @@ class Viewer:
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         t = recorded.begins + (steps - 0.5) / self.slow.filters.rate_hz  # the middle of four samples
         laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
-        more: list[Effect] = [_Laws(laws, t)] if laws else []
-        more += [RockerWeight()] if RockerWeight().parameters(self.model.machine) else []
-        found = self._filtered(self.slow.machine, *more).run(moved.motion)
+        found = self._filtered(*([_Laws(laws, t)] if laws else []), *self._bars).run(moved.motion)
         size = len(self.tares)
         base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
         forces = iter(np.moveaxis(found.columns[..., size : size + len(laws)], -1, 0))

@@ -6,8 +6,8 @@ from typing import Any
 from markupsafe import Markup
 
 from cylforce.core.gap.diagnosis import Search
-from cylforce.core.gap.residuals import Gap
 from cylforce.core.gap.shape import unexplained
+from cylforce.core.gap.shrinkage import Gap
 from cylforce.core.gap.verdict import Judged
 from cylforce.programs.reporting import gap_figures
 from cylforce.programs.reporting.gap_shown import Shown, shown

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.evidence import Blocks, Evidence, Term
 from cylforce.core.gap.problem import Problem, Seen
-from cylforce.core.gap.residuals import Gap, fixed, held_out
+from cylforce.core.gap.residuals import fixed
 from cylforce.core.gap.rows import BLOCK, RATE_HZ, Viewer
+from cylforce.core.gap.shrinkage import Gap, resimulated, written
 from cylforce.core.gap.verdict import Judged, Named
 from cylforce.core.gap.where import REGIMES
 from cylforce.programs.reporting import evidence
@@ -53,13 +54,12 @@ class Shown(NamedTuple):
 def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
     """What is drawn of a diagnosis."""
     clean, before = fixed(search)
-    after = held_out(search.problem, search.blocks, search.evidence.held)
     return Shown(
-        _heat(search, clean, before, after),
+        _heat(search, clean, before, gap.left),
         _points(search.original, before),
-        _points(search.original, after),
+        _points(search.original, gap.left),
         _overlays(search, judged.named),
-        _steps(search, judged.named, gap),
+        _steps(search, judged, gap),
     )
 
 
@@ -152,21 +152,17 @@ def _most(search: Search, own: list[Array]) -> tuple[int, int, slice]:
     return best
 
 
-def _steps(search: Search, named: tuple[Named, ...], gap: Gap) -> tuple[tuple[str, Array], ...]:
-    """The gap as effect after effect is taken out, on stretches that the sizes were not fitted on."""
-    problem, terms = search.original, [n.cause.ranked.option.term for n in named]
-    blocks = problem.blocks(search.floor)
+def _steps(search: Search, judged: Judged, gap: Gap) -> tuple[tuple[str, Array], ...]:
+    """The gap as effect after effect is simulated, with the sizes that they have together."""
+    named, all_of = judged.named, written(search, judged)
     labels = [f"+ {plain(n.cause.ranked.key)}" for n in named]
-    all_named = len(named) == len(search.causes)
-    part = len(terms) - 1 if all_named else len(terms)
-    steps = [_mean(held_out(problem, blocks, terms[: k + 1])) for k in range(part)]
-    if search.causes:
-        steps.append(gap.after)
-        labels += [] if all_named else ["+ what else was tried"]
+    labels += ["+ lesser ones beside"] if len(all_of) > len(named) else []
+    parts = [[n.cause for n in named[: k + 1]] for k in range(len(labels) - 1)]
+    steps = [*(_mean(resimulated(search, part)) for part in parts), gap.after]
     return (
         ("as it was, parameters fixed", gap.fixed),
         ("parameters refitted", gap.refit),
-        *zip(labels, steps, strict=True),
+        *zip(labels, steps, strict=False),
         ("noise floor", gap.floor),
     )
 
