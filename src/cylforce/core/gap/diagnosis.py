@@ -10,8 +10,8 @@ from cylforce.core.gap.correction import Applied, bends, without
 from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
-from cylforce.core.gap.rank import TIE, Ranked, leading, magnitude, ranking
-from cylforce.core.gap.reappearance import reappearance
+from cylforce.core.gap.rank import TIE, Ranked, certain, leading, magnitude, ranking
+from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
 from cylforce.core.gap.unknown import NAME, UNKNOWN
 from cylforce.core.gap.whitening import Floor, floor_of
@@ -37,14 +37,17 @@ Watch = Callable[[str], None]
 
 class Cause(NamedTuple):
     """An effect that was found: the option, its total sizes (M,), their standard errors (M,), `size` as one number,
-    `score` [nats], `inflation` of the blocks' scores with it taken off, `rivals`: what else would explain the same."""
+    `score` [nats], of it `returned` by what return pressures say, `inflation` of the blocks' scores with it taken off
+    and what is `usual` of it on the machine in order, `rivals`: what else would explain the same."""
 
     ranked: Ranked
     sizes: Array
     errors: Array
     size: float
     score: float
+    returned: float
     inflation: float
+    usual: float
     rivals: tuple[Ranked, ...]
 
     @property
@@ -56,6 +59,11 @@ class Cause(NamedTuple):
     def tempered(self) -> float:
         """The score [nats] if all blocks scatter as they do with this cause taken off."""
         return self.score * TEMPER / max(TEMPER, self.inflation)
+
+    @property
+    def misfit(self) -> float:
+        """How many times more than usual the blocks' scores scatter: 1 where the form fits."""
+        return max(self.inflation / self.usual, 1.0)
 
     @property
     def significance(self) -> float:
@@ -354,8 +362,12 @@ def _causes(
         told = Evidence(blocks, [o.option.term for o in others]).of(r.option.term)
         sizes = evidence.fitted[k : k + m] + applied.get(r.key, np.zeros(m))
         form = r.option.proposal.about.form * _extent(r, sizes)
-        errors = np.sqrt(np.diag(told.covariance) * reappearance(blocks, r.option.term) + form**2)
-        found.append(Cause(r, sizes, errors, magnitude(r, sizes, errors), own.score, told.inflation, rivals))
+        covariance = told.covariance * reappearance(blocks, r.option.term) + np.diag(form**2)
+        errors = np.sqrt(np.diag(covariance))
+        free = r.free and r.key[0] != NAME
+        scatter = 1.0 if r.free else usual(original.blocks(floor), r.option.term)
+        size = certain(r, sizes, covariance) if free else magnitude(r, sizes, errors)
+        found.append(Cause(r, sizes, errors, size, own.score, own.returned, told.inflation, scatter, rivals))
         k += m
     return tuple(found)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams
 from cylforce.core.gap.library import Proposal
+from cylforce.core.gap.returns import Returns
 from cylforce.core.gap.riding import Riding, riding
 from cylforce.core.gap.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows
 from cylforce.core.gap.whitening import Floor
@@ -193,6 +194,11 @@ class Problem:
         found[..., self.first - len(chosen) : self.first] *= always
         found[..., [self.first + k for k in chosen]] *= more
         return found
+
+    @cached_property
+    def returns(self) -> Returns:
+        """What return pressures say."""
+        return Returns(self.model.machine, self.clean, self.faulty, self.model.filters.rate_hz)
 
     @cached_property
     def _made(self) -> list[tuple[Floor, Blocks]]:

@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
-from cylforce.machine.candidate import Course, Incident
+from cylforce.machine.candidate import Course, Distortion, Incident, Place
 from cylforce.words.estimate import Array
 
 NEGLIGIBLE = 0.5  # of an effect's least plausible size
@@ -20,11 +20,13 @@ TIE = 3.0  # nats that are no difference
 
 
 class Ranked(NamedTuple):
-    """An option, what the data tell of it, its `score` [nats]: its evidence less what its freedom costs."""
+    """An option, what the data tell of it, its `score` [nats]: its evidence less what its freedom costs; how much of it
+    is what the return pressures say, `returned`."""
 
     option: Option
     told: Told
     score: float
+    returned: float = 0.0
 
     @property
     def key(self) -> tuple[str, str]:
@@ -56,6 +58,19 @@ def magnitude(found: Ranked, values: Array, errors: Array) -> float:
     return float(np.sqrt(np.average(squares, weights=1.0 / np.maximum(variances, 1e-300))))
 
 
+def certain(found: Ranked, values: Array, covariance: Array) -> float:
+    """The magnitude of what is free at any instant, from its `covariance` (M, M): along each direction less what its
+    error alone would make of it, for the part of a force that no joint feels could be anything."""
+    width, axes = len(dict.fromkeys(found.option.term.columns)), found.option.proposal.about.axes
+    squares, weights = [], []
+    for k in range(0, len(values), width):
+        own = slice(k, k + axes)
+        variance, direction = np.linalg.eigh(covariance[own, own])
+        squares.append(np.sum(np.maximum((direction.T @ values[own]) ** 2 - variance, 0.0)))
+        weights.append(1.0 / max(float(np.sum(variance)), 1e-300))
+    return float(np.sqrt(np.average(squares, weights=weights)))
+
+
 def ranking(
     problem: Problem, evidence: Evidence, wanted: Sequence[Proposal] | None = None, *, besides: Sequence[Ranked] = ()
 ) -> list[Ranked]:
@@ -66,11 +81,20 @@ def ranking(
         if (option.proposal.name, option.proposal.at) in taken:
             continue
         told = evidence.of(option.term, TEMPER)
-        found = Ranked(option, told, told.evidence - option.cost)
+        returned = _returned(problem, option, told)
+        found = Ranked(option, told, told.evidence - option.cost + returned, returned)
         if found.score > best.get(found.key, found._replace(score=-1e300)).score and _possible(found):
             best[found.key] = found
     order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}
     return _simplest(sorted(best.values(), key=lambda r: -r.score), order)
+
+
+def _returned(problem: Problem, option: Option, told: Told) -> float:
+    """What the return pressures say of an error of a pressure sensor [nats]; alone they make no cause."""
+    effect = option.proposal.group[0]
+    if effect.about.place is not Place.PRESSURE or not isinstance(effect, Distortion):
+        return 0.0
+    return min(problem.returns.support(effect, option.proposal.where, float(told.value[0])), max(told.evidence, 0.0))
 
 
 def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[Ranked]:

@@ -21,12 +21,14 @@ STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form ma
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
 LEAD = 10.0  # nats by which a cause must be better than a rival of the same shape
+RETURNED = 5.0  # the same of what return pressures say
 # Fitted on development machines of the withheld trial: how often a cause without a rival is right if its evidence is
 # strong, how much less if it is weak and its form does not fit, and from where on it is then no name at all.
-RELIABLE, WEAK, FADING, BLURRED = 0.98, 0.3, 300.0, 5.0
-FAINT, SHAPELESS = 200.0, 5.0  # nats, inflation
-CLOSE, BENT = 0.04, 10.0  # relative margin where its form does not fit, and the inflation that tells so
+RELIABLE, WEAK, FADING, BLURRED = 0.98, 0.3, 300.0, 2.5
+FAINT, SHAPELESS, ALIEN = 200.0, 2.5, 30.0  # nats, misfits
+CLOSE, BENT = 0.04, 5.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
+FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
 FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
 HINT = 25.0  # nats for an effect whose shape does not fit: something is there
@@ -96,8 +98,11 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
 
 
 def _weight(cause: Cause) -> float:
-    """The score, of what is unknown the less: beside a known cause it is first only when it says much more."""
-    return cause.score if cause.known else cause.score / 3.0
+    """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
+    when it says much more."""
+    if not cause.known:
+        return cause.score / 3.0
+    return FOLLOWS * cause.score if cause.ranked.free else cause.score
 
 
 def _free(search: Search, cause: Cause) -> bool:
@@ -107,8 +112,9 @@ def _free(search: Search, cause: Cause) -> bool:
 
 
 def _blurred(cause: Cause) -> bool:
-    """Whether little speaks for the cause, and that little scatters: something is there, of another shape."""
-    return cause.tempered < FAINT and cause.inflation > SHAPELESS
+    """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack:
+    something is there, of another shape."""
+    return cause.misfit > (SHAPELESS if cause.tempered < FAINT else ALIEN)
 
 
 def _best(cause: Cause) -> bool:
@@ -142,11 +148,18 @@ def _shapeless(cause: Cause) -> bool:
 
 def _named(cause: Cause, share: float) -> Named:
     rivals = [r for r in cause.rivals if not _contains(r, cause)]
-    lead = max(LEAD, CLOSE * cause.score * min((cause.inflation - 1.0) / BENT, 1.0))
-    close = tuple(r for r in rivals if r.score > cause.score - lead)
-    odds = float(np.sum(np.exp([min(3.0 * (r.score - cause.score) / lead, 0.0) for r in rivals])))
-    weak = WEAK * float(np.exp(-cause.tempered / FADING)) * min((cause.inflation - 1.0) / BLURRED, 1.0)
+    lead = max(LEAD, CLOSE * cause.score * min((cause.misfit - 1.0) / BENT, 1.0))
+    behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
+    close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
+    odds = float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
+    weak = WEAK * float(np.exp(-cause.tempered / FADING)) * min((cause.misfit - 1.0) / BLURRED, 1.0)
     return Named(cause, (RELIABLE - weak) / (1.0 + odds), share, close)
+
+
+def _behind(rival: Ranked, cause: Cause, lead: float) -> float:
+    """By how many leads a rival is worse than the cause; what return pressures say counts by itself."""
+    apart = cause.returned - rival.returned
+    return (cause.score - rival.score - apart) / lead + apart / RETURNED
 
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
