@@ -37,7 +37,7 @@ CASES = {
     "load_dependent_friction": ("stick", 0.03, {}),
     "asymmetric_friction": ("boom", 1500.0, {}),
     "presliding_hysteresis": ("stick", 5000.0, {}),
-    "friction_temperature_drift": ("stick", -6e5, {}),
+    "friction_temperature_drift": ("stick", -8.0, {}),
     "return_line_loss": ("boom", 2e5, {"shape": {"extending": 1.0, "retracting": 0.0, "power": 2.0}}),
     "pressure_offset": ("boom_rod_pressure", 2e5, {}),
     "pressure_gain": ("stick_head_pressure", 0.03, {}),

@@ -162,13 +162,14 @@ def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
     return force
 
 
-def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array) -> Array:
-    """By which factor (T, C) all usual friction of a cylinder is larger."""
+def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: str) -> Array:
+    """By which factor (T, C) the usual friction of a cylinder that goes by a `law` is larger; what changes dry friction
+    changes it all."""
     level = np.ones((len(t), cylinders))
     for each in effects:
         for share, size in each.members():
-            if isinstance(share, Share):
-                level[:, each.where] += size * each.during(t)
+            if isinstance(share, Share) and ("coulomb" in share.laws or law in share.laws):
+                level[:, each.where] += size * each.during(t) * share.course(t)
     return level
 
 

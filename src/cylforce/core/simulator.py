@@ -243,11 +243,12 @@ def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion,
     by turns."""
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     bare = (inverse @ tau[..., None])[..., 0]
-    level = friction_level(truth.effects, moving.speed.shape[1], t)
+    levels = [friction_level(truth.effects, moving.speed.shape[1], t, c.name) for c in truth.friction]
     friction = np.zeros_like(bare)
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
-        usual = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for c in truth.friction]
+        each = zip(levels, truth.friction, strict=True)
+        usual = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for level, c in each]
         found = sum(usual, excess_force(truth.effects, loaded, t))
         change, friction = np.max(np.abs(found - friction), initial=0.0), found
         if change < 1e-9:

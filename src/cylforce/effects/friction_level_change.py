@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from cylforce.machine.candidate import About, Place
+from cylforce.words.estimate import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,3 +29,7 @@ class FrictionLevelChange:
     def laws(self) -> tuple[str, ...]:
         """The known laws that change together."""
         return ("coulomb", "viscous", "load_dependent")
+
+    def course(self, t: Array) -> Array:
+        """One and the same (T,)."""
+        return np.ones_like(t)

@@ -1,4 +1,4 @@
-"""Friction that falls as the oil warms while it works: f v (1 - t / hour), to first order in time."""
+"""Friction that falls as the oil warms while it works: f (1 + size t / hour), to first order in time."""
 
 from dataclasses import dataclass
 
@@ -10,22 +10,28 @@ from cylforce.words.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionTemperatureDrift:
-    """Friction that falls as the oil warms while it works: f v (1 - t / hour), to first order in time."""
+    """Friction of a cylinder that falls as its oil warms: of the known friction all, or only what is `viscous`."""
+
+    viscous: bool = False
 
     @property
     def about(self) -> About:
         """What it says of itself."""
         return About(
             "friction_temperature_drift",
-            "N s/m per h",
-            2e4,
-            2e6,
+            "1/h",
+            0.5,
+            40.0,
             Place.CYLINDER,
-            "at speed, more and more (or less) as the recording goes on",
+            "in motion, more and more (or less) as the recording goes on",
             "the same strokes at the start and the end of a shift, oil temperature noted",
         )
 
-    def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """v t, t in hours."""
-        hours = t / 3600.0
-        return np.asarray(speed * hours)
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """The known laws that change together."""
+        return ("viscous",) if self.viscous else ("coulomb", "viscous", "load_dependent")
+
+    def course(self, t: Array) -> Array:
+        """t (T,), in hours."""
+        return np.asarray(t / 3600.0)

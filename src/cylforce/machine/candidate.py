@@ -105,7 +105,11 @@ class Share(Candidate, Protocol):
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """Names of the friction laws whose known sizes are multiplied by 1 + size."""
+        """Names of the friction laws whose known sizes are multiplied by 1 + size course(t)."""
+        ...
+
+    def course(self, t: Array) -> Array:
+        """How the change goes with the time t (T,) [s] since the field's start."""
         ...
 
 

@@ -45,7 +45,7 @@ LIBRARY: tuple[Group, ...] = (
     (LoadDependentFriction(),),
     (AsymmetricFriction(),),
     *((PreslidingHysteresis(way),) for way in (0.001, 0.004)),
-    (FrictionTemperatureDrift(),),
+    *((FrictionTemperatureDrift(viscous),) for viscous in (False, True)),
     *((ReturnLineLoss(*ways, power),) for ways in WAYS for power in (1.75, 2.0)),
     (PressureOffset(),),
     (PressureGain(),),

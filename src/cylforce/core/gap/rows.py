@@ -259,15 +259,17 @@ class Viewer:
         if isinstance(effect, Weight):
             return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
         if isinstance(effect, Share):
-            return self._known_friction(p, effect, base)
+            return self._known_friction(p, effect, base, loaded.recorded.begins)
         if isinstance(effect, BaseMotion):
             return self._base_motion(effect, loaded)
         return self._difference(p, effect, loaded)
 
-    def _known_friction(self, p: Proposal, effect: Share, base: Array) -> Array:
+    def _known_friction(self, p: Proposal, effect: Share, base: Array, begins: float) -> Array:
         names = [f"{self.model.machine.cylinders[p.where].name}.{law}" for law in effect.laws]
         chosen = [k for k, parameter in enumerate(self.model.parameters) if parameter.name in names]
-        return np.asarray((base[..., chosen] @ self.tares[chosen])[..., None])
+        steps = np.arange(len(base), dtype=np.float64)
+        course = effect.course(begins + (steps - 0.5) / self.slow.filters.rate_hz)
+        return np.asarray((base[..., chosen] @ self.tares[chosen] * course[:, None])[..., None])
 
     def _base_motion(self, effect: BaseMotion, loaded: Loaded) -> Array:
         """Columns (T', R, M) of a base that moves as its pitch tells."""

@@ -1,0 +1,70 @@
+"""Return pressures: whose zero is off shows in the chamber that lets oil out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cylforce.core.gap.returns import Returns
+from cylforce.core.gap.rows import RATE_HZ, Recorded, Rows
+from cylforce.edges.settings import load
+from cylforce.effects.pressure_drift import PressureDrift
+from cylforce.effects.pressure_offset import PressureOffset
+
+SERVICE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service
+MACHINE = SERVICE.machine
+NAMES = [s.name for s in MACHINE.signals]
+HEAD, ROD = NAMES.index("stick_head_pressure"), NAMES.index("stick_rod_pressure")
+STICK = MACHINE.signals[HEAD].index
+SECONDS = 120.0
+
+
+def recording(seed: int, rod: float = 0.0, scatter: float = 2e4) -> tuple[Recorded, Rows]:
+    """The stick extends, pushed by the pump, at speeds of its own in every block; its rod side lets out oil at
+    5 bar + 200 bar s^2/m^2 v^2, its zero off by `rod` [Pa]."""
+    rng = np.random.default_rng(seed)
+    t, fine = np.arange(0.0, SECONDS, 1.0 / RATE_HZ), np.arange(0.0, SECONDS, 1.0 / SERVICE.filters.rate_hz)
+    each = rng.uniform(0.05, 0.3, 100)
+    speed = np.zeros((len(t), len(MACHINE.cylinders)))
+    speed[:, STICK] = each[(t / 4.0).astype(int)]
+    force = np.where(speed > 0.0, 1e5, 0.0)
+    values = np.zeros((len(fine), len(NAMES)))
+    away = np.repeat(rng.normal(0.0, scatter, 100), round(4.0 * SERVICE.filters.rate_hz))[: len(fine)]
+    values[:, ROD] = 5e5 + 2e7 * each[(fine / 4.0).astype(int)] ** 2 + away + rod
+    values[:, HEAD] = 80e5
+    empty = np.zeros((len(t), 0))
+    posture = np.zeros((len(t), MACHINE.size))
+    rows = Rows(empty, empty, empty, empty, empty, t, speed, force, posture, np.zeros(len(t)))
+    return Recorded(f"{seed}", values, 0.0), rows
+
+
+def returns(rod: float = 0.0, scatter: float = 2e4) -> Returns:
+    """Clean recordings, and a faulty one whose rod side's zero is off."""
+    clean = [recording(1, 0.0, scatter), recording(2, 0.0, scatter)]
+    return Returns(MACHINE, clean, [recording(3, rod, scatter)], SERVICE.filters.rate_hz)
+
+
+@pytest.mark.parametrize("rod", [2e5, -2e5])
+def test_an_offset_that_is_there_is_confirmed(rod: float) -> None:
+    assert returns(rod).support(PressureOffset(), ROD, rod) > 5.0
+
+
+def test_an_offset_that_is_not_there_is_refuted() -> None:
+    assert returns(0.0).support(PressureOffset(), ROD, 2e5) < -5.0
+
+
+def test_the_wrong_sign_is_refuted() -> None:
+    assert returns(2e5).support(PressureOffset(), ROD, -2e5) < returns(2e5).support(PressureOffset(), ROD, 2e5) - 10.0
+
+
+def test_a_side_that_never_lets_oil_out_says_nothing() -> None:
+    assert returns(2e5).support(PressureOffset(), HEAD, 2e5) == 0.0
+
+
+def test_a_level_that_scatters_says_nothing() -> None:
+    assert returns(2e5, scatter=6e5).support(PressureOffset(), ROD, 2e5) == 0.0
+
+
+def test_a_drift_is_refuted_where_the_level_stays() -> None:
+    per_hour = 3e5 / (SECONDS / 3600.0)
+    assert returns(0.0).support(PressureDrift(), ROD, per_hour) < -3.0
