@@ -43,7 +43,7 @@ CASES = {
     "pressure_gain": ("stick_head_pressure", 0.03, {}),
     "pressure_drift": ("bucket_head_pressure", 2e7, {}),
     "angle_offset": ("stick_angle", 0.02, {}),
-    "angle_scale": ("boom_angle", 0.03, {}),
+    "angle_scale": ("boom_angle", [0.03, 0.01], {}),
     "sensor_delay": ("bucket_angle", 0.05, {}),
     "tilt_ignored": ("machine", [0.03, 0.02], {}),
     "linkage_geometry": ("stick", 0.03, {"shape": {"measure": 1}}),

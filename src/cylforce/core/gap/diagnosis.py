@@ -367,9 +367,20 @@ def _causes(
         free = r.free and r.key[0] != NAME
         scatter = 1.0 if r.free else usual(original.blocks(floor), r.option.term)
         size = certain(r, sizes, covariance) if free else magnitude(r, sizes, errors)
-        found.append(Cause(r, sizes, errors, size, own.score, own.returned, told.inflation, scatter, rivals))
+        score = max(own.score, _bent(plain, others, evidence, own)) if r.key in applied else own.score
+        found.append(Cause(r, sizes, errors, size, score, own.returned, told.inflation, scatter, rivals))
         k += m
     return tuple(found)
+
+
+def _bent(plain: Blocks, others: Sequence[Ranked], evidence: Evidence, own: Ranked) -> float:
+    """The score [nats] of a cause whose columns bend: by what is left without it, and with it taken out as it is found;
+    its freedom costs as much as where it is linear."""
+    without = Evidence(plain, [o.option.term for o in others])
+    left = [sum(float(np.sum(x)) for x in e.squares(e.held, e.fitted)) for e in (without, evidence)]
+    unit = plain.spread[list(own.option.term.columns)]
+    width = np.sqrt(np.diag(own.told.covariance)) / unit
+    return (left[0] - left[1]) / (2.0 * TEMPER) + float(np.sum(np.log(np.maximum(width, 1e-300))))
 
 
 def _extent(found: Ranked, sizes: Array) -> Array:

@@ -51,7 +51,7 @@ LIBRARY: tuple[Group, ...] = (
     (PressureGain(),),
     (PressureDrift(),),
     (AngleOffset(),),
-    (AngleScale(),),
+    (AngleScale(), AngleScale(aside=True)),
     (SensorDelay(),),
     (TiltIgnored(), TiltIgnored(across=True)),
     *((LinkageGeometry(measure),) for measure in range(MEASURES)),

@@ -114,7 +114,7 @@ def _free(search: Search, cause: Cause) -> bool:
 def _blurred(cause: Cause) -> bool:
     """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack:
     something is there, of another shape."""
-    return cause.misfit > (SHAPELESS if cause.tempered < FAINT else ALIEN)
+    return not cause.ranked.free and cause.misfit > (SHAPELESS if cause.tempered < FAINT else ALIEN)
 
 
 def _best(cause: Cause) -> bool:
