@@ -54,9 +54,18 @@ def test_a_force_law_acts_in_its_cylinder_and_shows_in_its_pressures(plain):
 
 
 def test_a_drifting_law_knows_the_time_of_the_run(plain):
-    found = simulated(imposed(MACHINE, "friction_temperature_drift", "boom", -9e5))
+    found = simulated(imposed(MACHINE, "friction_temperature_drift", "boom", -9.0))
+    usual = plain.physics.friction[:, 0]
+    np.testing.assert_allclose(found.physics.friction[:, 0], usual * (1.0 - 9.0 * plain.t / 3600.0), atol=1e-6)
+
+
+def test_a_drift_of_viscous_friction_leaves_the_dry_one(plain):
+    found = simulated(imposed(MACHINE, "friction_temperature_drift", "boom", -9.0, shape={"viscous": True}))
+    truth = draw_truth(MACHINE, np.random.default_rng(1), 0.1)
+    (viscous,) = (float(c.value[0]) for c in truth.friction if c.name == "viscous")
     excess = (found.physics.moving.force - plain.physics.moving.force)[:, 0]
-    np.testing.assert_allclose(excess, -9e5 * plain.physics.moving.speed[:, 0] * plain.t / 3600.0, atol=1e-6)
+    expected = -9.0 * viscous * plain.physics.moving.speed[:, 0] * plain.t / 3600.0
+    np.testing.assert_allclose(excess, expected, atol=1e-6)
 
 
 def test_a_distortion_is_seen_but_does_not_act(plain):
