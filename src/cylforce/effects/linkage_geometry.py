@@ -22,7 +22,7 @@ class LinkageGeometry:
             "linkage_geometry",
             "m",
             0.003,
-            0.06,
+            0.04,
             Place.LINK,
             "with the posture, in proportion to the cylinder's force",
             "survey the pins of that linkage",

@@ -264,7 +264,7 @@ def _settled(
     for _ in range(2 * MOST):
         added = _added(problem, blocks, held, worth)
         held = [*held, added] if added and len(held) < MOST else held
-        better = _exchanged(problem, blocks, held, worth, kept)
+        better = _exchanged(problem, blocks, held, worth, kept, len(held) - bool(added))
         if added is None and [r.key for r in better] == [r.key for r in held]:
             return better
         held = better
@@ -277,10 +277,10 @@ def _added(problem: Problem, blocks: Blocks, held: Sequence[Ranked], worth: floa
 
 
 def _exchanged(
-    problem: Problem, blocks: Blocks, held: list[Ranked], worth: float, kept: tuple[tuple[str, str], ...]
+    problem: Problem, blocks: Blocks, held: list[Ranked], worth: float, kept: tuple[tuple[str, str], ...], count: int
 ) -> list[Ranked]:
-    """Each cause against all others again, now that its companions are known."""
-    for n in range(len(held) - 1 if len(held) > 1 else 0):
+    """Each of the first `count` causes against all others again, now that its companions are known."""
+    for n in range(count if len(held) > 1 else 0):
         if held[n].key in kept:
             continue
         others = [r for k, r in enumerate(held) if k != n]

@@ -25,9 +25,10 @@ RETURNED = 5.0  # the same of what return pressures say
 # Fitted on development machines of the withheld trial: how often a cause without a rival is right if its evidence is
 # strong, how much less if it is weak and its form does not fit, and from where on it is then no name at all.
 RELIABLE, WEAK, FADING, BLURRED = 0.98, 0.3, 300.0, 2.5
-FAINT, SHAPELESS, ALIEN = 200.0, 2.5, 30.0  # nats, misfits
+FAINT, SHAPELESS, ALIEN = 200.0, 2.5, 20.0  # nats, misfits
 CLOSE, BENT = 0.04, 5.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
+FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
 FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
@@ -73,7 +74,7 @@ def judged(search: Search) -> Judged:
         most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
         found = most > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
-    if left > max(PARTLY * removed, NOISE * floor) or _free(search, named[0].cause) or _blurred(named[0].cause):
+    if left > max(PARTLY * removed, NOISE * floor) or _strange(search, named[0].cause):
         return Judged(Verdict.UNKNOWN, (), explained)
     if named[0].confused:
         return Judged(Verdict.AMBIGUOUS, named, explained)
@@ -102,13 +103,19 @@ def _weight(cause: Cause) -> float:
     when it says much more."""
     if not cause.known:
         return cause.score / 3.0
-    return FOLLOWS * cause.score if cause.ranked.free else cause.score
+    return cause.score * (FOLLOWS if cause.ranked.free else min(FITS / cause.misfit, 1.0))
 
 
 def _free(search: Search, cause: Cause) -> bool:
     """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
     beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > STRAY * cause.score]
     return not cause.known or bool(cause.ranked.free and beside)
+
+
+def _strange(search: Search, cause: Cause) -> bool:
+    """Whether what comes first is no effect of the library: a torque of which nothing is known, one larger than can be,
+    or one whose form does not fit."""
+    return _free(search, cause) or _blurred(cause) or cause.size > cause.ranked.option.proposal.about.high
 
 
 def _blurred(cause: Cause) -> bool:
