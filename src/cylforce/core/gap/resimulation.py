@@ -133,15 +133,12 @@ class Resimulation:
     def _rubbing(self, moving: Motion, t: Array) -> Array:
         """What usual friction has in excess (T, N)."""
         model, found = self._other.slow, np.zeros_like(moving.q)
-        more = friction_level(self.effects, len(model.machine.cylinders), t) - 1.0
-        if not np.any(more):
-            return found
         names = [p.name for p in model.parameters]
-        usual = {
-            law for each in self.effects for effect in each.group if isinstance(effect, Share) for law in effect.laws
-        }
+        shares = [effect for each in self.effects for effect in each.group if isinstance(effect, Share)]
+        usual = {law for share in shares for law in share.laws}
         for effect in model.empty.effects:
             if isinstance(effect, Friction) and effect.name in usual:
+                more = friction_level(self.effects, len(model.machine.cylinders), t, effect.name) - 1.0
                 own = [self.parameters[names.index(p.name)] for p in effect.parameters(model.machine)]
                 found += np.einsum("tnc,tc->tn", effect.halves(model.machine, moving).static, more * np.array(own))
         return found
