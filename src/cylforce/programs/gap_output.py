@@ -16,7 +16,7 @@ from cylforce.edges.files import replacing
 from cylforce.programs.gap import Diagnosed
 from cylforce.words.estimate import Array
 
-BESIDE = "\n# Not named, too small or too uncertain; but these and the sizes above were found together.\n\n"
+BESIDE = "\n# Too small or too uncertain to be named; but these and the sizes above were found together.\n\n"
 MOSTLY = 0.5  # of what is left
 SHAPES = {
     "constant": "always the same",
@@ -123,8 +123,8 @@ def sentence(answer: dict[str, Any]) -> str:
     words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
     verb = words.get(verdict, "is caused by")
     share = closure["value"]
-    lesser = sum(not e["named"] for e in size["simulated"])
-    besides = f" and {lesser} lesser {'one' if lesser == 1 else 'ones'}" if lesser else ""
+    others = sum(not e["named"] for e in size["simulated"])
+    besides = f" and {others} {'other' if others == 1 else 'others'} found beside" if others else ""
     it = "it" if len(answer["effects"]) == 1 else "them"
     gone = "" if share is None else f"; with {it}{besides} simulated, {100 * share:.0f} % of the gap's energy is gone"
     return f"The gap, {gap_nm}, {verb} {names}{gone}{shape_words(answer)}."

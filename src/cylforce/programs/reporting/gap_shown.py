@@ -156,7 +156,7 @@ def _steps(search: Search, judged: Judged, gap: Gap) -> tuple[tuple[str, Array],
     """The gap as effect after effect is simulated, with the sizes that they have together."""
     named, all_of = judged.named, written(search, judged)
     labels = [f"+ {plain(n.cause.ranked.key)}" for n in named]
-    labels += ["+ lesser ones beside"] if len(all_of) > len(named) else []
+    labels += ["+ others found beside"] if len(all_of) > len(named) else []
     parts = [[n.cause for n in named[: k + 1]] for k in range(len(labels) - 1)]
     steps = [*(_mean(resimulated(search, part)) for part in parts), gap.after]
     return (
