@@ -1,7 +1,10 @@
-"""Where the gap lies, before any effect is thought of: excess energy by joint and regime, tested by exchanging blocks
-of clean and faulty recordings (permutation), the false-discovery rate under control (Benjamini and Hochberg 1995)."""
+"""Where the gap lies, before any effect is thought of: excess energy by joint and regime, tested by exchanging spans of
+clean and faulty recordings (permutation), the false-discovery rate under control (Benjamini and Hochberg 1995).
 
-from collections.abc import Callable
+To be exchangeable, clean spans have to be as unseen by the fit of the parameters as the faulty ones, long against what
+correlates in them, and to carry the same: only empty ones are exchanged with empty ones, loaded with loaded."""
+
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,19 +12,24 @@ from numpy.typing import NDArray
 
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.problem import Seen
-from cylforce.core.gap.residuals import fixed, rms
+from cylforce.core.gap.residuals import fixed, held_out_clean, rms
 from cylforce.core.gap.rows import BLOCK
 from cylforce.words.estimate import Array
 
 SLOW, FAST = 0.03, 0.10  # m/s
-EXCHANGES = 499
+SPAN = 5 * BLOCK  # rows that are exchanged together: fifteen seconds
+ROWS = 20  # of a regime that a span needs
+LEAST = 4  # spans, of faulty and of clean recordings
+MARGIN = 2.0  # times the energy, by which the same machine may differ from itself: conditions of two days are not one's
+EXCHANGES = 1999
 FALSE = 0.05  # share of false discoveries
 Regime = Callable[[Seen, int], NDArray[np.bool_]]
 
 
 class Spot(NamedTuple):
-    """A joint's row in a regime: rms [N m] of the faulty and of the clean recordings there, its `share` of all excess
-    energy of that joint, `p` that chance alone would make as much, whether it is `found` at the rate FALSE."""
+    """A joint's row in a regime: rms [N m] of the faulty and of the clean recordings there (the latter unseen by their
+    fit), its `share` of all excess energy of that joint, `p` that chance alone would make as much more than MARGIN
+    times the clean ones' energy, whether it is `found` at the rate FALSE."""
 
     channel: str
     regime: str
@@ -51,59 +59,67 @@ def _angle(seen: Seen, c: int) -> Array:
 
 
 def where(search: Search, rng: np.random.Generator) -> list[Spot]:
-    """All joints and regimes, most certain first."""
-    problem = search.original
-    clean, faulty = fixed(search)
+    """All joints and regimes, most certain first, then what stands out most."""
+    problem, unseen, (_, left) = search.original, held_out_clean(search), fixed(search)
+    usual = rms(unseen) if unseen else search.floor.rms
     spots = []
     for r, j in enumerate(problem.model.machine.rows):
-        c = problem.model.acting[r][0]
-        excess = float(rms(faulty)[r] ** 2 - search.floor.rms[r] ** 2)
-        rows = float(sum(np.sum(np.isfinite(e[:, r])) for e in faulty))
+        rows = sum(int(np.sum(np.isfinite(e[:, r]))) for e in left)
+        excess = float(rms(left)[r] ** 2 - usual[r] ** 2) * rows
         for name, regime in REGIMES.items():
-            there = [
-                [np.where(regime(seen, c), e[:, r], np.nan) for seen, e in zip(group, each, strict=True)]
-                for group, each in ((problem.clean, clean), (problem.faulty, faulty))
-            ]
-            found = _spot(problem.model.machine.links[j].name, name, there[0], there[1], excess, rows, rng)
+            clean, faulty = (
+                _spans(group, [e[:, r] for e in each], regime, problem.model.acting[r][0])
+                for group, each in ((problem.clean, unseen), (problem.faulty, left))
+            )
+            found = _spot((problem.model.machine.links[j].name, name), clean, faulty, excess, rng)
             spots += [found] if found else []
-    return sorted(_discoveries(spots), key=lambda s: (s.p, -s.share))
+    return sorted(_discoveries(spots), key=lambda s: (s.p, -s.faulty / s.clean))
+
+
+class _Spans(NamedTuple):
+    """Spans of recordings (B,): sum of `squares`, number of `rows`, whether `loaded`."""
+
+    squares: Array
+    rows: Array
+    loaded: NDArray[np.bool_]
+
+
+def _spans(group: Sequence[Seen], left: Sequence[Array], regime: Regime, c: int) -> _Spans:
+    """Those that have enough rows in a regime."""
+    found = []
+    for seen, e in zip(group, left, strict=True):
+        here = np.where(regime(seen, c), e, np.nan)
+        parts = (here[k : k + SPAN] for k in range(0, len(here), SPAN))
+        good = (part[np.isfinite(part)] for part in parts)
+        found += [(float(np.sum(x**2)), x.size, seen.recorded.load > 0.0) for x in good if x.size >= ROWS]
+    squares, rows, loaded = np.array(found, dtype=np.float64).reshape(-1, 3).T
+    return _Spans(squares, rows, loaded > 0.0)
 
 
 def _spot(
-    channel: str,
-    regime: str,
-    clean: list[Array],
-    faulty: list[Array],
-    excess: float,
-    rows: float,
-    rng: np.random.Generator,
+    place: tuple[str, str], clean: _Spans, faulty: _Spans, excess: float, rng: np.random.Generator
 ) -> Spot | None:
-    a, b = (np.concatenate([_blocks(e) for e in each]) if each else np.zeros((0, 2)) for each in (clean, faulty))
-    if len(b) < 3 or len(a) < 3:
+    if min(len(clean.rows), len(faulty.rows)) < LEAST:
         return None
-    usual, here = (float(x[:, 0].sum() / x[:, 1].sum()) for x in (a, b))
-    both = np.log(np.concatenate([b, a])[:, 0] / np.concatenate([b, a])[:, 1] + 1e-12)
-    real = both[: len(b)].mean() - both[len(b) :].mean()
-    chance = [_exchanged(both, len(b), rng) for _ in range(EXCHANGES)]
-    p = (1 + sum(x >= real for x in chance)) / (1 + EXCHANGES)
-    share = (here - usual) * float(b[:, 1].sum()) / rows / excess if excess > 0.0 else 0.0
-    return Spot(channel, regime, here**0.5, usual**0.5, float(np.clip(share, 0.0, 1.0)), p, found=False)
+    usual, here = (float(x.squares.sum() / x.rows.sum()) for x in (clean, faulty))
+    squares, rows, loaded = (np.concatenate(pair) for pair in zip(faulty, clean, strict=True))
+    p = chance(np.log(squares / rows + 1e-12), np.arange(len(rows)) < len(faulty.rows), loaded, rng, MARGIN)
+    share = (here - usual) * float(faulty.rows.sum()) / excess if excess > 0.0 else 0.0
+    return Spot(*place, here**0.5, usual**0.5, float(np.clip(share, 0.0, 1.0)), p, found=False)
 
 
-def _exchanged(values: Array, count: int, rng: np.random.Generator) -> float:
-    mixed = rng.permutation(values)
-    return float(mixed[:count].sum() / count - mixed[count:].sum() / (len(values) - count))
-
-
-def _blocks(residual: Array) -> Array:
-    """(sum of squares, number) (B, 2) of the blocks that have any."""
-    found = []
-    for k in range(0, len(residual), BLOCK):
-        part = residual[k : k + BLOCK]
-        good = part[np.isfinite(part)]
-        if good.size > BLOCK // 10:
-            found.append((float(np.sum(good**2)), float(good.size)))
-    return np.array(found).reshape(-1, 2)
+def chance(
+    values: Array, faulty: NDArray[np.bool_], loaded: NDArray[np.bool_], rng: np.random.Generator, margin: float = 1.0
+) -> float:
+    """Share of exchanges of faulty and clean spans (B,), loaded ones among themselves, empty ones among themselves, in
+    which the faulty ones' mean is as far above the clean ones'; `values` (B,): logarithms of their energies, the faulty
+    ones' divided by `margin` before."""
+    values = values - np.log(margin) * faulty
+    drawn = np.tile(faulty, (EXCHANGES, 1))
+    for stratum in (loaded, ~loaded):
+        drawn[:, stratum] = rng.permuted(drawn[:, stratum], axis=1)
+    real, usual = (d @ values / np.sum(faulty) - ~d @ values / np.sum(~faulty) for d in (faulty, drawn))
+    return float((1 + np.sum(usual >= real - 1e-12)) / (1 + EXCHANGES))
 
 
 def _discoveries(spots: list[Spot]) -> list[Spot]:
