@@ -19,7 +19,7 @@ from cylforce.words.estimate import Array
 SLOW, FAST = 0.03, 0.10  # m/s
 SPAN = 5 * BLOCK  # rows that are exchanged together: fifteen seconds
 ROWS = 20  # of a regime that a span needs
-LEAST = 4  # spans, of faulty and of clean recordings
+LEAST = 2  # spans, of faulty and of clean recordings
 MARGIN = 2.0  # times the energy, by which the same machine may differ from itself: conditions of two days are not one's
 EXCHANGES = 1999
 FALSE = 0.05  # share of false discoveries
