@@ -95,7 +95,8 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
         enough = cause.known and cause.score >= MINOR * largest and _counts(cause, BESIDES)
         if enough and share >= least and _best(cause):
             kept.append((cause, share, joint))
-    return tuple(_named(c, share) for c, share, _ in kept)
+    small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
+    return tuple(_named(c, share, max(small, 0.0)) for c, share, _ in kept)
 
 
 def _weight(cause: Cause) -> float:
@@ -153,9 +154,11 @@ def _shapeless(cause: Cause) -> bool:
     return large and cause.score >= HINT and cause.tempered < ENOUGH and cause.significance >= SIGNIFICANT
 
 
-def _named(cause: Cause, share: float) -> Named:
+def _named(cause: Cause, share: float, small: float) -> Named:
+    """The cause with its confidence. The less its form fits, and the more of the evidence is that of `small` causes
+    beside those named [nats], the farther a rival must be behind."""
     rivals = [r for r in cause.rivals if not _contains(r, cause)]
-    lead = max(LEAD, CLOSE * cause.score * min((cause.misfit - 1.0) / BENT, 1.0))
+    lead = max(LEAD, CLOSE * cause.score * min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0))
     behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
     close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
     odds = float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
