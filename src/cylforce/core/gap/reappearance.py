@@ -10,6 +10,7 @@ import numpy as np
 from cylforce.core.gap.evidence import Blocks, Evidence, Term
 
 PARTS = 4
+USUAL = 2.0  # inflation, as most columns have it on reference machines in order
 
 
 def reappearance(blocks: Blocks, term: Term) -> float:
@@ -31,10 +32,10 @@ def reappearance(blocks: Blocks, term: Term) -> float:
 
 def usual(blocks: Blocks, term: Term) -> float:
     """The inflation that the term's own columns have where it is not: in one half of the clean blocks, told by the
-    other; 1 without enough of them. What goes slowly scatters more than white noise on a machine in order, too."""
+    other; USUAL without enough of them. What goes slowly scatters more than white noise on a machine in order, too."""
     count, columns = len(blocks.clean), tuple(dict.fromkeys(term.columns))
     if count < 2 * PARTS:
-        return 1.0
+        return USUAL
     half = np.arange(count) // 2 % 2 == 1
     played = replace(blocks, faulty=blocks.clean[half], faulty_rows=blocks.clean_rows[half])
     weight = np.concatenate([np.where(half, 0.0, 1.0), np.ones(int(np.sum(half)))])

@@ -89,7 +89,8 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
     found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -_weight(e[0]))
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
-    kept = [e for e in found[:1] if e[0].score >= FIRST * largest]
+    most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
+    kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
     for cause, share, joint in found[1:] if kept else ():
         least = STRAY if joint in [j for *_, j in kept] else OTHER
         enough = cause.known and cause.score >= MINOR * largest and _counts(cause, BESIDES)
@@ -116,13 +117,14 @@ def _free(search: Search, cause: Cause) -> bool:
 def _strange(search: Search, cause: Cause) -> bool:
     """Whether what comes first is no effect of the library: a torque of which nothing is known, one larger than can be,
     or one whose form does not fit."""
-    return _free(search, cause) or _blurred(cause) or cause.size > cause.ranked.option.proposal.about.high
+    return _free(search, cause) or _blurred(search, cause) or cause.size > cause.ranked.option.proposal.about.high
 
 
-def _blurred(cause: Cause) -> bool:
+def _blurred(search: Search, cause: Cause) -> bool:
     """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack:
     something is there, of another shape."""
-    return not cause.ranked.free and cause.misfit > (SHAPELESS if cause.tempered < FAINT else ALIEN)
+    most = ALIEN if search.original.clean else np.inf  # only the machine in order tells what is usual
+    return not cause.ranked.free and cause.misfit > (SHAPELESS if cause.tempered < FAINT else most)
 
 
 def _best(cause: Cause) -> bool:
