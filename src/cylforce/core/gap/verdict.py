@@ -20,11 +20,13 @@ PLAIN = 50.0  # nats
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
-LEAD = 10.0  # nats by which a cause must be better than a rival of the same shape
-RETURNED = 5.0  # the same of what return pressures say
-# Fitted on development machines of the withheld trial: how often a cause without a rival is right if its evidence is
-# strong, how much less if it is weak and its form does not fit, and from where on it is then no name at all.
-RELIABLE, WEAK, FADING, BLURRED = 0.98, 0.3, 300.0, 2.5
+LEAD = 6.0  # nats by which a cause must be better than a rival of the same shape
+MESS = 0.01  # of the evidence of small causes beside it: by which any other may be off
+RETURNED = 3.5  # the same of what return pressures say
+# Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
+# less if its evidence is weak, its form does not fit, small causes stand beside it; and what is no name at all.
+RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 2.0
+FADING, WARPED = 300.0, 10.0  # nats, misfit
 FAINT, SHAPELESS, ALIEN = 200.0, 2.5, 20.0  # nats, misfits
 CLOSE, BENT = 0.04, 5.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
@@ -160,12 +162,20 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     """The cause with its confidence. The less its form fits, and the more of the evidence is that of `small` causes
     beside those named [nats], the farther a rival must be behind."""
     rivals = [r for r in cause.rivals if not _contains(r, cause)]
-    lead = max(LEAD, CLOSE * cause.score * min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0))
+    uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
+    lead = max(LEAD, CLOSE * cause.score * uneven, MESS * small)
     behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
     close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
     odds = float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
-    weak = WEAK * float(np.exp(-cause.tempered / FADING)) * min((cause.misfit - 1.0) / BLURRED, 1.0)
-    return Named(cause, (RELIABLE - weak) / (1.0 + odds), share, close)
+    return Named(cause, _alone(cause, small) / (1.0 + odds), share, close)
+
+
+def _alone(cause: Cause, small: float) -> float:
+    """How likely a cause is right if it has no rival."""
+    misfit = 0.0 if cause.ranked.free else min((cause.misfit - 1.0) / WARPED, 1.0)
+    doubt = WEAK * float(np.exp(-cause.tempered / FADING)) + MISSHAPEN * misfit
+    doubt += CLUTTERED * min(small / cause.score, 1.0)
+    return float(1.0 / (1.0 + np.exp(doubt - RELIABLE)))
 
 
 def _behind(rival: Ranked, cause: Cause, lead: float) -> float:
