@@ -1,4 +1,8 @@
-"""The benchmark runs, its parts add up, and a step stays well under five percent of a core."""
+"""The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
+
+A step is 2.0 to 2.1 yardsticks on an idle core as on a crowded one, where it takes twice as long. On the core on which
+a step takes 360 us, five percent of the core at 100 Hz are 2.85 yardsticks.
+"""
 
 import json
 import subprocess
@@ -10,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def test_a_step_costs_less_than_five_percent_of_a_core(tmp_path):
+def test_a_step_costs_little_against_fixed_work(tmp_path):
     output = tmp_path / "bench.json"
     command = [
         sys.executable,
@@ -29,4 +33,4 @@ def test_a_step_costs_less_than_five_percent_of_a_core(tmp_path):
     assert sum(found["parts_us"].values()) == pytest.approx(found["step_us"])
     assert found["rate_hz"] == 100.0
     assert found["share_of_core"] == pytest.approx(found["step_us"] * 1e-4)
-    assert found["share_of_core"] < 0.05
+    assert found["yardsticks"] < 2.85

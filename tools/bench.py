@@ -1,5 +1,6 @@
-"""Microseconds of one step, part by part, on a simulated digging cycle; the share of one core that it takes; and the
-memory of identification from an hour."""
+"""Microseconds of one step, part by part, on a simulated digging cycle; the share of one core that it takes; how many
+times as long as a fixed piece of work on the same core, which tells a slow step from a slow core; and the memory of
+identification from an hour."""
 
 import argparse
 import contextlib
@@ -53,14 +54,18 @@ WORDS = {
     "rest": "everything else",
 }
 HOUR_S = 3600
+STEPS_A_YARDSTICK = 10
+Clock = Callable[[], float]
 
 
 class Measured(NamedTuple):
-    """What was measured for a machine file: microseconds by part and of a whole step, the rate of steps, the largest
-    memory [bytes] that identification from an hour took."""
+    """What was measured for a machine file: microseconds by part, of a whole step and of the yardstick, the step's over
+    the yardstick's, the rate of steps, the largest memory [bytes] that identification from an hour took."""
 
     parts_us: dict[str, float]
     step_us: float
+    yardstick_us: float
+    yardsticks: float
     rate_hz: float
     identify_bytes: int | None
 
@@ -75,11 +80,14 @@ def measure(config: Path, rounds: int, memory: bool) -> Measured:
         segments = list(recorded_segments(loaded, moves))
         events = list(recorded_events(loaded, cycle))
     core = Core(loaded.service, identify(model_of(loaded), segments).tares)
-    total = statistics.median(step_us(core, events) for _ in range(rounds))
+    timed = [step_us(core, events) for _ in range(rounds)]
+    total, yard = (statistics.median(us) for us in zip(*timed, strict=True))
+    over = statistics.median(step / yard for step, yard in timed)
     shares = [part_shares(core, events) for _ in range(rounds)]
     parts = {name: total * statistics.median(share[name] for share in shares) for name in PARTS}
     peak = identify_peak(loaded, segments) if memory else None
-    return Measured(parts | {"rest": total - sum(parts.values())}, total, loaded.service.filters.rate_hz, peak)
+    rest = {"rest": total - sum(parts.values())}
+    return Measured(parts | rest, total, yard, over, loaded.service.filters.rate_hz, peak)
 
 
 def recorded_events(loaded: Loaded, log: Path) -> Iterator[Event]:
@@ -89,26 +97,41 @@ def recorded_events(loaded: Loaded, log: Path) -> Iterator[Event]:
     return (event for event in recording.events if isinstance(event, Frame | Tick))
 
 
-def steps(events: Sequence[Event]) -> int:
-    """How many ticks there are."""
-    return sum(isinstance(event, Tick) for event in events)
-
-
-def step_us(core: Core, events: Sequence[Event]) -> float:
-    """Processor time of a step with its frames."""
-    state, start = core.begin(), time.process_time()
+def step_us(core: Core, events: Sequence[Event], now: Clock = time.process_time) -> tuple[float, float]:
+    """Time of a step with its frames, and of the yardstick, one after every few steps: what slows the core for one (its
+    clock, neighbours in its caches) slows it for the other."""
+    state, yard, ticks = core.begin(), 0.0, 0
+    start = now()
     for event in events:
         state, _ = step(core, state, event)
-    return (time.process_time() - start) / steps(events) * 1e6
+        ticks += isinstance(event, Tick)
+        if isinstance(event, Tick) and ticks % STEPS_A_YARDSTICK == 0:
+            before = now()
+            yardstick()
+            yard += now() - before
+    return (now() - start - yard) / ticks * 1e6, yard / (ticks // STEPS_A_YARDSTICK) * 1e6
+
+
+def yardstick() -> None:
+    """A fixed piece of work that is like a step, small arrays and interpreted lines, and that no change of ours makes
+    faster or slower."""
+    square = np.eye(13) + np.arange(169.0).reshape(13, 13) % 7.0 * 0.05
+    rows, right, words = np.stack([square] * 4), np.ones((4, 13, 1)), {"kept": 0.0}
+    for _ in range(4):
+        words["kept"] += float(np.linalg.solve(rows, right).sum())
+        np.linalg.qr(square)
+        np.concatenate((square, right[0]), axis=1).cumsum(axis=0)
+        np.einsum("kij,kjl->kil", rows, right)
+        for k in range(50):
+            words["kept"] = max(words["kept"] - k, 0.0)
 
 
 def part_shares(core: Core, events: Sequence[Event]) -> dict[str, float]:
     """The share of each part in a step."""
     with stopwatches() as took:
-        start = time.perf_counter_ns()
-        step_us(core, events)
-        whole = time.perf_counter_ns() - start
-    return {name: ns / whole for name, ns in took.items()}
+        whole, _ = step_us(core, events, time.perf_counter)
+    ticks = sum(isinstance(event, Tick) for event in events)
+    return {name: ns / (1e3 * whole * ticks) for name, ns in took.items()}
 
 
 @contextlib.contextmanager
@@ -163,7 +186,9 @@ def table(found: dict[str, Measured]) -> Table:
     text.add_section()
     text.add_row("step, all in all", *(f"{m.step_us:.0f}" for m in found.values()))
     text.add_row("steps per second", *(f"{1e6 / m.step_us:.0f}" for m in found.values()))
-    text.add_row("share of one core", *(f"{share(m):.1%} at {m.rate_hz:.0f} Hz" for m in found.values()))
+    text.add_row("share of this core", *(f"{share(m):.1%} at {m.rate_hz:.0f} Hz" for m in found.values()))
+    text.add_row("a yardstick: fixed work on the same core", *(f"{m.yardstick_us:.0f}" for m in found.values()))
+    text.add_row("step over yardstick", *(f"{m.yardsticks:.1f}" for m in found.values()))
     if any(m.identify_bytes for m in found.values()):
         peaks = (f"{m.identify_bytes / 1e6:.0f} MB" if m.identify_bytes else "-" for m in found.values())
         text.add_row("identification from an hour, memory", *peaks)
