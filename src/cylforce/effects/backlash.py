@@ -6,7 +6,7 @@ import numpy as np
 
 from cylforce.machine.candidate import About, Place
 from cylforce.machine.machine import Machine
-from cylforce.machine.reading import angle_signal, measured_torque
+from cylforce.machine.reading import angle_signal, followed, measured_torque
 from cylforce.words.estimate import Array
 
 
@@ -15,6 +15,7 @@ class Backlash:
     """Play in a joint: its angle is measured off by half the play, to the side to which the load presses."""
 
     turning: float = 2e2  # N m, torque that takes up the play
+    crossing: float = 0.0  # s, time constant of the way from side to side
 
     @property
     def about(self) -> About:
@@ -30,7 +31,7 @@ class Backlash:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """a + size/2 sgn(tau), tau's sign the last that |tau| > turning had."""
+        """a + size/2 s, s' = (sgn(tau) - s) / crossing, tau's sign the last that |tau| > turning had."""
         signal = angle_signal(machine, where)
         if signal is None:
             return values
@@ -38,5 +39,6 @@ class Backlash:
         found = values.copy()
         clear = np.abs(torque) > self.turning
         last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))
-        found[:, signal] += size / 2.0 * np.sign(torque[last])
+        side = np.sign(torque[last])
+        found[:, signal] += size / 2.0 * (followed(side, t, self.crossing) if self.crossing else side)
         return found

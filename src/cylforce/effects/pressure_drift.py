@@ -1,6 +1,8 @@
-"""A pressure sensor whose zero wanders while it works: size t / hour."""
+"""A pressure sensor whose zero wanders while it works."""
 
 from dataclasses import dataclass
+
+import numpy as np
 
 from cylforce.machine.candidate import About, Place
 from cylforce.machine.machine import Machine
@@ -9,7 +11,9 @@ from cylforce.words.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class PressureDrift:
-    """A pressure sensor whose zero wanders while it works: size t / hour."""
+    """A pressure sensor whose zero wanders while it works: size t / hour, and as it gets warm ever less."""
+
+    fading: float = 0.0  # 1/s, how fast it gets warm
 
     @property
     def about(self) -> About:
@@ -25,7 +29,8 @@ class PressureDrift:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """p + size t, t in hours from the recording's start."""
+        """p + size t, t in hours from the recording's start; p + size (1 - exp(-f t)) / f if that fades."""
+        since = -np.expm1(-self.fading * t) / self.fading if self.fading else t
         found = values.copy()
-        found[:, where] += size * t / 3600.0
+        found[:, where] += size * since / 3600.0
         return found

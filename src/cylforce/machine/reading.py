@@ -1,6 +1,7 @@
 """What a machine's signals say, read off directly: which one tells a joint's angle, which torque the cylinders have."""
 
 import numpy as np
+from scipy.signal import lfilter
 
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
@@ -44,3 +45,10 @@ def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
     acting = [c for c, span in enumerate(machine.spans) if joint in span]
     levers = [machine.cylinders[c].linkage.stretch(at).gradient[:, joint] for c in acting]
     return sum((forces[:, c] * lever for c, lever in zip(acting, levers, strict=True)), np.zeros(len(values)))
+
+
+def followed(course: Array, t: Array, constant: float) -> Array:
+    """A course (T,) at times t (T,) [s], evenly spaced, as what follows it with a time constant [s]; at first it has
+    caught up."""
+    keep = float(np.exp(-np.mean(np.diff(t)) / constant)) if len(t) > 1 else 0.0
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], course, zi=[keep * course[0]])[0])

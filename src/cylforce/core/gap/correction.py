@@ -9,6 +9,7 @@ import numpy as np
 
 from cylforce.core.gap.problem import Option, Problem, Seen
 from cylforce.core.gap.rows import Recorded, Rows, Viewer
+from cylforce.core.gap.unknown import NAME
 from cylforce.machine.candidate import Alteration, Course, Distortion, Incident, Place, places
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
@@ -24,6 +25,8 @@ class Applied(NamedTuple):
 def bends(option: Option) -> bool:
     """Whether the effect is not linear in its size: then its columns depend on it."""
     effect = option.proposal.group[0]
+    if option.proposal.name == NAME:
+        return False
     if isinstance(effect, Incident):
         return effect.course is Course.CLOCK
     return isinstance(effect, Distortion | Alteration)
