@@ -103,9 +103,7 @@ class OthersPressure:
         others = [k for k, s in enumerate(machine.signals) if s.kind in kinds and s.index not in own]
         if self.other >= len(others) or not own:
             return values
-        return _pushed(
-            machine, values, where, size * values[:, others[self.other]] * machine.cylinders[own[0]].area_head
-        )
+        return _pushed(machine, values, where, size * area * values[:, others[self.other]])
 
 
 def _pushed(machine: Machine, values: Array, where: int, push: Array, turned: bool = False) -> Array:
