@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.machine.candidate import About, Place
 from cylforce.machine.machine import Machine
@@ -35,10 +36,17 @@ class Backlash:
         signal = angle_signal(machine, where)
         if signal is None:
             return values
-        torque = measured_torque(machine, values, where)
-        found = values.copy()
-        clear = np.abs(torque) > self.turning
-        last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))
-        side = np.sign(torque[last])
+        side, found = self._side(machine, values, where), values.copy()
         found[:, signal] += size / 2.0 * (followed(side, t, self.crossing) if self.crossing else side)
         return found
+
+    def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
+        """Where the load begins to press to the other side."""
+        side = self._side(machine, values, where)
+        return np.asarray(np.diff(side, prepend=side[:1]) != 0.0)
+
+    def _side(self, machine: Machine, values: Array, where: int) -> Array:
+        torque = measured_torque(machine, values, where)
+        clear = np.abs(torque) > self.turning
+        last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))
+        return np.asarray(np.sign(torque[last]))

@@ -4,6 +4,9 @@ in which it acts. The same method serves the simulated machine and the diagnosis
 from enum import StrEnum
 from typing import NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cylforce.machine.effect import Halves
 from cylforce.machine.machine import Machine
 from cylforce.machine.motion import Motion
@@ -68,6 +71,15 @@ class Distortion(Candidate, Protocol):
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """Values (T, S) of all signals as measured at t (T,) [s], from those without the error; `where` counts the
         places of its kind on the machine (see `places`)."""
+        ...
+
+
+@runtime_checkable
+class Sudden(Distortion, Protocol):
+    """An error that jumps, at instants that are known only roughly."""
+
+    def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
+        """Which samples (T,) of the values (T, S) are the first after a jump."""
         ...
 
 

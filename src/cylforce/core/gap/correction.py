@@ -10,9 +10,12 @@ import numpy as np
 from cylforce.core.gap.problem import Option, Problem, Seen
 from cylforce.core.gap.rows import Recorded, Rows, Viewer
 from cylforce.core.gap.unknown import NAME
-from cylforce.machine.candidate import Alteration, Course, Distortion, Incident, Place, places
+from cylforce.machine.candidate import Alteration, Course, Distortion, Incident, Place, Sudden, places
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
+
+UNSURE_S = 0.2  # by which a jump may come earlier or later
+FADED = 3.0  # times the filters' lag, after which they have forgotten it
 
 
 class Applied(NamedTuple):
@@ -47,6 +50,34 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origin
         found = recorded._replace(values=values)
         faulty.append(Seen(found, _renewed(problem, other, found, applied)))
     return replace(problem, faulty=tuple(faulty), same=problem.same or problem)
+
+
+def unsure(problem: Problem, viewer: Viewer, applied: Sequence[Applied], original: Sequence[Recorded]) -> list[Array]:
+    """Which rows (T',) of the `original` faulty recordings a jump of an applied effect may touch: when it jumps is known
+    roughly, and what a jump makes of momentum is large."""
+    rate, found = problem.model.filters.rate_hz, []
+    for seen, recorded in zip(problem.faulty, original, strict=True):
+        touched = np.zeros(len(seen.rows.t), dtype=bool)
+        for each in applied:
+            for effect in each.option.proposal.group:
+                if isinstance(effect, Sudden):
+                    jumps = effect.jumps(problem.model.machine, recorded.values, each.option.proposal.where)
+                    at = recorded.begins + np.flatnonzero(jumps) / rate
+                    since = seen.rows.t[:, None] - at[None, :]
+                    touched |= np.any((since > -UNSURE_S) & (since < UNSURE_S + FADED * viewer.lag), axis=1)
+        found.append(touched)
+    return found
+
+
+def aside(problem: Problem, rows: Sequence[Array]) -> Problem:
+    """The problem without some rows (T',) of its faulty recordings; itself if there are none."""
+    if not any(np.any(lost) for lost in rows):
+        return problem
+    faulty = tuple(
+        seen._replace(rows=seen.rows._replace(left=np.where(lost[:, None], np.nan, seen.rows.left)))
+        for seen, lost in zip(problem.faulty, rows, strict=True)
+    )
+    return replace(problem, faulty=faulty, same=problem.same or problem)
 
 
 def _renewed(problem: Problem, viewer: Viewer, recorded: Recorded, applied: Sequence[Applied]) -> Rows:

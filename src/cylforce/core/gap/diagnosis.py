@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.core.gap.correction import Applied, bends, without
+from cylforce.core.gap.correction import Applied, aside, bends, unsure, without
 from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen
@@ -200,10 +200,8 @@ def _greedy(
 ) -> Search:
     """Causes one by one, each exchanged as soon as another does better beside the others; then those that are not
     linear in their size are taken out of the recordings, and what is left is looked at again."""
-    first_problem, usual = problem, _usual(blocks)
-    base = Evidence(blocks)
-    _, before = base.squares((), base.fitted)
-    worth = max(ENOUGH, MINOR * float(np.sum(before) - np.sum(usual)) / (2.0 * TEMPER))
+    first_problem, base = problem, Evidence(blocks)
+    worth = max(ENOUGH, MINOR * float(np.sum(base.squares((), base.fitted)[1] - _usual(blocks))) / (2.0 * TEMPER))
     watch("search")
     first = tuple(ranking(problem, base))
     held = _found(problem, blocks, worth)
@@ -214,12 +212,17 @@ def _greedy(
             break
         watch("columns at the sizes found")
         applied = found
-        problem = without(problem, viewer, _bending(held, applied), original)
+        lost = unsure(first_problem, viewer, _bending(held, applied), original)
+        problem = aside(without(problem, viewer, _bending(held, applied), original), lost)
         blocks = problem.blocks(floor)
         held = _settled(problem, blocks, held, worth, kept=tuple(applied))
         applied = {key: sizes for key, sizes in applied.items() if key in {r.key for r in held}}
     evidence = Evidence(blocks, [r.option.term for r in held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
+    lost = unsure(first_problem, viewer, _bending(held, applied), original)
+    base = Evidence(aside(first_problem, lost).blocks(floor))
+    _, before = base.squares((), base.fitted)
+    usual = _usual(base.blocks)
     _, fixed = base.squares((), first_problem.fixed(base.blocks, evidence.fitted))
     after = np.where(_rough(held, fixed, after), np.minimum(after, usual), after)
     causes = _causes(first_problem, blocks, floor, held, applied, evidence)
