@@ -53,8 +53,8 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origin
 
 
 def unsure(problem: Problem, viewer: Viewer, applied: Sequence[Applied], original: Sequence[Recorded]) -> list[Array]:
-    """Which rows (T',) of the `original` faulty recordings a jump of an applied effect may touch: when it jumps is known
-    roughly, and what a jump makes of momentum is large."""
+    """Which rows (T',) of the `original` faulty recordings a jump of an applied effect may touch: it is known only
+    roughly when it jumps, and what a jump makes of momentum is large."""
     rate, found = problem.model.filters.rate_hz, []
     for seen, recorded in zip(problem.faulty, original, strict=True):
         touched = np.zeros(len(seen.rows.t), dtype=bool)
