@@ -16,6 +16,8 @@ BEYOND = 2.0  # times the largest plausible size
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
 EQUAL = 1.0  # nats between what the same recording would turn round
+UNLIKELY = 0.3  # of a size's logarithm, by which it is below the least plausible one: half a nat
+SURELY = 3.0  # standard errors
 TIE = 3.0  # nats that are no difference
 
 
@@ -60,15 +62,18 @@ def magnitude(found: Ranked, values: Array, errors: Array) -> float:
 
 def certain(found: Ranked, values: Array, covariance: Array) -> float:
     """The magnitude of what is free at any instant, from its `covariance` (M, M): along each direction less what its
-    error alone would make of it, for the part of a force that no joint feels could be anything."""
+    error alone would make of it, for the part of a force that no joint feels could be anything; at least what it surely
+    is once, for small ones may be beside a large one."""
     width, axes = len(dict.fromkeys(found.option.term.columns)), found.option.proposal.about.axes
-    squares, weights = [], []
+    squares, weights, once = [], [], 0.0
     for k in range(0, len(values), width):
         own = slice(k, k + axes)
         variance, direction = np.linalg.eigh(covariance[own, own])
-        squares.append(np.sum(np.maximum((direction.T @ values[own]) ** 2 - variance, 0.0)))
+        along = np.abs(direction.T @ values[own])
+        once = max(once, float(np.max(along - SURELY * np.sqrt(np.maximum(variance, 0.0)))))
+        squares.append(np.sum(np.maximum(along**2 - variance, 0.0)))
         weights.append(1.0 / max(float(np.sum(variance)), 1e-300))
-    return float(np.sqrt(np.average(squares, weights=weights)))
+    return max(float(np.sqrt(np.average(squares, weights=weights))), once)
 
 
 def ranking(
@@ -99,14 +104,24 @@ def _returned(problem: Problem, option: Option, told: Told) -> float:
 
 def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[Ranked]:
     """The ranking, but first among those as good as the best stands the one with the fewest sizes, of equals the one
-    that the library lists first. Sizes that are free at any instant follow what they are not, too."""
+    that has a plausible size, or else that the library lists first. Sizes that are free at any instant follow what they
+    are not, too."""
     best = ranked[0].score if ranked else 0.0
     tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
     tied = [r for r in ranked if r.score > best - tie]
     fewest = min((len(r.option.term.columns) for r in tied), default=0)
     tied = [r for r in tied if len(r.option.term.columns) == fewest]
-    first = min((r for r in tied if r.score > tied[0].score - EQUAL), key=lambda r: order[r.key], default=None)
+    likely = max((r.score - _unlikely(r) for r in tied), default=0.0)
+    equal = [r for r in tied if r.score - _unlikely(r) > likely - EQUAL]
+    first = min(equal, key=lambda r: order[r.key], default=None)
     return ranked if first is None else [first, *(r for r in ranked if r is not first)]
+
+
+def _unlikely(found: Ranked) -> float:
+    """How implausible the size is because it is small [nats]."""
+    size = magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))
+    small = np.log(max(found.option.proposal.about.low / max(size, 1e-300), 1.0))
+    return float(0.5 * (small / UNLIKELY) ** 2)
 
 
 def _possible(found: Ranked) -> bool:
