@@ -17,7 +17,7 @@ WRONG = 0.02  # of the squares of sizes in several windows: how much of them may
 FREER = 0.05  # of a score that sizes free at any instant must be better by
 EQUAL = 1.0  # nats between what the same recording would turn round
 UNLIKELY = 0.3  # of a size's logarithm, by which it is below the least plausible one: half a nat
-SURELY = 3.0  # standard errors
+SURELY = 8.0  # standard errors
 TIE = 3.0  # nats that are no difference
 
 

@@ -12,10 +12,12 @@ from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
+from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
 BESIDES = 1.0  # of an effect's least plausible size: what one beside a larger one must have
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
+MOMENTARY, LOUD = 5.0, 1e4  # the same of what is free at any instant, it has many sizes; nats that leave no doubt
 PLAIN = 50.0  # nats
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
@@ -33,6 +35,7 @@ LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothi
 FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
+ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
 FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
 HINT = 25.0  # nats for an effect whose shape does not fit: something is there
 
@@ -147,8 +150,11 @@ def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
 def _counts(cause: Cause, least: float) -> bool:
     """Whether a cause is large enough, certain enough, and of the right shape."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
-    enough = ENOUGH if cause.known else FREE
+    effect = cause.ranked.option.proposal.group[0]
+    once = isinstance(effect, Incident) and effect.course is not Course.CLOCK
+    enough = ONCE if once and cause.known else ENOUGH if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
+    sure = MOMENTARY if cause.ranked.free and cause.tempered < LOUD else sure
     return large and cause.tempered >= enough and cause.significance >= sure
 
 
