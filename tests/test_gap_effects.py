@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from cylforce.core.gap.diagnosis import Search, fitted_tares, looked_at, search
-from cylforce.core.gap.library import LIBRARY, proposals
+from cylforce.core.gap.diagnosis import Search, asked, fitted_tares, looked_at, search
+from cylforce.core.gap.library import LIBRARY
 from cylforce.core.gap.patch import patch
 from cylforce.core.gap.problem import Seen
 from cylforce.core.gap.rank import leading
@@ -82,7 +82,7 @@ def reference() -> Reference:
     """The machine as it always was."""
     clean, model = recordings(1), Model(MACHINE, SERVICE.filters, FRICTION)
     viewer = Viewer(model, fitted_tares(model, clean))
-    return Reference(viewer, looked_at(viewer, clean, proposals(MACHINE)))
+    return Reference(viewer, looked_at(viewer, clean, asked(MACHINE)))
 
 
 def told(found: Search, key: tuple[str, str]):

@@ -30,7 +30,8 @@ class About(NamedTuple):
     """What an effect says of itself: the `name` by which it is reported, `unit` (SI) of its size, the plausible range
     `low`..`high` of that size's magnitude, `sign` (1 or -1 where only one can be, else 0), `place`, in which regimes it
     `shows`, the experiment that would `confirm` it, how many of its sizes are the `axes` of that magnitude, whether
-    every recording has sizes `of_its_own`, and how uncertain a size is, as a share of it, because the `form` is."""
+    every recording has sizes `of_its_own`, and how uncertain a size is, as a share of it, because the `form` is: the
+    levers and areas that turn it into torque are never known better than to one percent."""
 
     name: str
     unit: str
@@ -42,7 +43,7 @@ class About(NamedTuple):
     sign: int = 0
     axes: int = 1
     of_its_own: bool = False
-    form: float = 0.0
+    form: float = 0.01
 
 
 class Candidate(Protocol):

@@ -19,6 +19,7 @@ from cylforce.core.model import Model
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
+from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
@@ -110,7 +111,7 @@ def search(
 ) -> Search:
     """Which effects of the library explain what the model leaves of the faulty recordings; `known` (P,): standard
     errors of the viewer's tares, by default the data sheet's; `only`: name and place of the one that may be a cause."""
-    wanted = proposals(viewer.model.machine, (*library, *UNKNOWN))
+    wanted = asked(viewer.model.machine, library)
     watch("columns of every effect")
     seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
@@ -118,6 +119,11 @@ def search(
     floor = noise_floor(problem)
     blocks = problem.blocks(floor)
     return _greedy(viewer, problem, blocks, floor, [each.recorded for each in problem.faulty], watch)
+
+
+def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
+    """Everything that is asked of the recordings: the library's proposals, and what they must be better than."""
+    return proposals(machine, (*library, *UNKNOWN))
 
 
 def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
