@@ -29,8 +29,8 @@ RETURNED = 3.5  # the same of what return pressures say
 # less if its evidence is weak, its form does not fit, small causes stand beside it; and what is no name at all.
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 2.0
 FADING, WARPED = 300.0, 10.0  # nats, misfit
-FAINT, SHAPELESS, ALIEN = 200.0, 2.5, 20.0  # nats, misfits
-CLOSE, BENT = 0.04, 5.0  # relative margin where its form does not fit, and the inflation that tells so
+FAINT, SHAPELESS, ALIEN = 100.0, 2.5, 50.0  # nats, misfits
+CLOSE, BENT = 0.02, 5.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
