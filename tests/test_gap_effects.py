@@ -7,21 +7,25 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from cylforce.core.gap.correction import FADED, UNSURE_S, Applied, aside, unsure
 from cylforce.core.gap.diagnosis import Search, asked, fitted_tares, looked_at, search
-from cylforce.core.gap.library import LIBRARY
+from cylforce.core.gap.evidence import Term
+from cylforce.core.gap.library import LIBRARY, proposals
 from cylforce.core.gap.patch import patch
-from cylforce.core.gap.problem import Seen
+from cylforce.core.gap.problem import Option, Problem, Seen
 from cylforce.core.gap.rank import leading
 from cylforce.core.gap.residuals import fixed, held_out_clean
 from cylforce.core.gap.resimulation import read_blocks
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.shrinkage import resimulated
+from cylforce.core.gap.verdict import Verdict, judged
 from cylforce.core.model import FRICTION, Model
 from cylforce.core.scenario import moves
 from cylforce.core.sensing import run, sensors
 from cylforce.core.simulated_effects import Imposed, imposed
 from cylforce.core.simulator import draw_truth
 from cylforce.edges.settings import load
+from cylforce.effects.backlash import Backlash
 from cylforce.machine.candidate import SHAPES, Course, Incident
 
 SERVICE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service
@@ -145,3 +149,59 @@ def test_an_effect_finds_itself(reference, name):
             assert again.begin == pytest.approx(effect.begin, abs=0.2)
     assert_gone(found)
     assert np.all(errors < np.maximum(np.abs(truth), kind.about.low)), "an error that says nothing"
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value", "shape"),
+    [
+        ("backlash", "stick", 0.02, {"turning": 800.0, "crossing": 0.04}),
+        ("compliance", "stick", 6e-7, {"stiffening": 3.5e-5, "settling": 0.06}),
+        ("pressure_drift", "boom_head_pressure", 2e7, {"fading": 0.007}),
+    ],
+)
+def test_a_shape_between_those_of_the_library_is_named(reference, name, at, value, shape):
+    effect = imposed(MACHINE, name, at, value, shape=shape)
+    found = search(reference.viewer, recordings(2, (effect,)), reference.clean)
+    named = judged(found).named
+    assert named[0].cause.ranked.key == (name, at)
+
+
+def sprung(values: np.ndarray) -> np.ndarray:
+    """A spring beside the boom's cylinder: its pressure goes with the boom's angle."""
+    found, angle = values.copy(), values[:, SIGNALS.index("boom_angle")]
+    found[:, SIGNALS.index("boom_head_pressure")] += 2e6 * np.tanh(3.0 * (angle - np.mean(angle)))
+    return found
+
+
+def mixed(values: np.ndarray) -> np.ndarray:
+    """Three percent of the boom's pressure on the stick's line."""
+    found = values.copy()
+    found[:, SIGNALS.index("stick_rod_pressure")] += 0.03 * values[:, SIGNALS.index("boom_head_pressure")]
+    return found
+
+
+SIGNALS = [signal.name for signal in MACHINE.signals]
+
+
+@pytest.mark.parametrize("change", [sprung, mixed])
+def test_what_no_effect_of_the_library_makes_is_unknown(reference, change):
+    field = [r._replace(values=change(r.values)) for r in recordings(2)]
+    assert judged(search(reference.viewer, field, reference.clean)).verdict is Verdict.UNKNOWN
+
+
+def test_the_moments_in_which_play_is_crossed_are_set_aside(reference):
+    """About every jump, and nowhere else."""
+    effect = imposed(MACHINE, "backlash", "bucket", 0.02)
+    field = recordings(2, (effect,))
+    problem = Problem(reference.viewer.model, np.ones(1), (), (), looked_at(reference.viewer, field, ()))
+    (p,) = (p for p in proposals(MACHINE) if p.group[0] == Backlash(100.0) and p.at == "bucket")
+    option = Option(p, "", Term((0,), np.ones((1, 1))), 0.0)
+    touched = unsure(problem, reference.viewer, [Applied(option, np.array([0.02]))], field)
+    for lost, seen, recorded in zip(touched, problem.faulty, field, strict=True):
+        jumps = np.flatnonzero(Backlash(100.0).jumps(MACHINE, recorded.values, p.where)) / SERVICE.filters.rate_hz
+        assert len(jumps) > 0
+        off = np.min(np.abs(seen.rows.t[:, None] - recorded.begins - jumps), axis=1)
+        assert np.all(lost[off < UNSURE_S])
+        assert not np.any(lost[off > UNSURE_S + FADED * reference.viewer.lag])
+        kept = aside(problem, touched).faulty[0].rows.left
+        assert np.all(np.isnan(kept[touched[0]]))
