@@ -10,6 +10,8 @@ from cylforce.machine.machine import Machine
 from cylforce.machine.reading import angle_signal, followed, measured_torque
 from cylforce.words.estimate import Array
 
+NEARLY = 1.5  # by which the torque that takes up the play is uncertain
+
 
 @dataclass(frozen=True, slots=True)
 class Backlash:
@@ -36,17 +38,19 @@ class Backlash:
         signal = angle_signal(machine, where)
         if signal is None:
             return values
-        side, found = self._side(machine, values, where), values.copy()
+        side, found = self._side(machine, values, where, self.turning), values.copy()
         found[:, signal] += size / 2.0 * (followed(side, t, self.crossing) if self.crossing else side)
         return found
 
     def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
-        """Where the load begins to press to the other side."""
-        side = self._side(machine, values, where)
-        return np.asarray(np.diff(side, prepend=side[:1]) != 0.0)
+        """Where the load begins to press to the other side, or would if it took half as much again, or less."""
+        less, more = (self._side(machine, values, where, f * self.turning) for f in (1.0 / NEARLY, NEARLY))
+        changed = [np.diff(side, prepend=side[:1]) != 0.0 for side in (less, more)]
+        return np.asarray((less != more) | changed[0] | changed[1])
 
-    def _side(self, machine: Machine, values: Array, where: int) -> Array:
+    @staticmethod
+    def _side(machine: Machine, values: Array, where: int, turning: float) -> Array:
         torque = measured_torque(machine, values, where)
-        clear = np.abs(torque) > self.turning
+        clear = np.abs(torque) > turning
         last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))
         return np.asarray(np.sign(torque[last]))

@@ -80,7 +80,7 @@ class Sudden(Distortion, Protocol):
     """An error that jumps, at instants that are known only roughly."""
 
     def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
-        """Which samples (T,) of the values (T, S) are the first after a jump."""
+        """At which samples (T,) of the values (T, S) it may jump."""
         ...
 
 

@@ -63,8 +63,8 @@ def unsure(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origina
                 if isinstance(effect, Sudden):
                     jumps = effect.jumps(problem.model.machine, recorded.values, each.option.proposal.where)
                     at = recorded.begins + np.flatnonzero(jumps) / rate
-                    since = seen.rows.t[:, None] - at[None, :]
-                    touched |= np.any((since > -UNSURE_S) & (since < UNSURE_S + FADED * viewer.lag), axis=1)
+                    first, behind = seen.rows.t - UNSURE_S - FADED * viewer.lag, seen.rows.t + UNSURE_S
+                    touched |= np.searchsorted(at, behind) > np.searchsorted(at, first)
         found.append(touched)
     return found
 
