@@ -13,7 +13,7 @@ class PreslidingHysteresis:
     """What the friction f z lacks of f sgn(v): z' = v / way (1 - z sgn(v)), a bristle that bends over `way` [m]."""
 
     way: float = 0.001  # m
-    rounding: float = 0.002  # m/s
+    rounding: float = 0.0005  # m/s
 
     @property
     def about(self) -> About:

@@ -13,7 +13,7 @@ class Stribeck:
     """The extra friction of break-away: f exp(-(v / width)^2) sgn(v)."""
 
     width: float = 0.015  # m/s
-    rounding: float = 0.002  # m/s
+    rounding: float = 0.0005  # m/s
 
     @property
     def about(self) -> About:
