@@ -15,7 +15,7 @@ from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
-BESIDES = 1.0  # of an effect's least plausible size: what one beside a larger one must have
+BESIDES = 1.5  # of an effect's least plausible size: what one beside a larger one must have
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 MOMENTARY, LOUD = 5.0, 1e4  # the same of what is free at any instant, it has many sizes; nats that leave no doubt
 PLAIN = 50.0  # nats
@@ -28,15 +28,16 @@ RETURNED = 3.5  # the same of what return pressures say
 # Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
 # less if its evidence is weak, its form does not fit, small causes stand beside it; and what is no name at all.
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 2.0
+SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
 FADING, WARPED = 300.0, 10.0  # nats, misfit
-FAINT, SHAPELESS, ALIEN = 100.0, 2.5, 50.0  # nats, misfits
+FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats, misfits
 CLOSE, BENT = 0.02, 5.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
 ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
-FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
+FIRST, MINOR = 0.2, 0.05  # of the largest score: what the first cause that is named needs, and any other
 HINT = 25.0  # nats for an effect whose shape does not fit: something is there
 
 
@@ -81,10 +82,19 @@ def judged(search: Search) -> Judged:
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
     if left > max(PARTLY * removed, NOISE * floor) or _strange(search, named[0].cause):
         return Judged(Verdict.UNKNOWN, (), explained)
+    if len(named) == 1 and named[0].confidence < SURE and not named[0].confused:
+        named = (named[0]._replace(confused=_instead(search, named[0].cause)),)
     if named[0].confused:
         return Judged(Verdict.AMBIGUOUS, named, explained)
     enough = left <= max(EXPLAINED * removed, NOISE * floor)
     return Judged(Verdict.EXPLAINED if enough else Verdict.PARTLY, named, explained)
+
+
+def _instead(search: Search, cause: Cause) -> tuple[Ranked, ...]:
+    """What else it may be where the confidence is low: the nearest rival, and what stands beside it, most telling
+    first."""
+    beside = sorted((c for c in search.causes if c.known and c is not cause), key=lambda c: -_weight(c))
+    return (*cause.rivals[:1], *(c.ranked for c in beside))[:INSTEAD]
 
 
 def _causes(search: Search, excess: float) -> tuple[Named, ...]:
