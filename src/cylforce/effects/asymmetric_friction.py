@@ -21,7 +21,7 @@ class AsymmetricFriction:
             "asymmetric_friction",
             "N",
             100.0,
-            1.5e3,
+            1.8e3,
             Place.CYLINDER,
             "in motion either way, the same sign; nothing at rest",
             "slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
