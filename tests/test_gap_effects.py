@@ -154,7 +154,7 @@ def test_an_effect_finds_itself(reference, name):
 @pytest.mark.parametrize(
     ("name", "at", "value", "shape"),
     [
-        ("backlash", "stick", 0.02, {"turning": 800.0, "crossing": 0.04}),
+        ("backlash", "stick", 0.02, {"turning": 800.0, "crossing": 0.08}),
         ("compliance", "stick", 6e-7, {"stiffening": 3.5e-5, "settling": 0.06}),
         ("pressure_drift", "boom_head_pressure", 2e7, {"fading": 0.007}),
     ],

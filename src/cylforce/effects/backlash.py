@@ -18,7 +18,7 @@ class Backlash:
     """Play in a joint: its angle is measured off by half the play, to the side to which the load presses."""
 
     turning: float = 2e2  # N m, torque that takes up the play
-    crossing: float = 0.0  # s, time constant of the way from side to side
+    crossing: float = 0.04  # s, time constant of the way from side to side
 
     @property
     def about(self) -> About:
@@ -39,7 +39,7 @@ class Backlash:
         if signal is None:
             return values
         side, found = self._side(machine, values, where, self.turning), values.copy()
-        found[:, signal] += size / 2.0 * (followed(side, t, self.crossing) if self.crossing else side)
+        found[:, signal] += size / 2.0 * followed(side, t, self.crossing)
         return found
 
     def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:

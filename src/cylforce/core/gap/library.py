@@ -58,7 +58,7 @@ LIBRARY: tuple[Group, ...] = (
     (ExtraMass(),),
     (FirstMomentChange(),),
     *((Compliance(stiffening),) for stiffening in (0.0, 5e-6, 2e-5, 6e-5)),
-    *((Backlash(turning, crossing),) for turning in (100.0, 400.0, 1500.0) for crossing in (0.0, 0.02, 0.06)),
+    *((Backlash(turning),) for turning in (100.0, 400.0, 1500.0)),
     (SoilContact(),),
     (SlewCentrifugal(),),
     (BoomMotion(),),
