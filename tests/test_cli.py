@@ -218,3 +218,9 @@ def test_as_a_module():
     assert done.returncode == 2
     assert done.stderr.startswith("cylforce: absent.toml: cannot be read")
     assert done.stderr.count("\n") == 1
+
+
+def test_the_package_runs_as_the_command():
+    done = subprocess.run([sys.executable, "-m", "cylforce", "--help"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "gap" in done.stdout
