@@ -35,6 +35,7 @@ CLOSE, BENT = 0.02, 5.0  # relative margin where its form does not fit, and the 
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
+ALIKE = 0.9  # of its score: what another one explains as well
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
 ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
 FIRST, MINOR = 0.2, 0.05  # of the largest score: what the first cause that is named needs, and any other
@@ -118,15 +119,21 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
 def _weight(cause: Cause) -> float:
     """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
     when it says much more."""
-    if not cause.known:
+    if not cause.known and not _touching(cause):
         return cause.score / 3.0
-    return cause.score * (FOLLOWS if cause.ranked.free else min(FITS / cause.misfit, 1.0))
+    return cause.score * (FOLLOWS if cause.ranked.free or not cause.known else min(FITS / cause.misfit, 1.0))
 
 
 def _free(search: Search, cause: Cause) -> bool:
-    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
+    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known, and that
+    is not as well a force at the teeth."""
     beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > STRAY * cause.score]
-    return not cause.known or bool(cause.ranked.free and beside)
+    return not cause.known or bool(cause.ranked.free and any(not _touching(c) for c in beside))
+
+
+def _touching(cause: Cause) -> bool:
+    """Whether what is unknown may as well be a force at the teeth."""
+    return any(r.free and r.score > ALIKE * cause.score for r in cause.rivals)
 
 
 def _strange(search: Search, cause: Cause) -> bool:
@@ -159,12 +166,13 @@ def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
 
 def _counts(cause: Cause, least: float) -> bool:
     """Whether a cause is large enough, certain enough, and of the right shape."""
-    large = cause.size >= least * cause.ranked.option.proposal.about.low
+    quiet = cause.ranked.free and cause.tempered < LOUD
+    large = cause.size >= (max(least, 1.0) if quiet and cause.known else least) * cause.ranked.option.proposal.about.low
     effect = cause.ranked.option.proposal.group[0]
     once = isinstance(effect, Incident) and effect.course is not Course.CLOCK
     enough = ONCE if once and cause.known else ENOUGH if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
-    sure = MOMENTARY if cause.ranked.free and cause.tempered < LOUD else sure
+    sure = MOMENTARY if quiet else sure
     return large and cause.tempered >= enough and cause.significance >= sure
 
 
