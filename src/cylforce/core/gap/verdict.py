@@ -18,7 +18,7 @@ from cylforce.words.estimate import Array
 BESIDES = 1.5  # of an effect's least plausible size: what one beside a larger one must have
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 MOMENTARY, LOUD = 5.0, 1e4  # the same of what is free at any instant, it has many sizes; nats that leave no doubt
-PLAIN = 50.0  # nats
+TOLD, PLAIN = 18.0, 50.0  # nats
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
@@ -35,6 +35,7 @@ CLOSE, BENT = 0.02, 5.0  # relative margin where its form does not fit, and the 
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
+LATER = 0.7  # odds of one that explains as much as what comes first because its size is plausible
 ALIKE = 0.9  # of its score: what another one explains as well
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
 ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
@@ -170,7 +171,7 @@ def _counts(cause: Cause, least: float) -> bool:
     large = cause.size >= (max(least, 1.0) if quiet and cause.known else least) * cause.ranked.option.proposal.about.low
     effect = cause.ranked.option.proposal.group[0]
     once = isinstance(effect, Incident) and effect.course is not Course.CLOCK
-    enough = ONCE if once and cause.known else ENOUGH if cause.known else FREE
+    enough = ONCE if once and cause.known else TOLD if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     sure = MOMENTARY if quiet else sure
     return large and cause.tempered >= enough and cause.significance >= sure
@@ -190,7 +191,7 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     lead = max(LEAD, CLOSE * cause.score * uneven, MESS * small)
     behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
     close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
-    odds = float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
+    odds = LATER * float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
     return Named(cause, _alone(cause, small) / (1.0 + odds), share, close)
 
 
