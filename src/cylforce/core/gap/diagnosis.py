@@ -32,6 +32,7 @@ ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
 LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
 NEAR = 0.6  # of the best's score
+CLEARLY = 0.03  # of the evidence, by which others must be better together
 RIVAL = 0.3  # of the score of what is free at any instant: what else of its kind is tried first
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
@@ -263,7 +264,8 @@ def _momentary(
         known = other.free and other.key[0] != NAME
         if known and other.score > RIVAL * largest and other.key not in [r.key for r in held]:
             instead = _settled(problem, blocks, [other], worth, kept=(other.key,))
-            held = max(held, instead, key=lambda causes: _together(blocks, causes))
+            if _together(blocks, instead) > (1.0 + CLEARLY) * _together(blocks, held):
+                held = instead
     return held
 
 
