@@ -32,8 +32,6 @@ ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
 LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
 NEAR = 0.6  # of the best's score
-CLEARLY = 0.03  # of the evidence, by which others must be better together
-RIVAL = 0.3  # of the score of what is free at any instant: what else of its kind is tried first
 FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
 
@@ -212,7 +210,7 @@ def _greedy(
     worth = max(ENOUGH, MINOR * float(np.sum(base.squares((), base.fitted)[1] - _usual(blocks))) / (2.0 * TEMPER))
     watch("search")
     first = tuple(ranking(problem, base))
-    held = _found(problem, blocks, worth, first)
+    held = _found(problem, blocks, worth)
     applied: dict[tuple[str, str], Array] = {}
     for _ in range(ROUNDS):
         found = _sizes(blocks, held, applied)
@@ -238,12 +236,12 @@ def _greedy(
     return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence, viewer)
 
 
-def _found(problem: Problem, blocks: Blocks, worth: float, first: Sequence[Ranked]) -> list[Ranked]:
+def _found(problem: Problem, blocks: Blocks, worth: float) -> list[Ranked]:
     """The causes. Where only a data sheet is known, what none tells well - first moments, dry friction - is asked all
     together, too: that is taken if it needs no more causes than what is found one by one, and explains as much."""
     held = _settled(problem, blocks, [], worth)
     if not problem.from_sheet:
-        return _momentary(problem, blocks, worth, held, first)
+        return held
     unknown = [p for p in problem.proposals if isinstance(p.group[0], FirstMomentChange | CoulombFriction)]
     start = ranking(problem, Evidence(blocks), wanted=unknown)
     other = _settled(problem, blocks, start, worth) if start else held
@@ -252,28 +250,6 @@ def _found(problem: Problem, blocks: Blocks, worth: float, first: Sequence[Ranke
         for each in (Evidence(blocks, [r.option.term for r in causes]) for causes in ([], held, other))
     )
     return other if _moments(other) <= _moments(held) and base - gone[1] > (1.0 - LEAD) * (base - gone[0]) else held
-
-
-def _momentary(
-    problem: Problem, blocks: Blocks, worth: float, held: list[Ranked], first: Sequence[Ranked]
-) -> list[Ranked]:
-    """The causes, or those that are found if another effect that is free at any instant comes first: the one with more
-    sizes explains what the other does, and the rest besides, so that none by itself may take its place."""
-    largest = max((r.score for r in held if r.free and r.key[0] != NAME), default=np.inf)
-    for other in first:
-        known = other.free and other.key[0] != NAME
-        if known and other.score > RIVAL * largest and other.key not in [r.key for r in held]:
-            instead = _settled(problem, blocks, [other], worth, kept=(other.key,))
-            if _together(blocks, instead) > (1.0 + CLEARLY) * _together(blocks, held):
-                held = instead
-    return held
-
-
-def _together(blocks: Blocks, causes: Sequence[Ranked]) -> float:
-    """The evidence [nats] for all causes together: of each one, those before it given."""
-    terms = [r.option.term for r in causes]
-    each = (Evidence(blocks, terms[:k]).of(term, TEMPER).evidence for k, term in enumerate(terms))
-    return sum(each) - sum(r.option.cost for r in causes)
 
 
 def _moments(causes: Sequence[Ranked]) -> int:

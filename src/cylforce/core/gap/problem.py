@@ -295,18 +295,18 @@ class Problem:
 
     def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
         most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
-        hit = self._hits(places, evidence, most, p.about.sign)
+        hit = self._hits(places, evidence, most)
         if 0 < len(hit) <= most and not self._free(p):
             cost = len(hit) * float(np.log(len(self.times)))
             yield Option(p, f"{len(hit)} times", self._each_of(places, hit), cost)
 
-    def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float, sign: int) -> list[int]:
+    def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
         """Blocks in which something happens. The most conspicuous are taken out before the others are asked again:
         what happens in one block bends the fit of all."""
         hit: list[int] = []
         known = evidence
         while len(hit) <= most:
-            gains = self._local(places, known, sign)
+            gains = self._local(places, known)
             gains[hit] = 0.0
             more = np.flatnonzero(gains > max(NOTICED, CONSPICUOUS * float(np.max(gains))))
             if not more.size:
@@ -323,17 +323,15 @@ class Problem:
         """Whether the effect has as many freedoms as there are rows."""
         return p.about.axes >= SHAPES * (FREEDOM - 1) and len(self.model.machine.rows) < FREEDOM
 
-    def _local(self, places: tuple[int, ...], evidence: Evidence, sign: int) -> Array:
-        """Evidence (B,) [nats] for the columns in each faulty block by itself; none where the first has the `sign` that
-        cannot be."""
+    def _local(self, places: tuple[int, ...], evidence: Evidence) -> Array:
+        """Evidence (B,) [nats] for the columns in each faulty block by itself."""
         _, left = evidence.left(evidence.held, evidence.fitted)
         faulty, unit = evidence.blocks.faulty, self.spread[list(places)]
         score = np.einsum("bij,bj->bi", faulty[:, list(places)], left) * unit / TEMPER
         information = faulty[:, list(places)][:, :, list(places)] * np.outer(unit, unit) / TEMPER
         precision = information + np.eye(len(places))
-        value = np.linalg.solve(precision, score[..., None])[..., 0]
-        gain = 0.5 * np.einsum("bi,bi->b", score, value) - 0.5 * np.linalg.slogdet(precision)[1]
-        return np.asarray(np.where(sign * value[:, 0] < 0.0, 0.0, gain))
+        gain = np.einsum("bi,bi->b", score, np.linalg.solve(precision, score[..., None])[..., 0])
+        return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(precision)[1])
 
 
 def _sizes(effect: Candidate) -> tuple[float, ...]:

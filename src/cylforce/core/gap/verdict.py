@@ -18,7 +18,7 @@ from cylforce.words.estimate import Array
 BESIDES = 1.5  # of an effect's least plausible size: what one beside a larger one must have
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 MOMENTARY, LOUD = 5.0, 1e4  # the same of what is free at any instant, it has many sizes; nats that leave no doubt
-TOLD, PLAIN = 18.0, 50.0  # nats
+PLAIN = 50.0  # nats
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
@@ -35,8 +35,6 @@ CLOSE, BENT = 0.02, 5.0  # relative margin where its form does not fit, and the 
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
-LATER = 0.7  # odds of one that explains as much as what comes first because its size is plausible
-ALIKE = 0.9  # of its score: what another one explains as well
 FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
 ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
 FIRST, MINOR = 0.2, 0.05  # of the largest score: what the first cause that is named needs, and any other
@@ -120,21 +118,15 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
 def _weight(cause: Cause) -> float:
     """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
     when it says much more."""
-    if not cause.known and not _touching(cause):
+    if not cause.known:
         return cause.score / 3.0
-    return cause.score * (FOLLOWS if cause.ranked.free or not cause.known else min(FITS / cause.misfit, 1.0))
+    return cause.score * (FOLLOWS if cause.ranked.free else min(FITS / cause.misfit, 1.0))
 
 
 def _free(search: Search, cause: Cause) -> bool:
-    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known, and that
-    is not as well a force at the teeth."""
+    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
     beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > STRAY * cause.score]
-    return not cause.known or bool(cause.ranked.free and any(not _touching(c) for c in beside))
-
-
-def _touching(cause: Cause) -> bool:
-    """Whether what is unknown may as well be a force at the teeth."""
-    return any(r.free and r.score > ALIKE * cause.score for r in cause.rivals)
+    return not cause.known or bool(cause.ranked.free and beside)
 
 
 def _strange(search: Search, cause: Cause) -> bool:
@@ -167,13 +159,12 @@ def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
 
 def _counts(cause: Cause, least: float) -> bool:
     """Whether a cause is large enough, certain enough, and of the right shape."""
-    quiet = cause.ranked.free and cause.tempered < LOUD
-    large = cause.size >= (max(least, 1.0) if quiet and cause.known else least) * cause.ranked.option.proposal.about.low
+    large = cause.size >= least * cause.ranked.option.proposal.about.low
     effect = cause.ranked.option.proposal.group[0]
     once = isinstance(effect, Incident) and effect.course is not Course.CLOCK
-    enough = ONCE if once and cause.known else TOLD if cause.known else FREE
+    enough = ONCE if once and cause.known else ENOUGH if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
-    sure = MOMENTARY if quiet else sure
+    sure = MOMENTARY if cause.ranked.free and cause.tempered < LOUD else sure
     return large and cause.tempered >= enough and cause.significance >= sure
 
 
@@ -191,7 +182,7 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     lead = max(LEAD, CLOSE * cause.score * uneven, MESS * small)
     behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
     close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
-    odds = LATER * float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
+    odds = float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
     return Named(cause, _alone(cause, small) / (1.0 + odds), share, close)
 
 
