@@ -205,3 +205,17 @@ def test_the_moments_in_which_play_is_crossed_are_set_aside(reference):
         assert not np.any(lost[off > UNSURE_S + FADED * reference.viewer.lag])
         kept = aside(problem, touched).faulty[0].rows.left
         assert np.all(np.isnan(kept[touched[0]]))
+
+
+def test_nothing_is_set_aside_where_little_would_be_left(reference):
+    """A load whose sign changes twice a second."""
+    field = [r._replace(values=r.values.copy()) for r in recordings(2)]
+    pair = [SIGNALS.index("bucket_head_pressure"), SIGNALS.index("bucket_rod_pressure")]
+    for recorded in field:
+        turned = np.arange(len(recorded.values)) // 50 % 2 == 1
+        recorded.values[:, pair] = np.where(turned[:, None], [0.0, 8e6], [8e6, 0.0])
+    problem = Problem(reference.viewer.model, np.ones(1), (), (), looked_at(reference.viewer, field, ()))
+    (p,) = (p for p in proposals(MACHINE) if p.group[0] == Backlash(100.0) and p.at == "bucket")
+    applied = Applied(Option(p, "", Term((0,), np.ones((1, 1))), 0.0), np.array([0.02]))
+    assert np.count_nonzero(np.diff(p.group[0].jumps(MACHINE, field[0].values, p.where))) > 100
+    assert not any(np.any(lost) for lost in unsure(problem, reference.viewer, [applied], field))

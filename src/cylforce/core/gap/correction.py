@@ -15,6 +15,7 @@ from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
 UNSURE_S = 0.2  # by which a jump may come earlier or later
+MOST_ASIDE = 0.4  # of the usable rows
 FADED = 3.0  # times the filters' lag, after which they have forgotten it
 
 
@@ -54,7 +55,7 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origin
 
 def unsure(problem: Problem, viewer: Viewer, applied: Sequence[Applied], original: Sequence[Recorded]) -> list[Array]:
     """Which rows (T',) of the `original` faulty recordings a jump of an applied effect may touch: it is known only
-    roughly when it jumps, and what a jump makes of momentum is large."""
+    roughly when it jumps, and what a jump makes of momentum is large. None if too few would be left to judge by."""
     rate, found = problem.model.filters.rate_hz, []
     for seen, recorded in zip(problem.faulty, original, strict=True):
         touched = np.zeros(len(seen.rows.t), dtype=bool)
@@ -66,6 +67,10 @@ def unsure(problem: Problem, viewer: Viewer, applied: Sequence[Applied], origina
                     first, behind = seen.rows.t - UNSURE_S - FADED * viewer.lag, seen.rows.t + UNSURE_S
                     touched |= np.searchsorted(at, behind) > np.searchsorted(at, first)
         found.append(touched)
+    usable = [np.any(np.isfinite(seen.rows.left), axis=1) for seen in problem.faulty]
+    lost = sum(int(np.sum(touched & good)) for touched, good in zip(found, usable, strict=True))
+    if lost > MOST_ASIDE * sum(int(np.sum(good)) for good in usable):
+        return [np.zeros_like(touched) for touched in found]
     return found
 
 
