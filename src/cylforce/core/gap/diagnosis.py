@@ -29,6 +29,7 @@ FOLDS = 4
 WILD = 6.0  # times the median of clean blocks' energy
 ROUGH = 0.6  # of a block's energy that an incident may leave
 ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
+KEPT = 0.5  # of the usable rows, which must be left when effects are taken out at the sizes found
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
 LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
 NEAR = 0.6  # of the best's score
@@ -217,10 +218,11 @@ def _greedy(
         if not _moved(applied, found):
             break
         watch("columns at the sizes found")
-        applied = found
-        lost = unsure(first_problem, viewer, _bending(held, applied), original)
-        problem = aside(without(problem, viewer, _bending(held, applied), original), lost)
-        blocks = problem.blocks(floor)
+        lost = unsure(first_problem, viewer, _bending(held, found), original)
+        corrected = aside(without(problem, viewer, _bending(held, found), original), lost)
+        if np.sum(corrected.blocks(floor).faulty_rows) < KEPT * np.sum(base.blocks.faulty_rows):
+            break  # at these sizes the machine could not have moved so
+        applied, problem, blocks = found, corrected, corrected.blocks(floor)
         held = _settled(problem, blocks, held, worth, kept=tuple(applied))
         applied = {key: sizes for key, sizes in applied.items() if key in {r.key for r in held}}
     evidence = Evidence(blocks, [r.option.term for r in held])
