@@ -12,7 +12,7 @@ from cylforce.words.estimate import Array
 class AsymmetricFriction:
     """Friction that is larger one way than the other: f |sgn(v)|."""
 
-    rounding: float = 0.002  # m/s
+    rounding: float = 0.0005  # m/s
 
     @property
     def about(self) -> About:

@@ -207,7 +207,7 @@ def _greedy(
 ) -> Search:
     """Causes one by one, each exchanged as soon as another does better beside the others; then those that are not
     linear in their size are taken out of the recordings, and what is left is looked at again."""
-    first_problem, base = problem, Evidence(blocks)
+    first_problem, shown, base = problem, problem, Evidence(blocks)
     worth = max(ENOUGH, MINOR * float(np.sum(base.squares((), base.fitted)[1] - _usual(blocks))) / (2.0 * TEMPER))
     watch("search")
     first = tuple(ranking(problem, base))
@@ -223,12 +223,12 @@ def _greedy(
         if np.sum(corrected.blocks(floor).faulty_rows) < KEPT * np.sum(base.blocks.faulty_rows):
             break  # at these sizes the machine could not have moved so
         applied, problem, blocks = found, corrected, corrected.blocks(floor)
+        shown = aside(first_problem, lost)
         held = _settled(problem, blocks, held, worth, kept=tuple(applied))
         applied = {key: sizes for key, sizes in applied.items() if key in {r.key for r in held}}
     evidence = Evidence(blocks, [r.option.term for r in held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
-    lost = unsure(first_problem, viewer, _bending(held, applied), original)
-    base = Evidence(aside(first_problem, lost).blocks(floor))
+    base = Evidence(shown.blocks(floor))
     _, before = base.squares((), base.fitted)
     usual = _usual(base.blocks)
     _, fixed = base.squares((), first_problem.fixed(base.blocks, evidence.fitted))

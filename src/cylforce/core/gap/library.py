@@ -43,7 +43,7 @@ LIBRARY: tuple[Group, ...] = (
     (FrictionLevelChange(),),
     *((Stribeck(width),) for width in (0.006, 0.015, 0.04)),
     (LoadDependentFriction(),),
-    (AsymmetricFriction(0.0005),),
+    (AsymmetricFriction(),),
     *((PreslidingHysteresis(way),) for way in (0.001, 0.004)),
     *((FrictionTemperatureDrift(viscous),) for viscous in (False, True)),
     *((ReturnLineLoss(*ways, power),) for ways in WAYS for power in (1.75, 2.0)),

@@ -72,7 +72,12 @@ class PostureTorque:
         """The pressure on the joint's cylinder that makes the torque."""
         link, angle = machine.links[where], joint_angles(machine, values)[:, where]
         share = 2.0 * (angle - link.angle_low) / (link.angle_high - link.angle_low) - 1.0
-        return _pushed(machine, values, where, size * legval(share, np.eye(BENDS)[self.bend]), turned=True)
+        own = _cylinder(machine, where)
+        if own is None:
+            return values
+        lever = machine.cylinders[own].linkage.stretch(machine.pose(joint_angles(machine, values))).gradient[:, where]
+        torque = size * legval(share, np.eye(BENDS)[self.bend])
+        return _pushed(machine, values, own, torque / np.where(np.abs(lever) > LEVER, lever, LEVER))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,28 +102,25 @@ class OthersPressure:
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The cylinder's force with a share of another pressure on its head side."""
-        kinds = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
-        own = [c for c, span in enumerate(machine.spans) if where in span]
-        area = machine.cylinders[own[0]].area_head if own else 0.0
-        others = [k for k, s in enumerate(machine.signals) if s.kind in kinds and s.index not in own]
-        if self.other >= len(others) or not own:
+        kinds, spans, own = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), machine.spans, _cylinder(machine, where)
+        others = [k for k, s in enumerate(machine.signals) if s.kind in kinds and where not in spans[s.index]]
+        if own is None or self.other >= len(others):
             return values
-        return _pushed(machine, values, where, size * area * values[:, others[self.other]])
+        return _pushed(machine, values, own, size * machine.cylinders[own].area_head * values[:, others[self.other]])
 
 
-def _pushed(machine: Machine, values: Array, where: int, push: Array, turned: bool = False) -> Array:
-    """Values (T, S) with a force (T,) [N] or, `turned`, a torque (T,) [N m] more on a joint's first cylinder."""
-    own = [c for c, span in enumerate(machine.spans) if where in span]
-    signal = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
-    found = values.copy()
-    for c in own[:1]:
-        if turned:
-            lever = machine.cylinders[c].linkage.stretch(machine.pose(joint_angles(machine, values))).gradient[:, where]
-            push = push / np.where(np.abs(lever) > LEVER, lever, LEVER)
-        if (Kind.FORCE_PIN, c) in signal:
-            found[:, signal[Kind.FORCE_PIN, c]] += push
-        elif (Kind.HEAD_PRESSURE, c) in signal:
-            found[:, signal[Kind.HEAD_PRESSURE, c]] += push / machine.cylinders[c].area_head
+def _cylinder(machine: Machine, where: int) -> int | None:
+    """The first cylinder that turns a joint."""
+    return next((c for c, span in enumerate(machine.spans) if where in span), None)
+
+
+def _pushed(machine: Machine, values: Array, cylinder: int, push: Array) -> Array:
+    """Values (T, S) with a force (T,) [N] more of a cylinder."""
+    signal, found = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}, values.copy()
+    if (Kind.FORCE_PIN, cylinder) in signal:
+        found[:, signal[Kind.FORCE_PIN, cylinder]] += push
+    elif (Kind.HEAD_PRESSURE, cylinder) in signal:
+        found[:, signal[Kind.HEAD_PRESSURE, cylinder]] += push / machine.cylinders[cylinder].area_head
     return found
 
 
