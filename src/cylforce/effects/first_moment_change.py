@@ -20,7 +20,7 @@ class FirstMomentChange:
             "first_moment_change",
             "kg m",
             20.0,
-            5e3,
+            2e3,
             Place.LINK,
             "with the posture, at rest too, in this joint and all before it alike",
             "hold poses from either side, slowly, over the whole range",

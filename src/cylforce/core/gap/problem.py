@@ -295,10 +295,10 @@ class Problem:
 
     def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
         most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
-        hit = self._hits(places, evidence, most)
+        hit = self._rightly(p, places, evidence, self._hits(places, evidence, most))
         if 0 < len(hit) <= most and not self._free(p):
             cost = len(hit) * float(np.log(len(self.times)))
-            yield Option(p, f"{len(hit)} times", self._each_of(places, hit), cost)
+            yield Option(p, f"{len(hit)} times", self.each_of(places, hit), cost)
 
     def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
         """Blocks in which something happens. The most conspicuous are taken out before the others are asked again:
@@ -312,10 +312,18 @@ class Problem:
             if not more.size:
                 break
             hit = sorted([*hit, *more.tolist()])
-            known = Evidence(evidence.blocks, [*evidence.held, self._each_of(places, hit)], evidence.weight)
+            known = Evidence(evidence.blocks, [*evidence.held, self.each_of(places, hit)], evidence.weight)
         return hit
 
-    def _each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
+    def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
+        """Of the blocks hit those in which the size has a sign that the effect can have: in others something else
+        happens."""
+        if not p.about.sign or not hit:
+            return hit
+        sizes = evidence.of(self.each_of(places, hit), TEMPER).value.reshape(len(hit), -1)[:, 0]
+        return [k for k, size in zip(hit, sizes.tolist(), strict=True) if p.about.sign * size > 0.0]
+
+    def each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
         """The columns in each of some blocks by itself."""
         return Term(places * len(hit), np.repeat(np.eye(len(self.times))[hit], len(places), axis=0))
 

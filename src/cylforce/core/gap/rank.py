@@ -15,6 +15,7 @@ NEGLIGIBLE = 0.5  # of an effect's least plausible size
 BEYOND = 2.0  # times the largest plausible size
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
+PART = 0.3  # of the best score: what one with fewer sizes must explain where it is
 EQUAL = 1.0  # nats between what the same recording would turn round
 UNLIKELY = 0.3  # of a size's logarithm, by which it is below the least plausible one: half a nat
 SURELY = 8.0  # standard errors
@@ -91,7 +92,31 @@ def ranking(
         if found.score > best.get(found.key, found._replace(score=-1e300)).score and _possible(found):
             best[found.key] = found
     order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}
-    return _simplest(sorted(best.values(), key=lambda r: -r.score), order)
+    return _narrowest(_simplest(sorted(best.values(), key=lambda r: -r.score), order), problem, evidence)
+
+
+def _narrowest(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> list[Ranked]:
+    """The ranking, but before the first one, if its sizes are free at any instant, comes another one that has fewer of
+    them and where it is, which is much of it, explains as much: the rest may be something else."""
+    first = ranked[0] if ranked and ranked[0].free else None
+    for other in ranked[1:] if first else ():
+        if other.score < PART * ranked[0].score:
+            break
+        if first and other.free and _width(other) < _width(first) and _as_good(other, first, problem, evidence):
+            return [other, *(r for r in ranked if r is not other)]
+    return ranked
+
+
+def _width(found: Ranked) -> int:
+    """How many sizes there are in one window."""
+    return len(dict.fromkeys(found.option.term.columns))
+
+
+def _as_good(other: Ranked, first: Ranked, problem: Problem, evidence: Evidence) -> bool:
+    """Whether an option explains in its own windows as much as the `first` one explains there."""
+    hit = np.flatnonzero(np.any(other.option.term.course, axis=0)).tolist()
+    told = evidence.of(problem.each_of(tuple(dict.fromkeys(first.option.term.columns)), hit), TEMPER)
+    return other.score >= (1.0 - FREER) * (told.evidence - other.option.cost)
 
 
 def _returned(problem: Problem, option: Option, told: Told) -> float:

@@ -12,32 +12,36 @@ from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Course, Incident
+from cylforce.machine.candidate import Incident
 from cylforce.words.estimate import Array
 
 BESIDES = 1.5  # of an effect's least plausible size: what one beside a larger one must have
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
-MOMENTARY, LOUD = 5.0, 1e4  # the same of what is free at any instant, it has many sizes; nats that leave no doubt
+EACH = 80.0  # nats for each of the sizes of what is free at any instant
+QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; nats needed there
+CROWDED, CROWD = 2.0, 0.1  # of the least plausible size, which many small ones may make; of the score: what those are
+BEYOND = 1.2  # of the largest plausible size
 PLAIN = 50.0  # nats
 STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
-LEAD = 6.0  # nats by which a cause must be better than a rival of the same shape
-MESS = 0.01  # of the evidence of small causes beside it: by which any other may be off
+LEAD = 5.0  # nats by which a cause must be better than a rival of the same shape
+MESS = 0.005  # of the evidence of small causes beside it: by which any other may be off
 RETURNED = 3.5  # the same of what return pressures say
 # Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
 # less if its evidence is weak, its form does not fit, small causes stand beside it; and what is no name at all.
-RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 2.0
+RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
 SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
 FADING, WARPED = 300.0, 10.0  # nats, misfit
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats, misfits
-CLOSE, BENT = 0.02, 5.0  # relative margin where its form does not fit, and the inflation that tells so
+CLOSE, BENT = 0.01, 5.0  # relative margin where its form does not fit, and the inflation that tells so
 LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
 FITS = 3.0  # a misfit, up to which a form counts in full
-FOLLOWS = 0.15  # of the score of what is free at any instant: it follows what others leave, too
-FREE = 50.0  # nats for a torque of which nothing is known: it follows anything
+FOLLOWS, STRANGE = 0.15, 1 / 3  # of the score of what is free at any instant, it follows others, too; of the unknown
+TOLD = 18.0  # nats for an effect
+FREE = 75.0  # nats for a torque of which nothing is known: it follows anything
 ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
-FIRST, MINOR = 0.2, 0.05  # of the largest score: what the first cause that is named needs, and any other
+FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
 HINT = 25.0  # nats for an effect whose shape does not fit: something is there
 
 
@@ -103,6 +107,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
     found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -_weight(e[0]))
+    found = [e for e in found if e[0].tempered >= LOUD] if _quiet(search) else found
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
@@ -115,12 +120,17 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     return tuple(_named(c, share, max(small, 0.0)) for c, share, _ in kept)
 
 
+def _quiet(search: Search) -> bool:
+    """Whether less happens in the faulty recordings than in clean ones, whose floor then tells little of them."""
+    return bool(search.original.clean) and float(np.sum(search.energy.before - QUIET * search.energy.floor)) < 0.0
+
+
 def _weight(cause: Cause) -> float:
     """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
     when it says much more."""
-    if not cause.known:
-        return cause.score / 3.0
-    return cause.score * (FOLLOWS if cause.ranked.free else min(FITS / cause.misfit, 1.0))
+    if cause.ranked.free:
+        return cause.score * FOLLOWS
+    return cause.score * (min(FITS / cause.misfit, 1.0) if cause.known else STRANGE)
 
 
 def _free(search: Search, cause: Cause) -> bool:
@@ -131,8 +141,16 @@ def _free(search: Search, cause: Cause) -> bool:
 
 def _strange(search: Search, cause: Cause) -> bool:
     """Whether what comes first is no effect of the library: a torque of which nothing is known, one larger than can be,
-    or one whose form does not fit."""
-    return _free(search, cause) or _blurred(search, cause) or cause.size > cause.ranked.option.proposal.about.high
+    one whose form does not fit, or what many small ones make."""
+    large = cause.size > BEYOND * cause.ranked.option.proposal.about.high
+    return large or _free(search, cause) or _blurred(search, cause) or _crowded(search, cause)
+
+
+def _crowded(search: Search, first: Cause) -> bool:
+    """Whether the first cause is hardly larger than what is plausible, and much stands beside it: many small ones pass
+    for one."""
+    small = first.size < CROWDED * first.ranked.option.proposal.about.low
+    return small and not first.ranked.free and sum(c.score for c in search.causes) > (1.0 + CROWD) * first.score
 
 
 def _blurred(search: Search, cause: Cause) -> bool:
@@ -161,10 +179,10 @@ def _counts(cause: Cause, least: float) -> bool:
     """Whether a cause is large enough, certain enough, and of the right shape."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     effect = cause.ranked.option.proposal.group[0]
-    once = isinstance(effect, Incident) and effect.course is not Course.CLOCK
-    enough = ONCE if once and cause.known else ENOUGH if cause.known else FREE
+    if cause.ranked.free and cause.known:
+        return large and cause.score >= EACH * len(cause.sizes) and cause.significance >= SIGNIFICANT
+    enough = (ONCE if isinstance(effect, Incident) else TOLD) if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
-    sure = MOMENTARY if cause.ranked.free and cause.tempered < LOUD else sure
     return large and cause.tempered >= enough and cause.significance >= sure
 
 
