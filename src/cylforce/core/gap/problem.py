@@ -38,6 +38,7 @@ SHEET = 0.01  # of that, where only a data sheet is known: beyond it, its errors
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
+MOSTLY = 0.85  # of an incident's evidence: where it has a sign that it can have
 CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
 FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 STILL = 1e-4  # of a usual motion of the base
@@ -317,11 +318,14 @@ class Problem:
 
     def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
         """Of the blocks hit those in which the size has a sign that the effect can have: in others something else
-        happens."""
+        happens, which must be little."""
         if not p.about.sign or not hit:
             return hit
-        sizes = evidence.of(self.each_of(places, hit), TEMPER).value.reshape(len(hit), -1)[:, 0]
-        return [k for k, size in zip(hit, sizes.tolist(), strict=True) if p.about.sign * size > 0.0]
+        all_of_them = evidence.of(self.each_of(places, hit), TEMPER)
+        sizes = all_of_them.value.reshape(len(hit), -1)[:, 0]
+        right = [k for k, size in zip(hit, sizes.tolist(), strict=True) if p.about.sign * size > 0.0]
+        told = evidence.of(self.each_of(places, right), TEMPER).evidence if right else 0.0
+        return right if told > MOSTLY * all_of_them.evidence else []
 
     def each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
         """The columns in each of some blocks by itself."""

@@ -8,6 +8,7 @@ import numpy as np
 from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
+from cylforce.core.gap.unknown import NAME
 from cylforce.machine.candidate import Course, Distortion, Incident, Place
 from cylforce.words.estimate import Array
 
@@ -102,7 +103,14 @@ def _narrowest(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> li
     for other in ranked[1:] if first else ():
         if other.score < PART * ranked[0].score:
             break
-        if first and other.free and _width(other) < _width(first) and _as_good(other, first, problem, evidence):
+        known = other.key[0] != NAME
+        if (
+            first
+            and known
+            and other.free
+            and _width(other) < _width(first)
+            and _as_good(other, first, problem, evidence)
+        ):
             return [other, *(r for r in ranked if r is not other)]
     return ranked
 

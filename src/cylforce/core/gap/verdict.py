@@ -128,9 +128,9 @@ def _quiet(search: Search) -> bool:
 def _weight(cause: Cause) -> float:
     """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
     when it says much more."""
-    if cause.ranked.free:
-        return cause.score * FOLLOWS
-    return cause.score * (min(FITS / cause.misfit, 1.0) if cause.known else STRANGE)
+    if not cause.known:
+        return cause.score * STRANGE
+    return cause.score * (FOLLOWS if cause.ranked.free else min(FITS / cause.misfit, 1.0))
 
 
 def _free(search: Search, cause: Cause) -> bool:
@@ -180,7 +180,8 @@ def _counts(cause: Cause, least: float) -> bool:
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     effect = cause.ranked.option.proposal.group[0]
     if cause.ranked.free and cause.known:
-        return large and cause.score >= EACH * len(cause.sizes) and cause.significance >= SIGNIFICANT
+        each = EACH / 2.0 if cause.ranked.option.proposal.about.sign else EACH
+        return large and cause.score >= each * len(cause.sizes) and cause.significance >= SIGNIFICANT
     enough = (ONCE if isinstance(effect, Incident) else TOLD) if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     return large and cause.tempered >= enough and cause.significance >= sure
