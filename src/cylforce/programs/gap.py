@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.core.gap.answer import answer, off_clock
+from cylforce.core.gap.answer import answer, apart, off_clock
 from cylforce.core.gap.clocks import Slip, slips
 from cylforce.core.gap.diagnosis import Search, fitted_tares, search
 from cylforce.core.gap.forward import forward
@@ -22,6 +22,7 @@ from cylforce.core.model import FRICTION, Model, Tares
 from cylforce.edges.files import RecordingError
 from cylforce.edges.identified import read_identified
 from cylforce.edges.settings import Loaded
+from cylforce.effects.clock_fault import ClockFault
 from cylforce.machine.candidate import places
 from cylforce.machine.machine import Machine
 from cylforce.programs.progress import Watch, silent
@@ -64,7 +65,8 @@ def diagnose(
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     only = _only(library, question.only, loaded.service.machine)
     watch("clocks", None)
-    if late := slips(Model(loaded.service.machine, loaded.service.filters, ()), [*clean, *faulty]):
+    late = slips(Model(loaded.service.machine, loaded.service.filters, ()), [*clean, *faulty])
+    if late and not _tells(late, clean):
         return _off_clock(late)
     viewer, known = _viewer(loaded, question, clean)
     found = search(viewer, faulty, clean, library, lambda doing: watch(doing, None), known, only)
@@ -75,19 +77,32 @@ def diagnose(
     if warning and hidden(found):
         return _nothing(warning)
     verdict, rng = judged(found), np.random.default_rng(SEED)
+    if late and not _by_clock(verdict):
+        return _off_clock(late)
     watch("where it lies, how far it shrinks", None)
     size = gap(found, verdict, rng)
     whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, size))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
     whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    whole["warnings"] = [text for text in (warning, shifted(whole, verdict) if not clean else "") if text]
+    warnings = (warning, shifted(whole, verdict) if not clean else "", apart(late) if late else "")
+    whole["warnings"] = [text for text in warnings if text]
     return Diagnosed(found, verdict, size, whole)
 
 
 def _nothing(reason: str) -> Diagnosed:
     verdict = Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
     return Diagnosed(None, verdict, None, {"verdict": str(verdict.verdict), "effects": [], "reason": reason})
+
+
+def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
+    """Whether clean recordings on one clock tell how the faulty ones would be."""
+    return bool(clean) and {slip.name for slip in late}.isdisjoint(each.name for each in clean)
+
+
+def _by_clock(judged: Judged) -> bool:
+    """Whether the clocks come first among what is named."""
+    return bool(judged.named) and isinstance(judged.named[0].cause.ranked.option.proposal.group[0], ClockFault)
 
 
 def _off_clock(late: Sequence[Slip]) -> Diagnosed:

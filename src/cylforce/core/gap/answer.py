@@ -94,15 +94,19 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
     can be concluded from what does not belong together."""
     worst = slips[0]
     verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
-    names = ", ".join(dict.fromkeys(slip.name for slip in slips))
-    reason = (
+    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(worst)]
+    cure = [ClockFault().about.confirm]
+    return verdict, {"verdict": str(verdict), "effects": effects, "reason": apart(slips), "next_experiment": cure}
+
+
+def apart(slips: Sequence[Slip]) -> str:
+    """The sentence that pressures and angles are not on one clock, the largest lag first."""
+    worst, names = slips[0], ", ".join(dict.fromkeys(slip.name for slip in slips))
+    return (
         f"pressures and angles are not on one clock in {names}: in {worst.name} the pressures are "
         f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s. Pair them "
         "by the time at which they were measured, not by their number, and record again"
     )
-    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(worst)]
-    cure = [ClockFault().about.confirm]
-    return verdict, {"verdict": str(verdict), "effects": effects, "reason": reason, "next_experiment": cure}
 
 
 def _late(lag: float) -> str:

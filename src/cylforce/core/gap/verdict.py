@@ -15,7 +15,7 @@ from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.machine.candidate import Incident
 from cylforce.words.estimate import Array
 
-BESIDES = 1.5  # of an effect's least plausible size: what one beside a larger one must have
+BESIDES = 2.0  # of an effect's least plausible size: what one beside a larger one must have
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 EACH = 80.0  # nats for each of the sizes of what is free at any instant
 QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; nats needed there
