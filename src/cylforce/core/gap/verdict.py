@@ -32,6 +32,7 @@ RETURNED = 3.5  # the same of what return pressures say
 # less if its evidence is weak, its form does not fit, small causes stand beside it; and what is no name at all.
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
 SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
+LATER = 0.7  # the odds of a rival that does as well
 FADING, WARPED = 300.0, 10.0  # nats, misfit
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats, misfits
 CLOSE, BENT = 0.01, 5.0  # relative margin where its form does not fit, and the inflation that tells so
@@ -201,7 +202,7 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     lead = max(LEAD, CLOSE * cause.score * uneven, MESS * small)
     behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
     close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
-    odds = float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
+    odds = LATER * float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
     return Named(cause, _alone(cause, small) / (1.0 + odds), share, close)
 
 
