@@ -166,6 +166,21 @@ def test_a_shape_between_those_of_the_library_is_named(reference, name, at, valu
     assert named[0].cause.ranked.key == (name, at)
 
 
+def test_slewing_that_no_sensor_tells_is_named_beside_a_faint_touch(reference):
+    """The touch has sizes enough to follow the slewing, too, but more of them."""
+    turning = imposed(MACHINE, "slew_centrifugal", "machine", 0.2, begin=75.0, end=93.0)
+    touch = imposed(MACHINE, "soil_contact", "bucket", [200.0, 300.0], begin=112.0, end=127.0)
+    found = judged(search(reference.viewer, recordings(2, (turning, touch)), reference.clean))
+    assert found.named[0].cause.ranked.key == ("slew_centrifugal", "machine")
+
+
+def test_friction_is_named_beside_clocks_that_drift_apart(reference):
+    clocks = imposed(MACHINE, "clock_fault", "machine", [0.08, 0.0], begin=40.0)
+    friction = imposed(MACHINE, "friction_level_change", "stick", 0.5)
+    found = judged(search(reference.viewer, recordings(2, (clocks, friction)), reference.clean))
+    assert {n.cause.ranked.key for n in found.named} >= {("clock_fault", "machine"), ("friction_level_change", "stick")}
+
+
 def sprung(values: np.ndarray) -> np.ndarray:
     """A spring beside the boom's cylinder: its pressure goes with the boom's angle."""
     found, angle = values.copy(), values[:, SIGNALS.index("boom_angle")]

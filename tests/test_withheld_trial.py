@@ -136,6 +136,8 @@ def test_clutter_is_small_and_of_other_names(site):
     assert "angle_offset" not in {f.name for f in small}
     usual = KNOWN["pressure_offset"](Draw(np.random.default_rng(0), 0.05), seen)
     assert abs(usual.size) == pytest.approx(0.05 * np.sqrt(0.5 * 5.0))
+    tilted = KNOWN["tilt_ignored"](Draw(np.random.default_rng(0), 0.05), seen)
+    assert tilted.size == pytest.approx(0.05 * np.sqrt(0.3 * 5.0))  # whatever the field's slope
     assert not same_physics(faulty(site.pieces[1], small), site.machine)
 
 
