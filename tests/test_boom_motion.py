@@ -4,7 +4,8 @@ and what the reference does as well is no effect."""
 import numpy as np
 import pytest
 
-from cylforce.core.gap.diagnosis import fitted_tares, search
+from cylforce.core.gap.diagnosis import search
+from cylforce.core.gap.floor import fitted_tares
 from cylforce.core.gap.riding import riding
 from cylforce.core.gap.rows import Viewer
 from cylforce.core.model import FRICTION, Model

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from cylforce.core.gap.correction import FADED, UNSURE_S, Applied, aside, unsure
-from cylforce.core.gap.diagnosis import Search, asked, fitted_tares, looked_at, search
+from cylforce.core.gap.diagnosis import Search, asked, search
 from cylforce.core.gap.evidence import Term
+from cylforce.core.gap.floor import fitted_tares
 from cylforce.core.gap.library import LIBRARY, proposals
 from cylforce.core.gap.patch import patch
-from cylforce.core.gap.problem import Option, Problem, Seen
+from cylforce.core.gap.problem import Option, Problem, Seen, looked_at
 from cylforce.core.gap.rank import leading
 from cylforce.core.gap.residuals import fixed, held_out_clean
 from cylforce.core.gap.resimulation import read_blocks

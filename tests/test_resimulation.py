@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cylforce.core.gap.bars import bars, measured
-from cylforce.core.gap.diagnosis import fitted_tares, looked_at
-from cylforce.core.gap.problem import Problem, Seen
+from cylforce.core.gap.floor import fitted_tares
+from cylforce.core.gap.problem import Problem, Seen, looked_at
 from cylforce.core.gap.resimulation import Resimulation, read_blocks, undistorted
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.model import FRICTION, Model

@@ -8,7 +8,8 @@ import numpy as np
 
 from cylforce.core.gap.answer import answer, apart, off_clock
 from cylforce.core.gap.clocks import Slip, slips
-from cylforce.core.gap.diagnosis import Search, fitted_tares, search
+from cylforce.core.gap.diagnosis import Search, search
+from cylforce.core.gap.floor import fitted_tares
 from cylforce.core.gap.forward import forward
 from cylforce.core.gap.library import LIBRARY, Group
 from cylforce.core.gap.reference import doubt, hidden, shifted

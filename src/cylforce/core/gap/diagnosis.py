@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from cylforce.core.gap.correction import Applied, aside, bends, unsure, without
 from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
+from cylforce.core.gap.floor import noise_floor
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
-from cylforce.core.gap.problem import TEMPER, Problem, Seen
+from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
 from cylforce.core.gap.rank import TIE, Ranked, certain, leading, magnitude, ranking
 from cylforce.core.gap.reappearance import reappearance, usual
-from cylforce.core.gap.rows import BLOCK, Recorded, Viewer
+from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.unknown import NAME, UNKNOWN
-from cylforce.core.gap.whitening import Floor, floor_of
-from cylforce.core.model import Model
+from cylforce.core.gap.whitening import Floor
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
@@ -33,7 +33,6 @@ KEPT = 0.5  # of the usable rows, which must be left when effects are taken out 
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
 LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
 NEAR = 0.6  # of the best's score
-FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
 Watch = Callable[[str], None]
 
 
@@ -125,81 +124,6 @@ def search(
 def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
     """Everything that is asked of the recordings: the library's proposals, and what they must be better than."""
     return proposals(machine, (*library, *UNKNOWN))
-
-
-def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
-    """Recordings with their rows; those that have them keep them, if they were computed for the same proposals."""
-    return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted)) for r in group)
-
-
-def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
-    """Parameters (P,) by least squares of clean recordings, the data sheet as prior; what is not known of a load is
-    fitted beside them, every row counted by what the first round leaves."""
-    viewer, count = Viewer(model, np.zeros(len(model.parameters))), len(model.parameters)
-    spread = np.sqrt(np.diag(model.prior.covariance))
-    problem = Problem(model, spread, (), looked_at(viewer, clean, ()), ())
-    columns, size = [problem.columns(seen) for seen in problem.clean], problem.lasting
-    prior, mean = np.diag(problem.spread[:size] ** -2.0), np.zeros(size)
-    prior[:count, :count], mean[:count] = np.linalg.inv(model.prior.covariance), model.prior.mean
-    scale, values = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9, mean
-    for _ in range(2):
-        floor = Floor(scale, np.zeros((len(scale), 1)), scale)
-        gram = np.sum([_normal(c, floor, size) for c in columns], axis=0)
-        values = np.linalg.solve(gram[:, :-1] + prior, gram[:, -1] + prior @ mean)
-        left = np.concatenate([c[..., -1] - c[..., :size] @ values for c in columns])
-        scale = np.sqrt(_mean(left**2)) + 1e-9
-    return np.asarray(values[:count])
-
-
-def noise_floor(problem: Problem) -> Floor:
-    """From the clean recordings' residual, all lasting columns fitted. Without clean ones the faulty ones' is all there
-    is: what every fifth of them leaves when it is predicted from the others."""
-    held = problem.clean or problem.faulty
-    columns = [problem.columns(seen) for seen in held]
-    scale = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9
-    size = problem.lasting
-    floor = Floor(scale, np.zeros((len(scale), 1)), scale)
-    for _ in range(2):
-        whole = np.sum([_normal(c, floor, size) for c in columns], axis=0)
-        values = _ridge(problem, whole)
-        left = [c[..., -1] - c[..., :size] @ values for c in columns]
-        if not problem.clean:
-            left = [_predicted(problem, c, whole, floor) for c in columns]
-        floor = floor_of(left)
-    return floor
-
-
-def _mean(x: Array) -> Array:
-    """Mean (R,) over time of what is known; 1 where nothing is."""
-    good = np.isfinite(x)
-    count = np.sum(good, axis=0)
-    return np.asarray(np.where(count > 0, np.sum(np.where(good, x, 0.0), axis=0) / np.maximum(count, 1), 1.0))
-
-
-def _ridge(problem: Problem, gram: Array) -> Array:
-    size = problem.lasting
-    return np.asarray(np.linalg.solve(gram[:, :-1] + np.diag(problem.always[:size] ** -2.0), gram[:, -1]))
-
-
-def _predicted(problem: Problem, columns: Array, whole: Array, floor: Floor) -> Array:
-    """Residual (T, R) of every fifth part of a recording, predicted from all else."""
-    found, size = np.full(columns.shape[:2], np.nan), problem.lasting
-    part = np.arange(len(columns)) // (5 * BLOCK) % 5
-    for k in range(5):
-        here = columns[part == k]
-        values = _ridge(problem, whole - _normal(here, floor, size))
-        found[part == k] = here[..., -1] - here[..., :size] @ values
-    return found
-
-
-def _normal(columns: Array, floor: Floor, size: int) -> Array:
-    chosen = np.concatenate([columns[..., :size], columns[..., -1:]], axis=-1)
-    found = np.zeros((size + 1, size + 1))
-    for r in range(columns.shape[1]):
-        good = np.all(np.isfinite(chosen[:, r]), axis=1)
-        part = chosen[good, r] / floor.rms[r]
-        found += part.T @ part
-    return found[:-1]
 
 
 def _greedy(

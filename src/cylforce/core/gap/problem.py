@@ -13,7 +13,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.returns import Returns
 from cylforce.core.gap.riding import Riding, riding
-from cylforce.core.gap.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows
+from cylforce.core.gap.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows, Viewer
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
 from cylforce.effects.rocker_weight import RockerWeight
@@ -52,6 +52,11 @@ class Seen(NamedTuple):
 
     recorded: Recorded
     rows: Rows
+
+
+def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
+    """Recordings with their rows; those that have them keep them, if they were computed for the same proposals."""
+    return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted)) for r in group)
 
 
 class Option(NamedTuple):
