@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams
+from cylforce.core.gap.evidence import Blocks, Evidence, Term, grams, own_blocks
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.returns import Returns
 from cylforce.core.gap.riding import Riding, riding
 from cylforce.core.gap.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows, Viewer
+from cylforce.core.gap.unknown import NAME
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
 from cylforce.effects.rocker_weight import RockerWeight
@@ -38,7 +39,7 @@ SHEET = 0.01  # of that, where only a data sheet is known: beyond it, its errors
 TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
-MOSTLY = 0.85  # of an incident's evidence: where it has a sign that it can have
+MOSTLY = 0.8  # of an incident's evidence: where it has a sign that it can have
 CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
 FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 STILL = 1e-4  # of a usual motion of the base
@@ -309,17 +310,29 @@ class Problem:
     def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
         """Blocks in which something happens. The most conspicuous are taken out before the others are asked again:
         what happens in one block bends the fit of all."""
-        hit: list[int] = []
+        hit, taken = list[int](), self._taken(places, evidence)
         known = evidence
         while len(hit) <= most:
             gains = self._local(places, known)
-            gains[hit] = 0.0
+            gains[[*hit, *taken]] = 0.0
             more = np.flatnonzero(gains > max(NOTICED, CONSPICUOUS * float(np.max(gains))))
             if not more.size:
                 break
             hit = sorted([*hit, *more.tolist()])
             known = Evidence(evidence.blocks, [*evidence.held, self.each_of(places, hit)], evidence.weight)
         return hit
+
+    def _taken(self, places: tuple[int, ...], evidence: Evidence) -> list[int]:
+        """Blocks that are held by an effect with fewer sizes there: with more, another one would follow it."""
+        fewer = [own for own in self._momentary if len(own) < len(places)]
+        held = [h for h in evidence.held if any(set(h.columns) == set(own) for own in fewer)]
+        return [int(k) for k in own_blocks(held)]
+
+    @cached_property
+    def _momentary(self) -> list[tuple[int, ...]]:
+        """The columns of each effect that is free at any instant."""
+        each = ((p.group[0], places) for p, places in zip(self.proposals, self.places, strict=True) if p.name != NAME)
+        return [places for effect, places in each if isinstance(effect, Incident) and effect.course is Course.WINDOWS]
 
     def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
         """Of the blocks hit those in which the size has a sign that the effect can have: in others something else

@@ -93,26 +93,22 @@ def ranking(
         if found.score > best.get(found.key, found._replace(score=-1e300)).score and _possible(found):
             best[found.key] = found
     order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}
-    return _narrowest(_simplest(sorted(best.values(), key=lambda r: -r.score), order), problem, evidence)
+    ranked = sorted(best.values(), key=lambda r: -r.score)
+    narrow = _narrower(ranked, problem, evidence)
+    return [narrow, *(r for r in ranked if r is not narrow)] if narrow else _simplest(ranked, order)
 
 
-def _narrowest(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> list[Ranked]:
-    """The ranking, but before the first one, if its sizes are free at any instant, comes another one that has fewer of
+def _narrower(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> Ranked | None:
+    """What comes before the best one, if the sizes of that are free at any instant: a known effect that has fewer of
     them and where it is, which is much of it, explains as much: the rest may be something else."""
     first = ranked[0] if ranked and ranked[0].free else None
     for other in ranked[1:] if first else ():
-        if other.score < PART * ranked[0].score:
+        if not first or other.score < PART * first.score:
             break
-        known = other.key[0] != NAME
-        if (
-            first
-            and known
-            and other.free
-            and _width(other) < _width(first)
-            and _as_good(other, first, problem, evidence)
-        ):
-            return [other, *(r for r in ranked if r is not other)]
-    return ranked
+        known = other.free and other.key[0] != NAME
+        if known and _width(other) < _width(first) and _as_good(other, first, problem, evidence):
+            return other
+    return None
 
 
 def _width(found: Ranked) -> int:

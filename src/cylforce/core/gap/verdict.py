@@ -40,6 +40,7 @@ LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothi
 FITS = 3.0  # a misfit, up to which a form counts in full
 FOLLOWS, STRANGE = 0.15, 1 / 3  # of the score of what is free at any instant, it follows others, too; of the unknown
 TOLD = 18.0  # nats for an effect
+AMID = 0.5  # of the score of what is free at any instant: what is unknown beside it
 FREE = 75.0  # nats for a torque of which nothing is known: it follows anything
 ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
 FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
@@ -136,7 +137,7 @@ def _weight(cause: Cause) -> float:
 
 def _free(search: Search, cause: Cause) -> bool:
     """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
-    beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > STRAY * cause.score]
+    beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > AMID * cause.score]
     return not cause.known or bool(cause.ranked.free and beside)
 
 
