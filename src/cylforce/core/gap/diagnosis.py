@@ -126,40 +126,85 @@ def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Propo
     return proposals(machine, (*library, *UNKNOWN))
 
 
+class _Taken(NamedTuple):
+    """Causes with what of them is taken out of the recordings: their total sizes by name and place, what is then asked,
+    its blocks, and the `first` problem without the rows that are set aside."""
+
+    held: list[Ranked]
+    applied: dict[tuple[str, str], Array]
+    problem: Problem
+    blocks: Blocks
+    first: Problem
+
+
 def _greedy(
     viewer: Viewer, problem: Problem, blocks: Blocks, floor: Floor, original: list[Recorded], watch: Watch
 ) -> Search:
     """Causes one by one, each exchanged as soon as another does better beside the others; then those that are not
-    linear in their size are taken out of the recordings, and what is left is looked at again."""
-    first_problem, shown, base = problem, problem, Evidence(blocks)
+    linear in their size are taken out of the recordings, and what is left is looked at again; then each is asked once
+    more whether another does as well beside what was found."""
+    base = Evidence(blocks)
     worth = max(ENOUGH, MINOR * float(np.sum(base.squares((), base.fitted)[1] - _usual(blocks))) / (2.0 * TEMPER))
     watch("search")
     first = tuple(ranking(problem, base))
-    held = _found(problem, blocks, worth)
-    applied: dict[tuple[str, str], Array] = {}
-    for _ in range(ROUNDS):
-        found = _sizes(blocks, held, applied)
-        if not _moved(applied, found):
-            break
-        watch("columns at the sizes found")
-        lost = unsure(first_problem, viewer, _bending(held, found), original)
-        corrected = aside(without(problem, viewer, _bending(held, found), original), lost)
-        if np.sum(corrected.blocks(floor).faulty_rows) < KEPT * np.sum(base.blocks.faulty_rows):
-            break  # at these sizes the machine could not have moved so
-        applied, problem, blocks = found, corrected, corrected.blocks(floor)
-        shown = aside(first_problem, lost)
-        held = _settled(problem, blocks, held, worth, kept=tuple(applied))
-        applied = {key: sizes for key, sizes in applied.items() if key in {r.key for r in held}}
-    evidence = Evidence(blocks, [r.option.term for r in held])
+    taken = _taken_out(viewer, problem, floor, original, _found(problem, blocks, worth), worth, watch)
+    again = _reconsidered(problem, blocks, taken)
+    if [r.key for r in again] != [r.key for r in taken.held]:
+        taken = _taken_out(viewer, problem, floor, original, again, worth, watch)
+    evidence = Evidence(taken.blocks, [r.option.term for r in taken.held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
-    base = Evidence(shown.blocks(floor))
+    base = Evidence(taken.first.blocks(floor))
     _, before = base.squares((), base.fitted)
     usual = _usual(base.blocks)
-    _, fixed = base.squares((), first_problem.fixed(base.blocks, evidence.fitted))
-    after = np.where(_rough(held, fixed, after), np.minimum(after, usual), after)
-    causes = _causes(first_problem, blocks, floor, held, applied, evidence)
+    _, fixed = base.squares((), problem.fixed(base.blocks, evidence.fitted))
+    after = np.where(_rough(taken.held, fixed, after), np.minimum(after, usual), after)
+    causes = _causes(problem, taken.blocks, floor, taken.held, taken.applied, evidence)
     energy = Energy(fixed, before, after, usual, clean)
-    return Search(first_problem, problem, blocks, floor, causes, energy, first, evidence, viewer)
+    return Search(problem, taken.problem, taken.blocks, floor, causes, energy, first, evidence, viewer)
+
+
+def _taken_out(
+    viewer: Viewer,
+    first: Problem,
+    floor: Floor,
+    original: list[Recorded],
+    held: list[Ranked],
+    worth: float,
+    watch: Watch,
+) -> _Taken:
+    """Those that are not linear in their size taken out of the `original` recordings, and what is left looked at again,
+    until their sizes stay."""
+    blocks = first.blocks(floor)
+    taken, rows = _Taken(held, {}, first, blocks, first), np.sum(blocks.faulty_rows)
+    for _ in range(ROUNDS):
+        found = _sizes(taken.blocks, taken.held, taken.applied)
+        if not _moved(taken.applied, found):
+            break
+        watch("columns at the sizes found")
+        out = _bending(taken.held, found)
+        lost = unsure(first, viewer, out, original)
+        problem = aside(without(taken.problem, viewer, out, original), lost)
+        if np.sum(problem.blocks(floor).faulty_rows) < KEPT * rows:
+            break  # at these sizes the machine could not have moved so
+        held = _settled(problem, problem.blocks(floor), taken.held, worth, kept=tuple(found))
+        applied = {key: sizes for key, sizes in found.items() if key in {r.key for r in held}}
+        taken = _Taken(held, applied, problem, problem.blocks(floor), aside(first, lost))
+    return taken
+
+
+def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken) -> list[Ranked]:
+    """The causes, each exchanged for what explains the recordings as they were as well, beside the others: whether it
+    was found first is no reason to stay."""
+    held, evidence = list(taken.held), Evidence(taken.blocks, [r.option.term for r in taken.held])
+    for n, r in enumerate(taken.held):
+        others = [o for k, o in enumerate(held) if k != n]
+        alone = Evidence(plain, [o.option.term for o in others])
+        ranked = ranking(problem, alone, besides=others)
+        own = next((x for x in ranked if x.key == r.key), r)
+        score = max(own.score, _bent(plain, others, evidence, own)) if r.key in taken.applied else own.score
+        if ranked and ranked[0].key != r.key and ranked[0].score > score - TIE:
+            held[n] = ranked[0]
+    return held
 
 
 def _found(problem: Problem, blocks: Blocks, worth: float) -> list[Ranked]:

@@ -182,8 +182,7 @@ def _counts(cause: Cause, least: float) -> bool:
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     effect = cause.ranked.option.proposal.group[0]
     if cause.ranked.free and cause.known:
-        each = EACH / 2.0 if cause.ranked.option.proposal.about.sign else EACH
-        return large and cause.score >= each * len(cause.sizes) and cause.significance >= SIGNIFICANT
+        return large and cause.score >= EACH * len(cause.sizes) and cause.significance >= SIGNIFICANT
     enough = (ONCE if isinstance(effect, Incident) else TOLD) if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     return large and cause.tempered >= enough and cause.significance >= sure
