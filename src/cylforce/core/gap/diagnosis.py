@@ -30,6 +30,7 @@ WILD = 6.0  # times the median of clean blocks' energy
 ROUGH = 0.6  # of a block's energy that an incident may leave
 ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
 KEPT = 0.5  # of the usable rows, which must be left when effects are taken out at the sizes found
+STRAIGHT = 100.0  # nats, below which it goes unnoticed that columns bend
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
 LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
 NEAR = 0.6  # of the best's score
@@ -296,12 +297,12 @@ def _usual(blocks: Blocks) -> Array:
 def _sizes(
     blocks: Blocks, held: Sequence[Ranked], applied: dict[tuple[str, str], Array]
 ) -> dict[tuple[str, str], Array]:
-    """Total sizes of all causes that bend: what is taken out already and what is left of it."""
+    """Total sizes of all causes that bend enough to be noticed: what is taken out already and what is left of it."""
     evidence = Evidence(blocks, [r.option.term for r in held])
     k, found = len(blocks.shared), {}
     for r in held:
         m = len(r.option.term.columns)
-        if bends(r.option):
+        if bends(r.option) and (r.score >= STRAIGHT or r.key in applied):
             found[r.key] = applied.get(r.key, np.zeros(m)) + evidence.fitted[k : k + m]
         k += m
     return found

@@ -16,6 +16,7 @@ NEGLIGIBLE = 0.5  # of an effect's least plausible size
 BEYOND = 2.0  # times the largest plausible size
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
+ALIEN = 0.1  # the same, beside a torque at one joint of which nothing is known
 PART = 0.3  # of the best score: what one with fewer sizes must explain where it is
 EQUAL = 1.0  # nats between what the same recording would turn round
 UNLIKELY = 0.3  # of a size's logarithm, by which it is below the least plausible one: half a nat
@@ -105,8 +106,8 @@ def _narrower(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> Ran
     for other in ranked[1:] if first else ():
         if not first or other.score < PART * first.score:
             break
-        known = other.free and other.key[0] != NAME
-        if known and _width(other) < _width(first) and _as_good(other, first, problem, evidence):
+        incident = other.key[0] != NAME and isinstance(other.option.proposal.group[0], Incident)
+        if incident and _width(other) < _width(first) and _as_good(other, first, problem, evidence):
             return other
     return None
 
@@ -137,7 +138,8 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     are not, too."""
     best = ranked[0].score if ranked else 0.0
     tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
-    tied = [r for r in ranked if r.score > best - tie]
+    loose = ALIEN * best if ranked and ranked[0].free else tie
+    tied = [r for r in ranked if r.score > best - (loose if r.free and r.key[0] == NAME else tie)]
     fewest = min((len(r.option.term.columns) for r in tied), default=0)
     tied = [r for r in tied if len(r.option.term.columns) == fewest]
     likely = max((r.score - _unlikely(r) for r in tied), default=0.0)

@@ -15,7 +15,8 @@ from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.machine.candidate import Incident
 from cylforce.words.estimate import Array
 
-BESIDES = 2.0  # of an effect's least plausible size: what one beside a larger one must have
+BESIDES, PLAINLY = 2.0, 1.0  # of an effect's least plausible size: what one beside a larger one must have
+SOUND = 2000.0  # nats, with which a size says nothing against a cause
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 EACH = 80.0  # nats for each of the sizes of what is free at any instant
 QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; nats needed there
@@ -115,7 +116,8 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
     for cause, share, joint in found[1:] if kept else ():
         least = STRAY if joint in [j for *_, j in kept] else OTHER
-        enough = cause.known and cause.score >= MINOR * largest and _counts(cause, BESIDES)
+        plain = cause.tempered >= SOUND and cause.score >= FIRST * largest
+        enough = cause.known and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
         if enough and share >= least and _best(cause):
             kept.append((cause, share, joint))
     small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
@@ -130,9 +132,9 @@ def _quiet(search: Search) -> bool:
 def _weight(cause: Cause) -> float:
     """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
     when it says much more."""
-    if not cause.known:
-        return cause.score * STRANGE
-    return cause.score * (FOLLOWS if cause.ranked.free else min(FITS / cause.misfit, 1.0))
+    if cause.ranked.free:
+        return cause.score * FOLLOWS
+    return cause.score * (min(FITS / cause.misfit, 1.0) if cause.known else STRANGE)
 
 
 def _free(search: Search, cause: Cause) -> bool:
@@ -151,7 +153,7 @@ def _strange(search: Search, cause: Cause) -> bool:
 def _crowded(search: Search, first: Cause) -> bool:
     """Whether the first cause is hardly larger than what is plausible, and much stands beside it: many small ones pass
     for one."""
-    small = first.size < CROWDED * first.ranked.option.proposal.about.low
+    small = first.size < CROWDED * first.ranked.option.proposal.about.low and first.tempered < SOUND
     return small and not first.ranked.free and sum(c.score for c in search.causes) > (1.0 + CROWD) * first.score
 
 
