@@ -19,6 +19,7 @@ from cylforce.core.gap.whitening import Floor
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
+from cylforce.machine.candidate import Sudden
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
@@ -302,7 +303,8 @@ def _sizes(
     k, found = len(blocks.shared), {}
     for r in held:
         m = len(r.option.term.columns)
-        if bends(r.option) and (r.score >= STRAIGHT or r.key in applied):
+        plain = r.score >= STRAIGHT or r.key in applied or isinstance(r.option.proposal.group[0], Sudden)
+        if bends(r.option) and plain:
             found[r.key] = applied.get(r.key, np.zeros(m)) + evidence.fitted[k : k + m]
         k += m
     return found

@@ -107,12 +107,12 @@ def _narrower(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> Ran
         if not first or other.score < PART * first.score:
             break
         incident = other.key[0] != NAME and isinstance(other.option.proposal.group[0], Incident)
-        if incident and _width(other) < _width(first) and _as_good(other, first, problem, evidence):
+        if incident and width(other) < width(first) and _as_good(other, first, problem, evidence):
             return other
     return None
 
 
-def _width(found: Ranked) -> int:
+def width(found: Ranked) -> int:
     """How many sizes there are in one window."""
     return len(dict.fromkeys(found.option.term.columns))
 
@@ -157,10 +157,10 @@ def _unlikely(found: Ranked) -> float:
 
 def _possible(found: Ranked) -> bool:
     """Whether the sign is one that the effect can have, and the size not beyond all that is plausible; what has
-    other sizes besides its own (a mass its moments) must be of some size, or it is but those."""
+    other sizes besides its own (a mass its moments) must be of a plausible one, or it is but those."""
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
     right = wrong <= WRONG * np.sum(each**2)
     size = magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))
     more = not found.free and len(dict.fromkeys(found.option.term.columns)) > about.axes
-    return bool(right and (NEGLIGIBLE * about.low if more else 0.0) <= size <= BEYOND * about.high)
+    return bool(right and (about.low if more else 0.0) <= size <= BEYOND * about.high)

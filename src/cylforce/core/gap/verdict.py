@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
 from cylforce.core.gap.problem import TEMPER
-from cylforce.core.gap.rank import NEGLIGIBLE, Ranked
+from cylforce.core.gap.rank import FREER, NEGLIGIBLE, Ranked, width
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
@@ -33,6 +33,7 @@ RETURNED = 3.5  # the same of what return pressures say
 # less if its evidence is weak, its form does not fit, small causes stand beside it; and what is no name at all.
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
 SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
+RATHER = 0.5  # the confidence with which one is named beside another
 LATER = 0.7  # the odds of a rival that does as well
 FADING, WARPED = 300.0, 10.0  # nats, misfit
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats, misfits
@@ -121,7 +122,8 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
         if enough and share >= least and _best(cause):
             kept.append((cause, share, joint))
     small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
-    return tuple(_named(c, share, max(small, 0.0)) for c, share, _ in kept)
+    named = [_named(c, share, max(small, 0.0)) for c, share, _ in kept]
+    return (*named[:1], *(n for n in named[1:] if n.confidence >= RATHER))
 
 
 def _quiet(search: Search) -> bool:
@@ -191,8 +193,10 @@ def _counts(cause: Cause, least: float) -> bool:
 
 
 def _shapeless(cause: Cause) -> bool:
-    """Whether something like the cause is there, but not of its shape."""
+    """Whether something like the cause is there, but not of its shape, or too little for the sizes it has."""
     large = cause.size >= NEGLIGIBLE * cause.ranked.option.proposal.about.low
+    if cause.ranked.free and cause.known:
+        return large and cause.tempered >= ONCE
     return large and cause.score >= HINT and cause.tempered < ENOUGH and cause.significance >= SIGNIFICANT
 
 
@@ -225,6 +229,8 @@ def _behind(rival: Ranked, cause: Cause, lead: float) -> float:
 def _contains(rival: Ranked, cause: Cause) -> bool:
     """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one. A mass
     anywhere on a link has all first moments of it, and a size more."""
+    if rival.free and cause.ranked.free and width(rival) > width(cause.ranked):
+        return rival.score < (1.0 + FREER) * cause.score
     more, less = (each.option.proposal for each in (rival, cause.ranked))
     if isinstance(more.group[0], ExtraMass) and isinstance(less.group[0], FirstMomentChange):
         return more.where == less.where
