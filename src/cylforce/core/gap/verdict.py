@@ -15,38 +15,39 @@ from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.machine.candidate import Incident
 from cylforce.words.estimate import Array
 
-BESIDES, PLAINLY = 2.0, 1.0  # of an effect's least plausible size: what one beside a larger one must have
-SOUND = 2000.0  # nats, with which a size says nothing against a cause
+# Sizes, of an effect's least plausible one (BEYOND: of its largest).
+BESIDES, PLAINLY = 2.0, 1.0  # what a cause beside a larger one must have, and what where evidence is SOUND
+CROWDED = 2.0  # which many small ones may make
+BEYOND = 1.2
+# Evidence [nats].
+TOLD, PLAIN, SOUND = 18.0, 50.0, 2000.0  # for an effect; of what is plain; with which its size says nothing against it
+ONCE = 200.0  # for what happens at an instant: nothing repeats it
+EACH = 80.0  # for each of the sizes of what is free at any instant
+FREE = 75.0  # for a torque of which nothing is known: it follows anything
+HINT = 25.0  # for an effect whose shape does not fit: something is there
+QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; the nats needed there
+FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
+# Shares of the largest score.
+FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
+FOLLOWS, STRANGE = 0.15, 1 / 3  # of its own score: how much counts of what is free at any instant, and of the unknown
+AMID, CROWD = 0.5, 0.1  # of the first cause's score: what is unknown beside what is free; what many small ones are
+FITS = 3.0  # a misfit, up to which a form counts in full
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
-EACH = 80.0  # nats for each of the sizes of what is free at any instant
-QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; nats needed there
-CROWDED, CROWD = 2.0, 0.1  # of the least plausible size, which many small ones may make; of the score: what those are
-BEYOND = 1.2  # of the largest plausible size
-PLAIN = 50.0  # nats
-STRAY, OTHER = 0.15, 0.03  # of the gap's energy: what the first cause's form may leave at its joint, and elsewhere
+# Shares of energy.
+STRAY, OTHER = 0.15, 0.03  # of the gap's: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
-NOISE = 0.75  # of the floor's energy: an excess that no verdict hangs on
-LEAD = 5.0  # nats by which a cause must be better than a rival of the same shape
-MESS = 0.005  # of the evidence of small causes beside it: by which any other may be off
-RETURNED = 3.5  # the same of what return pressures say
+NOISE, LARGE = 0.75, 1.0  # of the floor's: an excess that no verdict hangs on; one that is a gap, whatever explains it
+# Rivals: how many nats, or which share of a score, they must be behind.
+LEAD, RETURNED = 5.0, 3.5  # of the same shape; what return pressures say
+CLOSE, BENT = 0.01, 5.0  # share where a form does not fit, and the inflation that tells so
+MESS = 0.005  # of the evidence of small causes beside: by which any other may be off
+LATER = 0.7  # the odds of a rival that does as well
 # Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
-# less if its evidence is weak, its form does not fit, small causes stand beside it; and what is no name at all.
+# less if its evidence is weak, its form does not fit, small causes stand beside it.
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
+FADING, WARPED = 300.0, 10.0  # nats, misfit
 SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
 RATHER = 0.5  # the confidence with which one is named beside another
-LATER = 0.7  # the odds of a rival that does as well
-FADING, WARPED = 300.0, 10.0  # nats, misfit
-FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats, misfits
-CLOSE, BENT = 0.01, 5.0  # relative margin where its form does not fit, and the inflation that tells so
-LARGE = 1.0  # of the floor's energy: an excess beyond it is a gap even if nothing explains it
-FITS = 3.0  # a misfit, up to which a form counts in full
-FOLLOWS, STRANGE = 0.15, 1 / 3  # of the score of what is free at any instant, it follows others, too; of the unknown
-TOLD = 18.0  # nats for an effect
-AMID = 0.5  # of the score of what is free at any instant: what is unknown beside it
-FREE = 75.0  # nats for a torque of which nothing is known: it follows anything
-ONCE = 200.0  # nats for what happens at an instant: nothing repeats it
-FIRST, MINOR = 0.2, 0.02  # of the largest score: what the first cause that is named needs, and any other
-HINT = 25.0  # nats for an effect whose shape does not fit: something is there
 
 
 class Verdict(StrEnum):
