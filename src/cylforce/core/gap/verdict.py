@@ -40,6 +40,7 @@ NOISE, LARGE = 0.75, 1.0  # of the floor's: an excess that no verdict hangs on; 
 # Rivals: how many nats, or which share of a score, they must be behind.
 LEAD, RETURNED = 5.0, 3.5  # of the same shape; what return pressures say
 CLOSE, BENT = 0.01, 5.0  # share where a form does not fit, and the inflation that tells so
+FORM = 0.01  # of any score: no form is quite that of a real machine
 MESS = 0.005  # of the evidence of small causes beside: by which any other may be off
 LATER = 0.7  # the odds of a rival that does as well
 # Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
@@ -206,7 +207,7 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     beside those named [nats], the farther a rival must be behind."""
     rivals = [r for r in cause.rivals if not _contains(r, cause)]
     uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
-    lead = max(LEAD, CLOSE * cause.score * uneven, MESS * small)
+    lead = max(LEAD, FORM * cause.score, CLOSE * cause.score * uneven, MESS * small)
     behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
     close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
     odds = LATER * float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
