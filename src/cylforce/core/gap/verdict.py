@@ -30,6 +30,7 @@ FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, a
 # Shares of the largest score.
 FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
 FOLLOWS, STRANGE = 0.15, 1 / 3  # of its own score: how much counts of what is free at any instant, and of the unknown
+OFTEN = 0.3  # of all blocks
 AMID, CROWD = 0.5, 0.1  # of the first cause's score: what is unknown beside what is free; what many small ones are
 FITS = 3.0  # a misfit, up to which a form counts in full
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
@@ -144,7 +145,15 @@ def _weight(cause: Cause) -> float:
 def _free(search: Search, cause: Cause) -> bool:
     """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
     beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > AMID * cause.score]
-    return not cause.known or bool(cause.ranked.free and beside)
+    often = any(_often(c) and c.score > cause.score for c in search.causes if c is not cause)
+    return not cause.known or often or bool(cause.ranked.free and beside)
+
+
+def _often(cause: Cause) -> bool:
+    """Whether what is free at any instant, and too little for its sizes, is there so often that it goes on all the
+    time."""
+    windows = len(cause.sizes) / width(cause.ranked)
+    return cause.ranked.free and not _counts(cause, 0.0) and windows > OFTEN * cause.ranked.option.term.course.shape[1]
 
 
 def _strange(search: Search, cause: Cause) -> bool:
