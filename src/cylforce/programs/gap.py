@@ -71,15 +71,15 @@ def diagnose(
         return _off_clock(late)
     viewer, known = _viewer(loaded, question, clean)
     found = search(viewer, faulty, clean, library, lambda doing: watch(doing, None), known, only)
+    verdict, warning, rng = judged(found), doubt(found), np.random.default_rng(SEED)
+    nothing = bool(warning) and hidden(found)
+    if late and (nothing or not _by_clock(verdict)):
+        return _off_clock(late)
     seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
-    warning = doubt(found)
-    if warning and hidden(found):
+    if nothing:
         return _nothing(warning)
-    verdict, rng = judged(found), np.random.default_rng(SEED)
-    if late and not _by_clock(verdict):
-        return _off_clock(late)
     watch("where it lies, how far it shrinks", None)
     size = gap(found, verdict, rng)
     whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, size))

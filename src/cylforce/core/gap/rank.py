@@ -12,7 +12,6 @@ from cylforce.core.gap.unknown import NAME
 from cylforce.machine.candidate import Course, Distortion, Incident, Place
 from cylforce.words.estimate import Array
 
-NEGLIGIBLE = 0.5  # of an effect's least plausible size
 BEYOND = 2.0  # times the largest plausible size
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
@@ -102,10 +101,10 @@ def ranking(
 def _narrower(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> Ranked | None:
     """What comes before the best one, if the sizes of that are free at any instant: a known effect that has fewer of
     them and where it is, which is much of it, explains as much: the rest may be something else."""
-    first = ranked[0] if ranked and ranked[0].free else None
-    for other in ranked[1:] if first else ():
-        if not first or other.score < PART * first.score:
-            break
+    if not ranked or not ranked[0].free:
+        return None
+    first = ranked[0]
+    for other in (r for r in ranked if r.score >= PART * first.score):
         incident = other.key[0] != NAME and isinstance(other.option.proposal.group[0], Incident)
         if incident and width(other) < width(first) and _as_good(other, first, problem, evidence):
             return other

@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
 from cylforce.core.gap.problem import TEMPER
-from cylforce.core.gap.rank import FREER, NEGLIGIBLE, Ranked, width
+from cylforce.core.gap.rank import FREER, Ranked, width
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
@@ -17,6 +17,7 @@ from cylforce.words.estimate import Array
 
 # Sizes, of an effect's least plausible one (BEYOND: of its largest).
 BESIDES, PLAINLY = 2.0, 1.0  # what a cause beside a larger one must have, and what where evidence is SOUND
+NEGLIGIBLE = 0.5  # what any must have
 CROWDED = 2.0  # which many small ones may make
 BEYOND = 1.2
 # Evidence [nats].
