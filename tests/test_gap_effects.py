@@ -18,7 +18,7 @@ from cylforce.core.gap.rank import leading
 from cylforce.core.gap.residuals import fixed, held_out_clean
 from cylforce.core.gap.resimulation import read_blocks
 from cylforce.core.gap.rows import Recorded, Viewer
-from cylforce.core.gap.shrinkage import resimulated
+from cylforce.core.gap.shrinkage import Simulation
 from cylforce.core.gap.verdict import Verdict, judged
 from cylforce.core.model import FRICTION, Model
 from cylforce.core.scenario import moves
@@ -112,7 +112,8 @@ def inside(found: Search, option, begin: float, end: float, values: np.ndarray) 
 
 def assert_gone(found: Search) -> None:
     """Simulated with what was found, the machine explains the recordings nearly as well as one that has no fault."""
-    left = fixed(found)[1], resimulated(found, [c for c in found.causes if c.known]), held_out_clean(found)
+    known = [c for c in found.causes if c.known]
+    left = fixed(found)[1], Simulation(found, known).left(known), held_out_clean(found)
     before, after, floor = (mean_square(x) for x in left)
     assert np.sum((after - floor) / floor) < 0.05 * np.sum((before - floor) / floor)
 

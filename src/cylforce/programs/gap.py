@@ -16,7 +16,7 @@ from cylforce.core.gap.reference import doubt, hidden, shifted
 from cylforce.core.gap.residuals import ends
 from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
 from cylforce.core.gap.shape import confirm, told, unexplained
-from cylforce.core.gap.shrinkage import Gap, gap
+from cylforce.core.gap.shrinkage import Gap, tried
 from cylforce.core.gap.verdict import Judged, Verdict, judged
 from cylforce.core.gap.where import where
 from cylforce.core.model import FRICTION, Model, Tares
@@ -81,12 +81,12 @@ def diagnose(
     if nothing:
         return _nothing(warning)
     watch("where it lies, how far it shrinks", None)
-    size = gap(found, verdict, rng)
-    whole = answer(found, verdict, size, ends(found), where(found, rng), forward(found, size))
+    verdict, size, refuted = tried(found, verdict, rng)
+    whole = answer(found, verdict, size, ends(found), where(found, size.nominal, rng), forward(found, size))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
     whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    warnings = (warning, shifted(whole, verdict) if not clean else "", apart(late) if late else "")
+    warnings = (warning, refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "")
     whole["warnings"] = [text for text in warnings if text]
     return Diagnosed(found, verdict, size, whole)
 

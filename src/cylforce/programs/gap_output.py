@@ -126,8 +126,8 @@ def sentence(answer: dict[str, Any]) -> str:
     others = sum(not e["named"] for e in size["simulated"])
     besides = f" and {others} {'other' if others == 1 else 'others'} found beside" if others else ""
     it = "it" if len(answer["effects"]) == 1 else "them"
-    gone = "" if share is None else f"; with {it}{besides} simulated, {100 * share:.0f} % of the gap's energy is gone"
-    return f"The gap, {gap_nm}, {verb} {names}{gone}{shape_words(answer)}."
+    gone = f"{size['after']:.0f} N m are left" if share is None else f"{100 * share:.0f} % of the gap's energy is gone"
+    return f"The gap, {gap_nm}, {verb} {names}; with {it}{besides} simulated, {gone}{shape_words(answer)}."
 
 
 def shape_words(answer: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.problem import Seen
-from cylforce.core.gap.residuals import fixed, held_out_clean, rms
+from cylforce.core.gap.residuals import held_out_clean, rms
 from cylforce.core.gap.rows import BLOCK
 from cylforce.words.estimate import Array
 
@@ -58,9 +58,10 @@ def _angle(seen: Seen, c: int) -> Array:
     return np.asarray(seen.rows.posture[:, min(c, seen.rows.posture.shape[1] - 1)])
 
 
-def where(search: Search, rng: np.random.Generator) -> list[Spot]:
-    """All joints and regimes, most certain first, then what stands out most."""
-    problem, unseen, (_, left) = search.original, held_out_clean(search), fixed(search)
+def where(search: Search, left: Sequence[Array], rng: np.random.Generator) -> list[Spot]:
+    """All joints and regimes, most certain first, then what stands out most; `left`: residuals (T, R) [N m] of the
+    faulty recordings."""
+    problem, unseen = search.original, held_out_clean(search)
     usual = rms(unseen) if unseen else search.floor.rms
     spots = []
     for r, j in enumerate(problem.model.machine.rows):

@@ -10,7 +10,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, Term
 from cylforce.core.gap.problem import Problem, Seen
 from cylforce.core.gap.residuals import fixed
 from cylforce.core.gap.rows import BLOCK, RATE_HZ, Viewer
-from cylforce.core.gap.shrinkage import Gap, resimulated, written
+from cylforce.core.gap.shrinkage import Gap, Simulation, written
 from cylforce.core.gap.verdict import Judged, Named
 from cylforce.core.gap.where import REGIMES
 from cylforce.programs.reporting import evidence
@@ -53,10 +53,9 @@ class Shown(NamedTuple):
 
 def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
     """What is drawn of a diagnosis."""
-    clean, before = fixed(search)
     return Shown(
-        _heat(search, clean, before, gap.left),
-        _points(search.original, before),
+        _heat(search, fixed(search)[0], gap.nominal, gap.left),
+        _points(search.original, gap.nominal),
         _points(search.original, gap.left),
         _overlays(search, judged.named),
         _steps(search, judged, gap),
@@ -158,7 +157,8 @@ def _steps(search: Search, judged: Judged, gap: Gap) -> tuple[tuple[str, Array],
     labels = [f"+ {plain(n.cause.ranked.key)}" for n in named]
     labels += ["+ others found beside"] if len(all_of) > len(named) else []
     parts = [[n.cause for n in named[: k + 1]] for k in range(len(labels) - 1)]
-    steps = [*(_mean(resimulated(search, part)) for part in parts), gap.after]
+    simulation = Simulation(search, all_of)
+    steps = [*(_mean(simulation.left(part)) for part in parts), gap.after]
     return (
         ("as it was, parameters fixed", gap.fixed),
         ("parameters refitted", gap.refit),
