@@ -51,7 +51,7 @@ CASES = {
     "angle_scale": ("boom_angle", [0.03, 0.01], {}),
     "sensor_delay": ("bucket_angle", 0.05, {}),
     "tilt_ignored": ("machine", [0.03, 0.02], {}),
-    "linkage_geometry": ("stick", 0.03, {"shape": {"measure": 1}}),
+    "linkage_geometry": ("stick", [0.02, 0.02], {"shape": {"part": 0}}),
     "extra_mass": ("stick", [200.0, 300.0, 60.0, 500.0], {}),
     "first_moment_change": ("bucket", [80.0, 40.0, 30.0], {}),
     "compliance": ("stick", 4e-7, {}),

@@ -29,7 +29,7 @@ BLOCKS = {
     "angle": {"name": "angle_offset", "at": "stick_angle", "value": 0.03},
     "delay": {"name": "sensor_delay", "at": "bucket_angle", "value": 0.08},
     "tilt": {"name": "tilt_ignored", "at": "machine", "value": [0.04, 0.02]},
-    "geometry": {"name": "linkage_geometry", "at": "boom", "value": 0.03, "shape": {"measure": 0}},
+    "geometry": {"name": "linkage_geometry", "at": "boom", "value": [0.03, 0.01], "shape": {"part": 0}},
     "flexibility": {"name": "compliance", "at": "stick", "value": 6e-7},
     "weight": {"name": "first_moment_change", "at": "stick", "value": [400.0, 100.0, 200.0]},
     "contact": {"name": "soil_contact", "at": "bucket", "value": [4e3, 8e3], "from_s": 20.0, "until_s": 30.0},

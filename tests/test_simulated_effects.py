@@ -101,7 +101,7 @@ def test_all_pressures_are_late_from_an_instant_on_and_more_and_more(plain):
 
 
 def test_an_altered_linkage_moves_the_same_joints_by_other_levers(plain):
-    found = simulated(imposed(MACHINE, "linkage_geometry", "stick", 0.02, shape={"measure": 1}))
+    found = simulated(imposed(MACHINE, "linkage_geometry", "stick", [0.0, 0.02], shape={"part": 0}))
     np.testing.assert_array_equal(found.physics.course.theta, plain.physics.course.theta)
     before, after = plain.physics.moving, found.physics.moving
     assert np.max(np.abs(after.lever[:, 1] - before.lever[:, 1])) > 1e-3
@@ -195,8 +195,6 @@ def test_every_effect_of_the_library_changes_what_is_seen(group, plain):
     shape = {f: getattr(group[0], f) for f in group[0].__dataclass_fields__}
     at = places(MACHINE, about.place)[-1][0]
     sizes = [size] + [0.0] * (len(units(group)) - 1)
-    if about.name == "linkage_geometry" and shape["measure"] > 5:
-        at = "bucket"
     changed = simulated(imposed(MACHINE, about.name, at, sizes, shape=shape))
     nothing = simulated(imposed(MACHINE, about.name, at, [0.0] * len(sizes), shape=shape))
     assert np.max(np.abs(changed.values - plain.values) / np.std(plain.values, axis=0)) > 1e-3
@@ -214,7 +212,7 @@ def test_every_effect_of_the_library_changes_what_is_seen(group, plain):
         (("angle_offset", "boom_angle", float("nan"), {}), "plausible"),
         (("extra_mass", "stick", 100.0, {}), r"wants 4 value\(s\) \(kg, kg m, kg m, kg m\^2\), not 1"),
         (("stribeck", "boom", 500.0, {"shape": {"breadth": 0.1}}), "no parameter 'breadth' of its shape: width"),
-        (("linkage_geometry", "boom", 0.01, {"shape": {"measure": 7}}), "no such part"),
+        (("linkage_geometry", "boom", [0.01, 0.0], {"shape": {"part": 4}}), "no such part"),
         (("soil_contact", "bucket", [1.0, 2.0], {"begin": 3.0, "end": 2.0}), "begin before it ends"),
     ],
 )

@@ -105,7 +105,7 @@ def _named(name: str, library: tuple[Group, ...]) -> Group:
 
 
 def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
-    """The group with the shape's parameters in place of its own."""
+    """The group with the shape's parameters in place of those that its members share."""
     if not shape:
         return group
     first: Any = group[0]
@@ -114,7 +114,9 @@ def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
         known = ", ".join(f.name for f in fields(first)) or "it has none"
         raise ValueError(f"effect {first.about.name!r} has no parameter {wrong[0]!r} of its shape: {known}")
     typed = {key: type(getattr(first, key))(value) for key, value in shape.items()}
-    return (replace(first, **typed), *group[1:])
+    shared = {key: value for key, value in typed.items() if all(getattr(e, key) == getattr(first, key) for e in group)}
+    rest: tuple[Any, ...] = group[1:]
+    return (replace(first, **typed), *(replace(effect, **shared) for effect in rest))
 
 
 def _check(found: Imposed) -> None:

@@ -10,10 +10,11 @@ from cylforce.machine.machine import Machine
 
 @dataclass(frozen=True, slots=True)
 class LinkageGeometry:
-    """One measure of the linkage that drives a joint, the `measure`-th of its pins' coordinates and bars' lengths, is
-    larger by size than the drawing says."""
+    """The `part`-th of the pins and bars of the linkage that drives a joint is not as the drawing has it: the pin off
+    by size along its link, or `across` it; the bar longer by size."""
 
-    measure: int = 0
+    part: int = 0
+    across: bool = False
 
     @property
     def about(self) -> About:
@@ -26,15 +27,16 @@ class LinkageGeometry:
             Place.LINK,
             "with the posture, in proportion to the cylinder's force",
             "survey the pins of that linkage",
+            axes=2,
         )
 
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
-        """The machine with that measure changed, where the joint's linkage has it."""
+        """The machine with that part changed, where the joint's linkage has it."""
         driving = [c for c, span in enumerate(machine.spans) if span == (where,)]
         if not driving:
             return machine
         c = driving[0]
-        linkage = _moved(machine.cylinders[c].linkage, self.measure, size)
+        linkage = _moved(machine.cylinders[c].linkage, self.part, 1j * size if self.across else size)
         if linkage is None:
             return machine
         cylinders = list(machine.cylinders)
@@ -42,18 +44,13 @@ class LinkageGeometry:
         return replace(machine, cylinders=tuple(cylinders))
 
 
-def _moved(linkage: Linkage, measure: int, size: float) -> Linkage | None:
-    """The linkage with one measure changed; None where it has no such measure."""
+def _moved(linkage: Linkage, part: int, step: complex) -> Linkage | None:
+    """The linkage with one part changed; None where it has no such part."""
     holder: Any = linkage
-    changes: list[tuple[str, Any]] = []
-    for name in (f.name for f in fields(holder)):
-        value = getattr(holder, name)
-        if isinstance(value, tuple):
-            body, local = value
-            changes += [(name, (body, local + step)) for step in (size, 1j * size)]
-        elif isinstance(value, float):
-            changes.append((name, value + size))
-    if measure >= len(changes):
+    parts = [(f.name, value) for f in fields(holder) if isinstance(value := getattr(holder, f.name), tuple | float)]
+    if part >= len(parts) or (isinstance(parts[part][1], float) and step.imag):
         return None
-    found: Linkage = replace(holder, **dict([changes[measure]]))
+    name, value = parts[part]
+    new = value + step.real if isinstance(value, float) else (value[0], value[1] + step)
+    found: Linkage = replace(holder, **{name: new})
     return found

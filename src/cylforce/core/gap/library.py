@@ -33,7 +33,7 @@ from cylforce.machine.candidate import About, Candidate, places
 from cylforce.machine.machine import Machine
 
 WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))  # of a loss, extending and retracting
-MEASURES = 8  # of a linkage, at most
+PARTS = 5  # pins and bars of a linkage, at most
 
 Group = tuple[Candidate, ...]  # effects of one name that act together, each with a size of its own
 
@@ -54,7 +54,7 @@ LIBRARY: tuple[Group, ...] = (
     (AngleScale(), AngleScale(aside=True)),
     (SensorDelay(),),
     (TiltIgnored(), TiltIgnored(across=True)),
-    *((LinkageGeometry(measure),) for measure in range(MEASURES)),
+    *((LinkageGeometry(part), LinkageGeometry(part, across=True)) for part in range(PARTS)),
     (ExtraMass(),),
     (FirstMomentChange(),),
     *((Compliance(stiffening),) for stiffening in (0.0, 5e-6, 2e-5, 6e-5)),

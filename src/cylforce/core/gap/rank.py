@@ -13,6 +13,7 @@ from cylforce.machine.candidate import Course, Distortion, Incident, Place
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
+LARGE, LARGER = 1.2, 0.05  # of that; of a score that a form must be better by whose size is more
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
 ALIEN = 0.1  # the same, beside a torque at one joint of which nothing is known
@@ -83,6 +84,7 @@ def ranking(
 ) -> list[Ranked]:
     """The best option of every name and place, best first; those in `besides` are not asked again."""
     best: dict[tuple[str, str], Ranked] = {}
+    value: dict[tuple[str, str], float] = {}
     taken = {r.key for r in besides}
     for option in problem.options(evidence, wanted):
         if (option.proposal.name, option.proposal.at) in taken:
@@ -90,8 +92,9 @@ def ranking(
         told = evidence.of(option.term, TEMPER)
         returned = _returned(problem, option, told)
         found = Ranked(option, told, told.evidence - option.cost + returned, returned)
-        if found.score > best.get(found.key, found._replace(score=-1e300)).score and _possible(found):
-            best[found.key] = found
+        worth = found.score - LARGER * abs(found.score) * _large(found)
+        if worth > value.get(found.key, -1e300) and _possible(found):
+            best[found.key], value[found.key] = found, worth
     order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}
     ranked = sorted(best.values(), key=lambda r: -r.score)
     narrow = _narrower(ranked, problem, evidence)
@@ -152,6 +155,12 @@ def _unlikely(found: Ranked) -> float:
     size = magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))
     small = np.log(max(found.option.proposal.about.low / max(size, 1e-300), 1.0))
     return float(0.5 * (small / UNLIKELY) ** 2)
+
+
+def _large(found: Ranked) -> bool:
+    """Whether the size is larger than can be named."""
+    errors = np.sqrt(np.diag(found.told.covariance))
+    return magnitude(found, found.told.value, errors) > LARGE * found.option.proposal.about.high
 
 
 def _possible(found: Ranked) -> bool:

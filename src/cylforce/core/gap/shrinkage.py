@@ -20,15 +20,16 @@ from cylforce.core.simulated_effects import Imposed
 from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
-REFUTED = "the machine simulated with {} differs more from the recordings than without: it is not named"
+SLIGHT = 0.3  # of the gap's energy: what is named must take away that much, as far as can be told
+REFUTED = "the machine simulated with {} hardly comes nearer to the recordings: it is not named"
 
 
 class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
-    interval `low`..`high`, NaN where that says nothing; whether it comes out below zero, `refuted`: simulated, what was
-    found makes the gap larger; `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard
-    errors of the prior; `bar` (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
+    interval `low`..`high`, NaN where that says nothing; `refuted`: it comes out below zero, or surely below SLIGHT;
+    `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard errors of the prior; `bar`
+    (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
     `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind `fixed` and `after`."""
 
     fixed: Array
@@ -49,7 +50,7 @@ class Gap(NamedTuple):
 def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Judged, Gap, str]:
     """The verdict once what is named has been simulated, the gap, and a warning where that refutes it."""
     size = gap(search, judged, rng)
-    if not size.refuted:
+    if not judged.named or not size.refuted:
         return judged, size, ""
     names = " and ".join("{}@{}".format(*n.cause.ranked.key) for n in judged.named)
     nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
@@ -76,7 +77,7 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     )
     bar = np.array([rms(bars(problem, *pair)) for pair in ((problem.faulty, before), (problem.faulty, after), quiet)])
     sizes = (rms(before), rms(refit), rms(after), rms(floors[1]))
-    return Gap(*sizes, *told, value < 0.0, float(removed), shift, bar, before, after)
+    return Gap(*sizes, *told, value < 0.0 or high < SLIGHT, float(removed), shift, bar, before, after)
 
 
 class Leftover(NamedTuple):
