@@ -18,7 +18,7 @@ from cylforce.core.gap.rank import leading
 from cylforce.core.gap.residuals import fixed, held_out_clean
 from cylforce.core.gap.resimulation import read_blocks
 from cylforce.core.gap.rows import Recorded, Viewer
-from cylforce.core.gap.shrinkage import Simulation
+from cylforce.core.gap.shrinkage import Simulation, tried, written
 from cylforce.core.gap.verdict import Verdict, judged
 from cylforce.core.model import FRICTION, Model
 from cylforce.core.scenario import moves
@@ -181,6 +181,25 @@ def test_friction_is_named_beside_clocks_that_drift_apart(reference):
     friction = imposed(MACHINE, "friction_level_change", "stick", 0.5)
     found = judged(search(reference.viewer, recordings(2, (clocks, friction)), reference.clean))
     assert {n.cause.ranked.key for n in found.named} >= {("clock_fault", "machine"), ("friction_level_change", "stick")}
+
+
+def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(reference):
+    """A faint touch beside it is not simulated: it goes anywhere between the samples that tell it."""
+    friction = imposed(MACHINE, "coulomb_friction", "stick", 2000.0)
+    touch = imposed(MACHINE, "soil_contact", "bucket", [200.0, 300.0], begin=112.0, end=127.0)
+    found = search(reference.viewer, recordings(2, (friction, touch)), reference.clean)
+    verdict = judged(found)
+    assert {("coulomb_friction", "stick"), ("soil_contact", "bucket")} <= {c.ranked.key for c in found.causes}
+    assert [c.ranked.key for c in written(found, verdict)] == [("coulomb_friction", "stick")]
+    after, size, doubt = tried(found, verdict, np.random.default_rng(1))
+    assert (after, doubt) == (verdict, "")
+    assert size.closure > 0.8
+    (named,) = verdict.named
+    wrong = verdict._replace(named=(named._replace(cause=named.cause._replace(sizes=-named.cause.sizes)),))
+    after, size, doubt = tried(found, wrong, np.random.default_rng(1))
+    assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
+    assert "coulomb_friction@stick" in doubt
+    np.testing.assert_allclose(size.after, size.fixed)
 
 
 def sprung(values: np.ndarray) -> np.ndarray:
