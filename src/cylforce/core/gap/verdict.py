@@ -12,7 +12,7 @@ from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Incident
+from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
 # Sizes, of an effect's least plausible one (BEYOND: of its largest).
@@ -166,9 +166,15 @@ def _strange(search: Search, cause: Cause) -> bool:
 
 def _crowded(search: Search, first: Cause) -> bool:
     """Whether the first cause is hardly larger than what is plausible, and much stands beside it: many small ones pass
-    for one."""
+    for one. What begins at an instant, and is not told as such, is a load that hangs a little otherwise."""
+    crowd = sum(c.score for c in search.causes if c is not first and not _otherwise(c))
     small = first.size < CROWDED * first.ranked.option.proposal.about.low and first.tempered < SOUND
-    return small and not first.ranked.free and sum(c.score for c in search.causes) > (1.0 + CROWD) * first.score
+    return small and not first.ranked.free and crowd > CROWD * first.score
+
+
+def _otherwise(cause: Cause) -> bool:
+    effect = cause.ranked.option.proposal.group[0]
+    return isinstance(effect, Incident) and effect.course is Course.AFTER and cause.tempered < ONCE
 
 
 def _blurred(search: Search, cause: Cause) -> bool:
