@@ -119,11 +119,13 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
+    two = len([c for c in search.causes if not _otherwise(c)]) == 2  # nothing else stands beside: not many small ones
     for cause, share, joint in found[1:] if kept else ():
         least = STRAY if joint in [j for *_, j in kept] else OTHER
         plain = cause.tempered >= SOUND and cause.score >= FIRST * largest
-        enough = cause.known and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
-        if enough and share >= least and _best(cause):
+        enough = share >= least and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
+        enough = enough or (two and cause.tempered >= PLAIN and _counts(cause, PLAINLY))
+        if cause.known and enough and _best(cause):
             kept.append((cause, share, joint))
     small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
     named = [_named(c, share, max(small, 0.0)) for c, share, _ in kept]
