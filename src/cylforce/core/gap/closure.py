@@ -7,7 +7,7 @@ from cylforce.words.estimate import Array
 
 SPAN = 5  # blocks that are held out together
 LEAST = 0.1  # of the floor's energy: a smaller gap has no meaningful closure
-UNTOLD = (0.05, 0.01)  # by which a closure lies lower, higher than all draws tell, on development machines
+UNTOLD = (0.03, 0.01)  # by which a closure lies lower, higher than all draws tell, on development machines
 DRAWS = 400
 LEVEL = 90.0  # percent of the intervals
 WIDEST = 0.4  # an interval, beyond which the share says nothing

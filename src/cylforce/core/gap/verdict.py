@@ -171,7 +171,7 @@ def _crowded(search: Search, first: Cause) -> bool:
     for one. What begins at an instant, and is not told as such, is a load that hangs a little otherwise."""
     crowd = sum(c.score for c in search.causes if c is not first and not _otherwise(c))
     small = first.size < CROWDED * first.ranked.option.proposal.about.low and first.tempered < SOUND
-    return small and not first.ranked.free and crowd > CROWD * first.score
+    return small and not first.ranked.free and crowd > max(CROWD * first.score, HINT)
 
 
 def _otherwise(cause: Cause) -> bool:
