@@ -136,12 +136,13 @@ def _returned(problem: Problem, option: Option, told: Told) -> float:
 
 def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[Ranked]:
     """The ranking, but first among those as good as the best stands the one with the fewest sizes, of equals the one
-    that has a plausible size, or else that the library lists first. Sizes that are free at any instant follow what they
-    are not, too."""
+    that has a plausible size, or else that the library lists first; none that is larger than can be. Sizes that are
+    free at any instant follow what they are not, too."""
     best = ranked[0].score if ranked else 0.0
     tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
     loose = ALIEN * best if ranked and ranked[0].free else tie
     tied = [r for r in ranked if r.score > best - (loose if r.free and r.key[0] == NAME else tie)]
+    tied = [r for r in tied if not _large(r)] or tied
     fewest = min((len(r.option.term.columns) for r in tied), default=0)
     tied = [r for r in tied if len(r.option.term.columns) == fewest]
     likely = max((r.score - _unlikely(r) for r in tied), default=0.0)

@@ -21,7 +21,7 @@ from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
 SLIGHT = 0.3  # of the gap's energy: what is named must take away that much, as far as can be told
-REFUTED = "the machine simulated with {} hardly comes nearer to the recordings: it is not named"
+REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings: not named"
 
 
 class Gap(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
 from cylforce.core.gap.problem import TEMPER
-from cylforce.core.gap.rank import FREER, Ranked, width
+from cylforce.core.gap.rank import FREER, TIE, Ranked, width
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
@@ -187,8 +187,8 @@ def _blurred(search: Search, cause: Cause) -> bool:
 
 
 def _best(cause: Cause) -> bool:
-    """Whether nothing else explains better what the cause explains beside the others."""
-    return all(r.score <= cause.score for r in cause.rivals if not _contains(r, cause))
+    """Whether nothing else explains surely better what the cause explains beside the others."""
+    return all(r.score <= cause.score + TIE for r in cause.rivals if not _contains(r, cause))
 
 
 def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
