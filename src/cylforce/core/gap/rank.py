@@ -13,7 +13,7 @@ from cylforce.machine.candidate import Course, Distortion, Incident, Place
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
-LARGE, LARGER = 1.2, 0.05  # of that; of a score that a form must be better by whose size is more
+LARGEST, LARGER = 1.2, 0.05  # of that, which can be named; of a score that a form must be better by whose size is more
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
 ALIEN = 0.1  # the same, beside a torque at one joint of which nothing is known
@@ -161,7 +161,7 @@ def _unlikely(found: Ranked) -> float:
 def _large(found: Ranked) -> bool:
     """Whether the size is larger than can be named."""
     errors = np.sqrt(np.diag(found.told.covariance))
-    return magnitude(found, found.told.value, errors) > LARGE * found.option.proposal.about.high
+    return magnitude(found, found.told.value, errors) > LARGEST * found.option.proposal.about.high
 
 
 def _possible(found: Ranked) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
 from cylforce.core.gap.problem import TEMPER
-from cylforce.core.gap.rank import FREER, TIE, Ranked, width
+from cylforce.core.gap.rank import FREER, LARGEST, TIE, Ranked, width
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
@@ -15,11 +15,10 @@ from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
-# Sizes, of an effect's least plausible one (BEYOND: of its largest).
+# Sizes, of an effect's least plausible one.
 BESIDES, PLAINLY = 2.0, 1.0  # what a cause beside a larger one must have, and what where evidence is SOUND
 NEGLIGIBLE = 0.5  # what any must have
 CROWDED = 2.0  # which many small ones may make
-BEYOND = 1.2
 # Evidence [nats].
 TOLD, PLAIN, SOUND = 18.0, 50.0, 2000.0  # for an effect; of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
@@ -162,7 +161,7 @@ def _often(cause: Cause) -> bool:
 def _strange(search: Search, cause: Cause) -> bool:
     """Whether what comes first is no effect of the library: a torque of which nothing is known, one larger than can be,
     one whose form does not fit, or what many small ones make."""
-    large = cause.size > BEYOND * cause.ranked.option.proposal.about.high
+    large = cause.size > LARGEST * cause.ranked.option.proposal.about.high
     return large or _free(search, cause) or _blurred(search, cause) or _crowded(search, cause)
 
 
