@@ -174,6 +174,7 @@ def _crowded(search: Search, first: Cause) -> bool:
 
 
 def _otherwise(cause: Cause) -> bool:
+    """Whether the cause begins at an instant, and too little speaks for that."""
     effect = cause.ranked.option.proposal.group[0]
     return isinstance(effect, Incident) and effect.course is Course.AFTER and cause.tempered < ONCE
 
