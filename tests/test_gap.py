@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cylforce.core import scenario
+from cylforce.core.gap.closure import WIDEST
 from cylforce.core.gap.library import LIBRARY
 from cylforce.core.gap.where import REGIMES
 from cylforce.core.sensing import run, sensors
@@ -105,7 +106,6 @@ EFFECT = {
     "shape": {},
     "confidence": N,
     "confused_with": [],
-    "closure": {"value": N, "low": N, "high": N},
     "share": N,
     "removed_nm": N,
     "evidence_nats": N,
@@ -138,11 +138,18 @@ KEYS = {
 
 def test_the_answer_has_the_documented_keys_and_types(made):
     answer = made[0]
-    assert {key: shape(answer[key]) for key in KEYS} == KEYS
+    plain = [{key: effect[key] for key in effect if key != "closure"} for effect in answer["effects"]]
+    assert {key: shape((answer | {"effects": plain})[key]) for key in KEYS} == KEYS
     assert set(answer) - set(KEYS) <= {"not_observable", "baselines", "unknown"}
     assert answer["verdict"] in VERDICTS
     assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
     assert all(0.0 <= spot[key] <= 1.0 for spot in answer["where"] for key in ("share", "p"))
+
+
+def test_a_share_is_told_with_its_interval_or_not_at_all(made):
+    for closure in (effect["closure"] for effect in made[0]["effects"]):
+        value, low, high = (closure[key] for key in ("value", "low", "high"))
+        assert {value, low, high} == {None} or low <= value <= high <= low + WIDEST
 
 
 def test_what_nothing_explains_is_null_or_has_a_shape(made):

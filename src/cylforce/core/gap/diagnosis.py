@@ -1,6 +1,7 @@
 """The diagnosis: noise floor, what the machine always was, which effects the faulty recordings have besides."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from cylforce.core.gap.whitening import Floor
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Sudden
+from cylforce.machine.candidate import Course, Incident, Sudden
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
@@ -145,14 +146,21 @@ def _greedy(
     """Causes one by one, each exchanged as soon as another does better beside the others; then those that are not
     linear in their size are taken out of the recordings, and what is left is looked at again; then each is asked once
     more whether another does as well beside what was found."""
-    base = Evidence(blocks)
-    worth = max(ENOUGH, MINOR * float(np.sum(base.squares((), base.fitted)[1] - _usual(blocks))) / (2.0 * TEMPER))
+    worth = _worth(blocks)
     watch("search")
-    first = tuple(ranking(problem, base))
-    taken = _taken_out(viewer, problem, floor, original, _found(problem, blocks, worth), worth, watch)
-    again = _reconsidered(problem, blocks, taken)
+    first = tuple(ranking(problem, Evidence(blocks)))
+    held, start = _found(problem, blocks, worth), _Taken([], {}, problem, blocks, problem)
+    clocks, incidents = [r for r in held if _clock(r)], [r for r in held if _incident(r)]
+    if clocks:
+        start = _righted(viewer, problem, floor, original, start._replace(held=clocks), worth, watch)
+        held = incidents = start.held
+    if incidents:
+        worth = _worth(start.blocks, incidents)
+        held = _settled(start.problem, start.blocks, held, worth, kept=tuple(start.applied))
+    taken = _taken_out(viewer, problem, floor, original, start._replace(held=held), worth, watch)
+    again = _reconsidered(start.problem, start.blocks, taken, tuple(start.applied))
     if [r.key for r in again] != [r.key for r in taken.held]:
-        taken = _taken_out(viewer, problem, floor, original, again, worth, watch)
+        taken = _taken_out(viewer, problem, floor, original, start._replace(held=again), worth, watch)
     evidence = Evidence(taken.blocks, [r.option.term for r in taken.held])
     clean, after = evidence.squares(evidence.held, evidence.fitted)
     base = Evidence(taken.first.blocks(floor))
@@ -160,9 +168,43 @@ def _greedy(
     usual = _usual(base.blocks)
     _, fixed = base.squares((), problem.fixed(base.blocks, evidence.fitted))
     after = np.where(_rough(taken.held, fixed, after), np.minimum(after, usual), after)
-    causes = _causes(problem, taken.blocks, floor, taken.held, taken.applied, evidence)
+    causes = _causes(problem, start.problem, taken.blocks, floor, taken.held, taken.applied, evidence)
     energy = Energy(fixed, before, after, usual, clean)
     return Search(problem, taken.problem, taken.blocks, floor, causes, energy, first, evidence, viewer)
+
+
+def _worth(blocks: Blocks, incidents: Sequence[Ranked] = ()) -> float:
+    """The nats from which on a cause is looked for, beside what happens at times."""
+    evidence = Evidence(blocks, [r.option.term for r in incidents])
+    excess = evidence.squares(evidence.held, evidence.fitted)[1] - _usual(blocks)
+    lasting = np.delete(excess, own_blocks(evidence.held))
+    return max(ENOUGH, MINOR * float(np.sum(lasting)) / (2.0 * TEMPER))
+
+
+def _incident(found: Ranked) -> bool:
+    return isinstance(found.option.proposal.group[0], Incident)
+
+
+def _clock(found: Ranked) -> bool:
+    effect = found.option.proposal.group[0]
+    return isinstance(effect, Incident) and effect.course is Course.CLOCK
+
+
+def _righted(
+    viewer: Viewer,
+    first: Problem,
+    floor: Floor,
+    original: list[Recorded],
+    start: _Taken,
+    worth: float,
+    watch: Watch,
+) -> _Taken:
+    """The recordings with their clocks put right, and every column computed anew: forces and motion belong together
+    now."""
+    taken = _taken_out(viewer, first, floor, original, start, worth, watch)
+    faulty = looked_at(viewer, [seen.recorded for seen in taken.problem.faulty], first.proposals)
+    problem = replace(taken.problem, faulty=faulty)
+    return taken._replace(problem=problem, blocks=problem.blocks(floor))
 
 
 def _taken_out(
@@ -170,14 +212,13 @@ def _taken_out(
     first: Problem,
     floor: Floor,
     original: list[Recorded],
-    held: list[Ranked],
+    start: _Taken,
     worth: float,
     watch: Watch,
 ) -> _Taken:
     """Those that are not linear in their size taken out of the `original` recordings, and what is left looked at again,
     until their sizes stay."""
-    blocks = first.blocks(floor)
-    taken, rows = _Taken(held, {}, first, blocks, first), np.sum(blocks.faulty_rows)
+    taken, rows = start, np.sum(first.blocks(floor).faulty_rows)
     for _ in range(ROUNDS):
         found = _sizes(taken.blocks, taken.held, taken.applied)
         if not _moved(taken.applied, found):
@@ -194,11 +235,13 @@ def _taken_out(
     return taken
 
 
-def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken) -> list[Ranked]:
-    """The causes, each exchanged for what explains the recordings as they were as well, beside the others: whether it
-    was found first is no reason to stay."""
+def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken, kept: Sequence[tuple[str, str]]) -> list[Ranked]:
+    """The causes but the `kept` ones, each exchanged for what explains the recordings as they were as well, beside the
+    others: whether it was found first is no reason to stay."""
     held, evidence = list(taken.held), Evidence(taken.blocks, [r.option.term for r in taken.held])
     for n, r in enumerate(taken.held):
+        if r.key in kept:
+            continue
         others = [o for k, o in enumerate(held) if k != n]
         alone = Evidence(plain, [o.option.term for o in others])
         ranked = ranking(problem, alone, besides=others)
@@ -326,19 +369,22 @@ def _bending(held: Sequence[Ranked], applied: dict[tuple[str, str], Array]) -> l
 
 def _causes(
     original: Problem,
+    righted: Problem,
     blocks: Blocks,
     floor: Floor,
     held: Sequence[Ranked],
     applied: dict[tuple[str, str], Array],
     evidence: Evidence,
 ) -> tuple[Cause, ...]:
-    """The causes with their total sizes; scores and rivals are those on the recordings as they were."""
+    """The causes with their total sizes; scores and rivals are those on the recordings as they were, a clock's, or with
+    their clocks put right, those of all others."""
     found, k = [], len(blocks.shared)
-    plain = original.blocks(floor) if applied else blocks
     for r in held:
         m = len(r.option.term.columns)
         others = [o for o in held if o is not r]
-        ranked = ranking(original, Evidence(plain, [o.option.term for o in others]), besides=others)
+        seen = original if _clock(r) else righted
+        plain = seen.blocks(floor) if applied else blocks
+        ranked = ranking(seen, Evidence(plain, [o.option.term for o in others]), besides=others)
         own = next((x for x in ranked if x.key == r.key), r)
         others_too = (x for x in ranked if x.key != r.key and x.key[0] != NAME)
         rivals = tuple(x for x in others_too if x.score > NEAR * own.score)

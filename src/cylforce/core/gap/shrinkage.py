@@ -27,8 +27,7 @@ REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings:
 class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
-    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is below zero, or surely below
-    SLIGHT;
+    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT;
     `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard errors of the prior; `bar`
     (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
     `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind `fixed` and `after`."""
@@ -78,9 +77,7 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     )
     bar = np.array([rms(bars(problem, *pair)) for pair in ((problem.faulty, before), (problem.faulty, after), quiet)])
     sizes = (rms(before), rms(refit), rms(after), rms(floors[1]))
-    return Gap(
-        *sizes, *told, bool(causes) and (value < 0.0 or high < SLIGHT), float(removed), shift, bar, before, after
-    )
+    return Gap(*sizes, *told, bool(causes) and high < SLIGHT, float(removed), shift, bar, before, after)
 
 
 class Leftover(NamedTuple):

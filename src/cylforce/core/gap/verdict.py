@@ -20,9 +20,10 @@ BESIDES, PLAINLY = 2.0, 1.0  # what a cause beside a larger one must have, and w
 NEGLIGIBLE = 0.5  # what any must have
 CROWDED = 2.0  # which many small ones may make
 # Evidence [nats].
-TOLD, PLAIN, SOUND = 18.0, 50.0, 2000.0  # for an effect; of what is plain; with which its size says nothing against it
+TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which nothing stands
+PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
-EACH = 80.0  # for each of the sizes of what is free at any instant
+EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing stands
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # for an effect whose shape does not fit: something is there
 QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; the nats needed there
@@ -31,7 +32,7 @@ FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, a
 FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
 FOLLOWS, STRANGE = 0.15, 1 / 3  # of its own score: how much counts of what is free at any instant, and of the unknown
 OFTEN = 0.3  # of all blocks
-AMID, CROWD = 0.5, 0.1  # of the first cause's score: what is unknown beside what is free; what many small ones are
+AMID, CROWD = 0.5, 0.4  # of the first cause's score: what is unknown beside what is free; what many small ones are
 FITS = 3.0  # a misfit, up to which a form counts in full
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 # Shares of energy.
@@ -43,13 +44,13 @@ LEAD, RETURNED = 5.0, 3.5  # of the same shape; what return pressures say
 CLOSE, BENT = 0.01, 5.0  # share where a form does not fit, and the inflation that tells so
 FORM = 0.01  # of any score: no form is quite that of a real machine
 MESS = 0.005  # of the evidence of small causes beside: by which any other may be off
-LATER = 0.7  # the odds of a rival that does as well
+LATER, ODDS = 0.7, 0.075  # the odds of a rival that does as well; those from which on it is told
 # Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
 # less if its evidence is weak, its form does not fit, small causes stand beside it.
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
 FADING, WARPED = 300.0, 10.0  # nats, misfit
 SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
-RATHER = 0.5  # the confidence with which one is named beside another
+RATHER = 0.4  # the confidence with which one is named beside another
 
 
 class Verdict(StrEnum):
@@ -113,17 +114,18 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     parts = contributions(search)
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
-    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE)), key=lambda e: -_weight(e[0]))
+    count = len([c for c in search.causes if not _otherwise(c) and (c.ranked.free or c.tempered >= HINT)])
+    size = LONE if count == 1 else EACH
+    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE, size)), key=lambda e: -_weight(e[0]))
     found = [e for e in found if e[0].tempered >= LOUD] if _quiet(search) else found
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
-    two = len([c for c in search.causes if not _otherwise(c)]) == 2  # nothing else stands beside: not many small ones
     for cause, share, joint in found[1:] if kept else ():
         least = STRAY if joint in [j for *_, j in kept] else OTHER
         plain = cause.tempered >= SOUND and cause.score >= FIRST * largest
         enough = share >= least and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
-        enough = enough or (two and cause.tempered >= PLAIN and _counts(cause, PLAINLY))
+        enough = enough or (count == 2 and cause.tempered >= APART and _counts(cause, PLAINLY))
         if cause.known and enough and _best(cause):
             kept.append((cause, share, joint))
     small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
@@ -167,10 +169,11 @@ def _strange(search: Search, cause: Cause) -> bool:
 
 def _crowded(search: Search, first: Cause) -> bool:
     """Whether the first cause is hardly larger than what is plausible, and much stands beside it: many small ones pass
-    for one. What begins at an instant, and is not told as such, is a load that hangs a little otherwise."""
+    for one, the sooner the more sizes it has. What begins at an instant, and is not told as such, is a load that hangs
+    a little otherwise."""
     crowd = sum(c.score for c in search.causes if c is not first and not _otherwise(c))
     small = first.size < CROWDED * first.ranked.option.proposal.about.low and first.tempered < SOUND
-    return small and not first.ranked.free and crowd > max(CROWD * first.score, HINT)
+    return small and not first.ranked.free and crowd > max(CROWD * first.score / width(first.ranked), HINT)
 
 
 def _otherwise(cause: Cause) -> bool:
@@ -182,13 +185,15 @@ def _otherwise(cause: Cause) -> bool:
 def _blurred(search: Search, cause: Cause) -> bool:
     """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack:
     something is there, of another shape."""
-    most = ALIEN if search.original.clean else np.inf  # only the machine in order tells what is usual
+    energy = search.energy
+    fits = float(np.sum(energy.after)) <= (1.0 + NOISE) * float(np.sum(energy.floor))
+    most = ALIEN if search.original.clean and not fits else np.inf  # only the machine in order tells what is usual
     return not cause.ranked.free and cause.misfit > (SHAPELESS if cause.tempered < FAINT else most)
 
 
 def _best(cause: Cause) -> bool:
     """Whether nothing else explains surely better what the cause explains beside the others."""
-    return all(r.score <= cause.score + TIE for r in cause.rivals if not _contains(r, cause))
+    return all(r.score <= cause.score + max(TIE, FORM * cause.score) for r in cause.rivals if not _contains(r, cause))
 
 
 def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
@@ -201,12 +206,13 @@ def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
     return [float(np.clip(max(np.max(p**2 / excess), t), 0.0, 1.0)) for p, t in zip(parts, told, strict=True)]
 
 
-def _counts(cause: Cause, least: float) -> bool:
-    """Whether a cause is large enough, certain enough, and of the right shape."""
+def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
+    """Whether a cause is large enough, certain enough, and of the right shape; `each`: nats that what is free at any
+    instant needs for each of its sizes."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     effect = cause.ranked.option.proposal.group[0]
     if cause.ranked.free and cause.known:
-        return large and cause.score >= EACH * len(cause.sizes) and cause.significance >= SIGNIFICANT
+        return large and cause.score >= each * len(cause.sizes) and cause.significance >= SIGNIFICANT
     enough = (ONCE if isinstance(effect, Incident) else TOLD) if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     return large and cause.tempered >= enough and cause.significance >= sure
@@ -227,9 +233,9 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
     lead = max(LEAD, FORM * cause.score, CLOSE * cause.score * uneven, MESS * small)
     behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
-    close = tuple(r for r, b in zip(rivals, behind, strict=True) if b < 1.0)
-    odds = LATER * float(np.sum(np.exp([-3.0 * max(b, 0.0) for b in behind])))
-    return Named(cause, _alone(cause, small) / (1.0 + odds), share, close)
+    odds = [LATER * float(np.exp(-3.0 * max(b, 0.0))) for b in behind]
+    close = tuple(r for r, o in zip(rivals, odds, strict=True) if o >= ODDS)
+    return Named(cause, _alone(cause, small) / (1.0 + sum(odds)), share, close)
 
 
 def _alone(cause: Cause, small: float) -> float:
@@ -248,8 +254,10 @@ def _behind(rival: Ranked, cause: Cause, lead: float) -> float:
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
     """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one. A mass
-    anywhere on a link has all first moments of it, and a size more."""
-    if rival.free and cause.ranked.free and width(rival) > width(cause.ranked):
+    anywhere on a link has all first moments of it, and a size more; what is free at any instant follows a load that
+    falls."""
+    incident = isinstance(cause.ranked.option.proposal.group[0], Incident)
+    if incident and rival.free and width(rival) > width(cause.ranked):
         return rival.score < (1.0 + FREER) * cause.score
     more, less = (each.option.proposal for each in (rival, cause.ranked))
     if isinstance(more.group[0], ExtraMass) and isinstance(less.group[0], FirstMomentChange):
