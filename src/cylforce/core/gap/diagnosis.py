@@ -152,7 +152,7 @@ def _greedy(
     held, start = _found(problem, blocks, worth), _Taken([], {}, problem, blocks, problem)
     clocks, incidents = [r for r in held if _clock(r)], [r for r in held if _incident(r)]
     if clocks:
-        start = _righted(viewer, problem, floor, original, start._replace(held=clocks), worth, watch)
+        start = _righted(viewer, problem, floor, original, start._replace(held=clocks), watch)
         held = incidents = start.held
     if incidents:
         worth = _worth(start.blocks, incidents)
@@ -196,12 +196,11 @@ def _righted(
     floor: Floor,
     original: list[Recorded],
     start: _Taken,
-    worth: float,
     watch: Watch,
 ) -> _Taken:
     """The recordings with their clocks put right, and every column computed anew: forces and motion belong together
     now."""
-    taken = _taken_out(viewer, first, floor, original, start, worth, watch)
+    taken = _taken_out(viewer, first, floor, original, start, np.inf, watch)
     faulty = looked_at(viewer, [seen.recorded for seen in taken.problem.faulty], first.proposals)
     problem = replace(taken.problem, faulty=faulty)
     return taken._replace(problem=problem, blocks=problem.blocks(floor))

@@ -50,7 +50,7 @@ LATER, ODDS = 0.7, 0.075  # the odds of a rival that does as well; those from wh
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
 FADING, WARPED = 300.0, 10.0  # nats, misfit
 SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
-RATHER = 0.4  # the confidence with which one is named beside another
+RATHER = 1 / 3  # the confidence with which one is named beside another
 
 
 class Verdict(StrEnum):
@@ -114,7 +114,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     parts = contributions(search)
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
-    count = len([c for c in search.causes if not _otherwise(c) and (c.ranked.free or c.tempered >= HINT)])
+    count = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
     size = LONE if count == 1 else EACH
     found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE, size)), key=lambda e: -_weight(e[0]))
     found = [e for e in found if e[0].tempered >= LOUD] if _quiet(search) else found
