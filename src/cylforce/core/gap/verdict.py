@@ -50,7 +50,8 @@ LATER, ODDS = 0.7, 0.075  # the odds of a rival that does as well; those from wh
 RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
 FADING, WARPED = 300.0, 10.0  # nats, misfit
 SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
-RATHER = 1 / 3  # the confidence with which one is named beside another
+HARDLY = 0.25  # the confidence below which nothing is named
+RATHER, BARELY = 0.5, 1 / 3  # the confidence with which one is named beside others, and beside a single one
 
 
 class Verdict(StrEnum):
@@ -92,7 +93,8 @@ def judged(search: Search) -> Judged:
         most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
         found = most > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
-    if left > max(PARTLY * removed, NOISE * floor) or _strange(search, named[0].cause):
+    doubtful = _strange(search, named[0].cause) or named[0].confidence < HARDLY
+    if left > max(PARTLY * removed, NOISE * floor) or doubtful:
         return Judged(Verdict.UNKNOWN, (), explained)
     if len(named) == 1 and named[0].confidence < SURE and not named[0].confused:
         named = (named[0]._replace(confused=_instead(search, named[0].cause)),)
@@ -130,7 +132,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
             kept.append((cause, share, joint))
     small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
     named = [_named(c, share, max(small, 0.0)) for c, share, _ in kept]
-    return (*named[:1], *(n for n in named[1:] if n.confidence >= RATHER))
+    return (*named[:1], *(n for n in named[1:] if n.confidence >= (BARELY if count == 2 else RATHER)))
 
 
 def _quiet(search: Search) -> bool:
@@ -149,15 +151,15 @@ def _weight(cause: Cause) -> float:
 def _free(search: Search, cause: Cause) -> bool:
     """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
     beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > AMID * cause.score]
-    often = any(_often(c) and c.score > cause.score for c in search.causes if c is not cause)
-    return not cause.known or often or bool(cause.ranked.free and beside)
+    return not cause.known or _often(search, cause) or bool(cause.ranked.free and beside)
 
 
-def _often(cause: Cause) -> bool:
-    """Whether what is free at any instant, and too little for its sizes, is there so often that it goes on all the
-    time."""
-    windows = len(cause.sizes) / width(cause.ranked)
-    return cause.ranked.free and not _counts(cause, 0.0) and windows > OFTEN * cause.ranked.option.term.course.shape[1]
+def _often(search: Search, cause: Cause) -> bool:
+    """Whether what is free at any instant, unknown or too little for its sizes, says more than the cause and is there
+    so often that it goes on all the time."""
+    others = [c for c in search.causes if c is not cause and c.ranked.free and not (c.known and _counts(c, 0.0))]
+    courses = [course != 0.0 for c in others for course in c.ranked.option.term.course]
+    return sum(c.score for c in others) > cause.score and float(np.mean(np.any(courses, axis=0))) > OFTEN
 
 
 def _strange(search: Search, cause: Cause) -> bool:
