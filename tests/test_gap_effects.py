@@ -176,9 +176,11 @@ def test_slewing_that_no_sensor_tells_is_named_beside_a_faint_touch(reference):
     assert found.named[0].cause.ranked.key == ("slew_centrifugal", "machine")
 
 
-def test_friction_is_named_beside_clocks_that_drift_apart(reference):
-    clocks = imposed(MACHINE, "clock_fault", "machine", [0.08, 0.0], begin=40.0)
-    friction = imposed(MACHINE, "friction_level_change", "stick", 0.5)
+@pytest.mark.parametrize(("late", "more"), [(0.08, 0.5), (0.15, 0.2), (0.01, 1.0)])
+def test_friction_is_named_beside_clocks_that_are_apart(reference, late, more):
+    """Much less than the clocks make, and much more."""
+    clocks = imposed(MACHINE, "clock_fault", "machine", [late, 0.0], begin=40.0)
+    friction = imposed(MACHINE, "friction_level_change", "stick", more)
     found = judged(search(reference.viewer, recordings(2, (clocks, friction)), reference.clean))
     assert {n.cause.ranked.key for n in found.named} >= {("clock_fault", "machine"), ("friction_level_change", "stick")}
 

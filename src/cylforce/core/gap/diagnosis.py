@@ -20,13 +20,13 @@ from cylforce.core.gap.whitening import Floor
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Course, Incident, Sudden
+from cylforce.machine.candidate import Incident, Sudden
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
 MOST = 6  # effects
-MINOR = 0.01  # of the gap's energy: a lesser cause is not looked for
+MINOR = 0.01  # of the energy of what lasts of the gap: a lesser cause is not looked for
 FOLDS = 4
 WILD = 6.0  # times the median of clean blocks' energy
 ROUGH = 0.6  # of a block's energy that an incident may leave
@@ -143,17 +143,19 @@ class _Taken(NamedTuple):
 def _greedy(
     viewer: Viewer, problem: Problem, blocks: Blocks, floor: Floor, original: list[Recorded], watch: Watch
 ) -> Search:
-    """Causes one by one, each exchanged as soon as another does better beside the others; then those that are not
-    linear in their size are taken out of the recordings, and what is left is looked at again; then each is asked once
-    more whether another does as well beside what was found."""
+    """Causes one by one, each exchanged as soon as another does better beside the others; if clocks that are apart say
+    most, all but these once more, with the clocks put right; what lasts once more where something happens at times;
+    then those that are not linear in their size are taken out of the recordings, and what is left is looked at again;
+    then each is asked once more whether another does as well beside what was found."""
     worth = _worth(blocks)
     watch("search")
     first = tuple(ranking(problem, Evidence(blocks)))
     held, start = _found(problem, blocks, worth), _Taken([], {}, problem, blocks, problem)
-    clocks, incidents = [r for r in held if _clock(r)], [r for r in held if _incident(r)]
-    if clocks:
-        start = _righted(viewer, problem, floor, original, start._replace(held=clocks), watch)
-        held = incidents = start.held
+    largest = max(held, key=lambda r: r.score, default=None)
+    if largest and largest.clock:
+        righted = _righted(viewer, problem, floor, original, start._replace(held=[largest]), watch)
+        start, held = (righted, righted.held) if righted.applied else (start, held)
+    incidents = [r for r in held if isinstance(r.option.proposal.group[0], Incident)]
     if incidents:
         worth = _worth(start.blocks, incidents)
         held = _settled(start.problem, start.blocks, held, worth, kept=tuple(start.applied))
@@ -174,20 +176,11 @@ def _greedy(
 
 
 def _worth(blocks: Blocks, incidents: Sequence[Ranked] = ()) -> float:
-    """The nats from which on a cause is looked for, beside what happens at times."""
+    """The nats from which on a cause is looked for, beside `incidents`."""
     evidence = Evidence(blocks, [r.option.term for r in incidents])
     excess = evidence.squares(evidence.held, evidence.fitted)[1] - _usual(blocks)
     lasting = np.delete(excess, own_blocks(evidence.held))
     return max(ENOUGH, MINOR * float(np.sum(lasting)) / (2.0 * TEMPER))
-
-
-def _incident(found: Ranked) -> bool:
-    return isinstance(found.option.proposal.group[0], Incident)
-
-
-def _clock(found: Ranked) -> bool:
-    effect = found.option.proposal.group[0]
-    return isinstance(effect, Incident) and effect.course is Course.CLOCK
 
 
 def _righted(
@@ -198,9 +191,11 @@ def _righted(
     start: _Taken,
     watch: Watch,
 ) -> _Taken:
-    """The recordings with their clocks put right, and every column computed anew: forces and motion belong together
-    now."""
+    """The recordings with the clocks that `start` holds put right, and every column computed anew: forces and motion
+    belong together now. As they were if the clocks are too near for that."""
     taken = _taken_out(viewer, first, floor, original, start, np.inf, watch)
+    if not taken.applied:
+        return taken
     faulty = looked_at(viewer, [seen.recorded for seen in taken.problem.faulty], first.proposals)
     problem = replace(taken.problem, faulty=faulty)
     return taken._replace(problem=problem, blocks=problem.blocks(floor))
@@ -296,8 +291,10 @@ def _settled(
 
 
 def _added(problem: Problem, blocks: Blocks, held: Sequence[Ranked], worth: float) -> Ranked | None:
+    if len(held) >= MOST or not np.isfinite(worth):
+        return None
     ranked = ranking(problem, Evidence(blocks, [r.option.term for r in held]), besides=held)
-    return ranked[0] if ranked and ranked[0].score >= worth and len(held) < MOST else None
+    return ranked[0] if ranked and ranked[0].score >= worth else None
 
 
 def _exchanged(
@@ -363,7 +360,8 @@ def _moved(before: dict[tuple[str, str], Array], after: dict[tuple[str, str], Ar
 
 
 def _bending(held: Sequence[Ranked], applied: dict[tuple[str, str], Array]) -> list[Applied]:
-    return [Applied(r.option, applied[r.key]) for r in held if r.key in applied]
+    """As they came about, clocks last."""
+    return [Applied(r.option, applied[r.key]) for r in sorted(held, key=lambda r: r.clock) if r.key in applied]
 
 
 def _causes(
@@ -375,14 +373,14 @@ def _causes(
     applied: dict[tuple[str, str], Array],
     evidence: Evidence,
 ) -> tuple[Cause, ...]:
-    """The causes with their total sizes; scores and rivals are those on the recordings as they were, a clock's, or with
-    their clocks put right, those of all others."""
+    """The causes with their total sizes; a clock's score and rivals are those on the recordings as they were, those of
+    all others with the clocks put right."""
     found, k = [], len(blocks.shared)
     for r in held:
         m = len(r.option.term.columns)
         others = [o for o in held if o is not r]
-        seen = original if _clock(r) else righted
-        plain = seen.blocks(floor) if applied else blocks
+        seen = original if r.clock else righted
+        plain = seen.blocks(floor)
         ranked = ranking(seen, Evidence(plain, [o.option.term for o in others]), besides=others)
         own = next((x for x in ranked if x.key == r.key), r)
         others_too = (x for x in ranked if x.key != r.key and x.key[0] != NAME)

@@ -44,6 +44,12 @@ class Ranked(NamedTuple):
         effect = self.option.proposal.group[0]
         return isinstance(effect, Incident) and effect.course is Course.WINDOWS
 
+    @property
+    def clock(self) -> bool:
+        """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
+        effect = self.option.proposal.group[0]
+        return isinstance(effect, Incident) and effect.course is Course.CLOCK
+
 
 def leading(found: Ranked, values: Array) -> Array:
     """The sizes along the axes of the magnitude, (W, A): one row per window or recording; of what begins at an instant
@@ -96,7 +102,7 @@ def ranking(
         if worth > value.get(found.key, -1e300) and _possible(found):
             best[found.key], value[found.key] = found, worth
     order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}
-    ranked = sorted(best.values(), key=lambda r: -r.score)
+    ranked = sorted(best.values(), key=lambda r: -value[r.key])
     narrow = _narrower(ranked, problem, evidence)
     return [narrow, *(r for r in ranked if r is not narrow)] if narrow else _simplest(ranked, order)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.core.gap.bars import bars
 from cylforce.core.gap.closure import SPAN, WIDEST, blockwise, closure
@@ -15,19 +16,21 @@ from cylforce.core.gap.patch import patch
 from cylforce.core.gap.problem import Problem, Seen
 from cylforce.core.gap.residuals import chosen, fitted_clean, held_out_clean, residuals, rms
 from cylforce.core.gap.resimulation import Resimulation, known, read_blocks
-from cylforce.core.gap.verdict import SIGNIFICANT, Judged, Verdict
+from cylforce.core.gap.verdict import OFTEN, SIGNIFICANT, Judged, Verdict
 from cylforce.core.simulated_effects import Imposed
 from cylforce.machine.candidate import Course, Incident
 from cylforce.words.estimate import Array
 
 SLIGHT = 0.3  # of the gap's energy: what is named must take away that much, as far as can be told
+MOSTLY = 0.5  # of it: what is named explains the gap in part if it takes less away
 REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings: not named"
 
 
 class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
-    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT;
+    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely
+    below SLIGHT, without the blocks of what is free at any instant, unless these are many;
     `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard errors of the prior; `bar`
     (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
     `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind `fixed` and `after`."""
@@ -51,7 +54,8 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Jud
     """The verdict once what is named has been simulated, the gap, and a warning where that refutes it."""
     size = gap(search, judged, rng)
     if not size.refuted:
-        return judged, size, ""
+        partly = judged.verdict is Verdict.EXPLAINED and size.closure < MOSTLY
+        return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
     names = " and ".join("{}@{}".format(*n.cause.ranked.key) for n in judged.named)
     nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
     return nothing, gap(search, nothing, rng), REFUTED.format(names)
@@ -68,6 +72,8 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     floors = [each or [search.floor.rms[None]] for each in (fitted_clean(search), clean)]
     seen, unseen = (np.concatenate([blockwise(e) for e in each]) for each in floors)
     value, (low, high) = closure(squares[0], squares[1], (seen, unseen), rng)
+    asked = np.where(simulation.asked[:, None], 1.0, np.nan)
+    _, (_, most) = closure(squares[0] * asked, squares[1] * asked, (seen, unseen), rng)
     told = (value, low, high) if high - low <= WIDEST else (float("nan"),) * 3
     removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
     quiet = (
@@ -77,7 +83,7 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     )
     bar = np.array([rms(bars(problem, *pair)) for pair in ((problem.faulty, before), (problem.faulty, after), quiet)])
     sizes = (rms(before), rms(refit), rms(after), rms(floors[1]))
-    return Gap(*sizes, *told, bool(causes) and high < SLIGHT, float(removed), shift, bar, before, after)
+    return Gap(*sizes, *told, bool(causes) and most < SLIGHT, float(removed), shift, bar, before, after)
 
 
 class Leftover(NamedTuple):
@@ -144,6 +150,12 @@ class Simulation:
         for other in (c for c in search.causes if own and c.ranked.free and c.ranked.key not in own):
             self._weight[clean:][np.any(other.ranked.option.term.course != 0.0, axis=0)] = 0.0
         self._fitted = self._told(self._weight)
+
+    @property
+    def asked(self) -> NDArray[np.bool_]:
+        """Which faulty blocks (B,) tell whether the causes are right: those not taken away, if these are most."""
+        kept = self._weight[len(self.search.blocks.clean) :] > 0.0
+        return kept if np.mean(kept) >= 1.0 - OFTEN else np.ones_like(kept)
 
     def _told(self, weight: Array) -> Array:
         return Evidence(self.search.blocks, self._terms, weight).fitted

@@ -20,12 +20,12 @@ BESIDES, PLAINLY = 2.0, 1.0  # what a cause beside a larger one must have, and w
 NEGLIGIBLE = 0.5  # what any must have
 CROWDED = 2.0  # which many small ones may make
 # Evidence [nats].
-TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which nothing stands
+TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which nothing speaks
 PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
-EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing stands
+EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
-HINT = 25.0  # for an effect whose shape does not fit: something is there
+HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; the nats needed there
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 # Shares of the largest score.
@@ -39,7 +39,7 @@ SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what
 STRAY, OTHER = 0.15, 0.03  # of the gap's: what the first cause's form may leave at its joint, and elsewhere
 EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
 NOISE, LARGE = 0.75, 1.0  # of the floor's: an excess that no verdict hangs on; one that is a gap, whatever explains it
-# Rivals: how many nats, or which share of a score, they must be behind.
+# Rivals: how many nats, or which share of a score, they must be behind; what is less so is told with it.
 LEAD, RETURNED = 5.0, 3.5  # of the same shape; what return pressures say
 CLOSE, BENT = 0.01, 5.0  # share where a form does not fit, and the inflation that tells so
 FORM = 0.01  # of any score: no form is quite that of a real machine
@@ -116,23 +116,23 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     parts = contributions(search)
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
-    count = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
-    size = LONE if count == 1 else EACH
-    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE, size)), key=lambda e: -_weight(e[0]))
+    speaking = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
+    least = LONE if speaking == 1 else EACH
+    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE, least)), key=lambda e: -_weight(e[0]))
     found = [e for e in found if e[0].tempered >= LOUD] if _quiet(search) else found
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
     for cause, share, joint in found[1:] if kept else ():
-        least = STRAY if joint in [j for *_, j in kept] else OTHER
+        stray = STRAY if joint in [j for *_, j in kept] else OTHER
         plain = cause.tempered >= SOUND and cause.score >= FIRST * largest
-        enough = share >= least and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
-        enough = enough or (count == 2 and cause.tempered >= APART and _counts(cause, PLAINLY))
+        enough = share >= stray and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
+        enough = enough or (speaking == 2 and cause.tempered >= APART and _counts(cause, PLAINLY))
         if cause.known and enough and _best(cause):
             kept.append((cause, share, joint))
     small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
     named = [_named(c, share, max(small, 0.0)) for c, share, _ in kept]
-    return (*named[:1], *(n for n in named[1:] if n.confidence >= (BARELY if count == 2 else RATHER)))
+    return (*named[:1], *(n for n in named[1:] if n.confidence >= (BARELY if speaking == 2 else RATHER)))
 
 
 def _quiet(search: Search) -> bool:
@@ -149,7 +149,8 @@ def _weight(cause: Cause) -> float:
 
 
 def _free(search: Search, cause: Cause) -> bool:
-    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known."""
+    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known, or what
+    is free at any instant goes on all the time."""
     beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > AMID * cause.score]
     return not cause.known or _often(search, cause) or bool(cause.ranked.free and beside)
 
@@ -173,9 +174,14 @@ def _crowded(search: Search, first: Cause) -> bool:
     """Whether the first cause is hardly larger than what is plausible, and much stands beside it: many small ones pass
     for one, the sooner the more sizes it has. What begins at an instant, and is not told as such, is a load that hangs
     a little otherwise."""
-    crowd = sum(c.score for c in search.causes if c is not first and not _otherwise(c))
+    crowd = sum(c.score for c in search.causes if c is not first and not _otherwise(c) and not _faint(c))
     small = first.size < CROWDED * first.ranked.option.proposal.about.low and first.tempered < SOUND
     return small and not first.ranked.free and crowd > max(CROWD * first.score / width(first.ranked), HINT)
+
+
+def _faint(cause: Cause) -> bool:
+    """Whether it is a touch too faint to be one: it says much where it is, and nothing of all other times."""
+    return cause.ranked.free and cause.known and cause.size < NEGLIGIBLE * cause.ranked.option.proposal.about.low
 
 
 def _otherwise(cause: Cause) -> bool:
@@ -185,8 +191,8 @@ def _otherwise(cause: Cause) -> bool:
 
 
 def _blurred(search: Search, cause: Cause) -> bool:
-    """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack:
-    something is there, of another shape."""
+    """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack,
+    and more is left than noise: something is there, of another shape."""
     energy = search.energy
     fits = float(np.sum(energy.after)) <= (1.0 + NOISE) * float(np.sum(energy.floor))
     most = ALIEN if search.original.clean and not fits else np.inf  # only the machine in order tells what is usual
@@ -259,7 +265,7 @@ def _contains(rival: Ranked, cause: Cause) -> bool:
     anywhere on a link has all first moments of it, and a size more; what is free at any instant follows a load that
     falls."""
     incident = isinstance(cause.ranked.option.proposal.group[0], Incident)
-    if incident and rival.free and width(rival) > width(cause.ranked):
+    if incident and not cause.ranked.clock and rival.free and width(rival) > width(cause.ranked):
         return rival.score < (1.0 + FREER) * cause.score
     more, less = (each.option.proposal for each in (rival, cause.ranked))
     if isinstance(more.group[0], ExtraMass) and isinstance(less.group[0], FirstMomentChange):

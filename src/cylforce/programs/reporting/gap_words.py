@@ -75,7 +75,7 @@ def cards(answer: dict[str, Any]) -> tuple[Card, ...]:
 def _closed(closure: dict[str, float | None]) -> Card:
     value, low, high = (closure[k] for k in ("value", "low", "high"))
     if value is None or low is None or high is None:
-        return Card("Gap closed", "--", "too little beside the floor for a share: see the torque", good=False)
+        return Card("Gap closed", "--", "no share can be told: see the torque", good=False)
     return Card("Gap closed", f"{100 * value:.0f} %", f"90 %: {100 * low:.0f} to {100 * high:.0f} %", value >= CLOSED)
 
 
