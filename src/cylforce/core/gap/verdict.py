@@ -91,7 +91,7 @@ def judged(search: Search) -> Judged:
     named = _causes(search, removed + left)
     if not named or (not search.original.clean and before <= floor):
         most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
-        found = most > (1.0 + LARGE) * floor or any(_shapeless(c) for c in search.causes)
+        found = most > (1.0 + LARGE) * floor or any(_shapeless(c) or _plain(c) for c in search.causes)
         return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
     doubtful = _strange(search, named[0].cause) or named[0].confidence < HARDLY
     if left > max(PARTLY * removed, NOISE * floor) or doubtful:
@@ -232,6 +232,11 @@ def _shapeless(cause: Cause) -> bool:
     if cause.ranked.free and cause.known:
         return large and cause.tempered >= ONCE
     return large and cause.score >= HINT and cause.tempered < ENOUGH and cause.significance >= SIGNIFICANT
+
+
+def _plain(cause: Cause) -> bool:
+    """Whether so much speaks for something like the cause that it is there, of whatever size."""
+    return not cause.ranked.free and cause.known and cause.tempered >= SOUND
 
 
 def _named(cause: Cause, share: float, small: float) -> Named:
