@@ -291,6 +291,7 @@ def _settled(
 
 
 def _added(problem: Problem, blocks: Blocks, held: Sequence[Ranked], worth: float) -> Ranked | None:
+    """The best cause beside those held, if it is worth it; an infinite `worth` asks for none."""
     if len(held) >= MOST or not np.isfinite(worth):
         return None
     ranked = ranking(problem, Evidence(blocks, [r.option.term for r in held]), besides=held)
