@@ -29,8 +29,8 @@ REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings:
 class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
-    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely
-    below SLIGHT, without the blocks of what is free at any instant, unless these are many;
+    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT,
+    without the blocks of what is free at any instant, unless these are many; `partial`: below MOSTLY, told or not;
     `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard errors of the prior; `bar`
     (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
     `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind `fixed` and `after`."""
@@ -43,6 +43,7 @@ class Gap(NamedTuple):
     low: float
     high: float
     refuted: bool
+    partial: bool
     removed: float
     shift: Array
     bar: Array
@@ -54,7 +55,7 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Jud
     """The verdict once what is named has been simulated, the gap, and a warning where that refutes it."""
     size = gap(search, judged, rng)
     if not size.refuted:
-        partly = judged.verdict is Verdict.EXPLAINED and size.closure < MOSTLY
+        partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
     names = " and ".join("{}@{}".format(*n.cause.ranked.key) for n in judged.named)
     nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
@@ -83,7 +84,17 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     )
     bar = np.array([rms(bars(problem, *pair)) for pair in ((problem.faulty, before), (problem.faulty, after), quiet)])
     sizes = (rms(before), rms(refit), rms(after), rms(floors[1]))
-    return Gap(*sizes, *told, bool(causes) and most < SLIGHT, float(removed), shift, bar, before, after)
+    return Gap(
+        *sizes,
+        *told,
+        bool(causes) and most < SLIGHT,
+        bool(causes) and value < MOSTLY,
+        float(removed),
+        shift,
+        bar,
+        before,
+        after,
+    )
 
 
 class Leftover(NamedTuple):
