@@ -140,7 +140,8 @@ def test_the_answer_has_the_documented_keys_and_types(made):
     answer = made[0]
     plain = [{key: effect[key] for key in effect if key != "closure"} for effect in answer["effects"]]
     assert {key: shape((answer | {"effects": plain})[key]) for key in KEYS} == KEYS
-    assert set(answer) - set(KEYS) <= {"not_observable", "baselines", "unknown"}
+    assert set(answer) - set(KEYS) == {"not_observable", "baselines", "unknown", "small"}
+    assert shape(answer["small"]) in ([], [{**PLACE, "of_least_plausible": N, "evidence_nats": N}])
     assert answer["verdict"] in VERDICTS
     assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
     assert all(0.0 <= spot[key] <= 1.0 for spot in answer["where"] for key in ("share", "p"))
@@ -164,6 +165,15 @@ def test_the_verdict_says_of_what_it_is_a_function():
     said = sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": told})
     assert "at the stick, mostly periodic in the joint's angle (16 a turn), 62 % of it" in said
     assert "what is left" not in sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": None})
+
+
+def test_the_sentence_tells_small_causes_most_telling_first():
+    small = [
+        {**dict.fromkeys(PLACE, name), "of_least_plausible": 0.5, "evidence_nats": n} for n, name in enumerate("abcde")
+    ]
+    answer = {"verdict": "not_observable", "gap": {"fixed": 9.0, "floor": 3.0}, "effects": [], "small": small}
+    assert sentence(answer).endswith("such as e at e, d at d, c at c and 2 more.")
+    assert sentence(answer | {"small": small[:2]}).endswith("such as b at b and a at a.")
 
 
 def test_the_effect_asked_for_is_found_with_its_size(made):

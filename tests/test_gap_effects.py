@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from cylforce.core.gap.correction import FADED, UNSURE_S, Applied, aside, unsure
-from cylforce.core.gap.diagnosis import Search, asked, search
-from cylforce.core.gap.evidence import Term
+from cylforce.core.gap.diagnosis import Search, asked, search, together
+from cylforce.core.gap.evidence import Evidence, Term
 from cylforce.core.gap.floor import fitted_tares
 from cylforce.core.gap.library import LIBRARY, proposals
 from cylforce.core.gap.patch import patch
 from cylforce.core.gap.problem import Option, Problem, Seen, looked_at
-from cylforce.core.gap.rank import leading
+from cylforce.core.gap.rank import leading, ranking
 from cylforce.core.gap.residuals import fixed, held_out_clean
 from cylforce.core.gap.resimulation import read_blocks
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.shrinkage import Simulation, tried, written
+from cylforce.core.gap.unknown import UnknownTorque
 from cylforce.core.gap.verdict import Verdict, judged
 from cylforce.core.model import FRICTION, Model
 from cylforce.core.scenario import moves
@@ -174,6 +175,36 @@ def test_slewing_that_no_sensor_tells_is_named_beside_a_faint_touch(reference):
     touch = imposed(MACHINE, "soil_contact", "bucket", [200.0, 300.0], begin=112.0, end=127.0)
     found = judged(search(reference.viewer, recordings(2, (turning, touch)), reference.clean))
     assert found.named[0].cause.ranked.key == ("slew_centrifugal", "machine")
+
+
+def test_one_force_at_the_teeth_is_told_not_a_torque_at_every_joint(reference):
+    touch = imposed(MACHINE, "soil_contact", "bucket", [4000.0, 6000.0], begin=112.0, end=127.0)
+    found = search(reference.viewer, recordings(2, (touch,)), reference.clean)
+    problem, blocks, torques = found.original, found.original.blocks(found.floor), []
+    for joint in ("stick", "bucket"):
+        unknown = [p for p in problem.proposals if p.at == joint and isinstance(p.group[0], UnknownTorque)]
+        torques += ranking(problem, Evidence(blocks, [r.option.term for r in torques]), unknown)
+    assert [r.key for r in together(problem, blocks, torques)] == [("soil_contact", "bucket")]
+    assert together(problem, blocks, torques[1:]) == torques[1:]
+
+
+SMALL = (
+    ("soil_contact", "bucket", [200.0, 300.0], {"begin": 112.0, "end": 127.0}),
+    ("viscous_friction", "stick", 1200.0, {}),
+    ("coulomb_friction", "boom", 300.0, {}),
+    ("pressure_offset", "boom_rod_pressure", 3e4, {}),
+    ("friction_level_change", "bucket", 0.05, {}),
+)
+
+
+def test_many_small_causes_are_no_name_and_not_unknown(reference):
+    """They do not hide one that stands out."""
+    small = tuple(imposed(MACHINE, name, at, value, **more) for name, at, value, more in SMALL)
+    verdict = judged(search(reference.viewer, recordings(2, small), reference.clean))
+    assert (verdict.verdict, verdict.named) == (Verdict.NOT_OBSERVABLE, ())
+    friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
+    named = judged(search(reference.viewer, recordings(2, (*small, friction)), reference.clean)).named
+    assert [n.cause.ranked.key for n in named] == [("coulomb_friction", "stick")]
 
 
 @pytest.mark.parametrize(("late", "more"), [(0.08, 0.5), (0.15, 0.2), (0.01, 1.0)])

@@ -57,6 +57,7 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
             for s in spots
         ],
         "effects": [_effect(n, gap) for n in judged.named],
+        "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
         "explained": judged.explained,
         "end_quantities": {
             "payload_kg": {"before": ends.payload[0], "after": ends.payload[1]},
@@ -86,7 +87,17 @@ def _bars(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
 
 def _place(cause: Cause, judged: Judged) -> dict[str, Any]:
     name, at = cause.ranked.key
-    return {"name": name, "at": at, "named": any(n.cause is cause for n in judged.named)}
+    return {"name": name, "at": at, "named": _is_named(cause, judged)}
+
+
+def _is_named(cause: Cause, judged: Judged) -> bool:
+    return any(n.cause is cause for n in judged.named)
+
+
+def _small(cause: Cause) -> dict[str, Any]:
+    name, at = cause.ranked.key
+    share = cause.size / cause.ranked.option.proposal.about.low
+    return {"name": name, "at": at, "of_least_plausible": share, "evidence_nats": cause.score}
 
 
 def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:

@@ -10,7 +10,7 @@ LEAST = 0.1  # of the floor's energy: a smaller gap has no meaningful closure
 UNTOLD = (0.03, 0.01)  # by which a closure lies lower, higher than all draws tell, on development machines
 DRAWS = 400
 LEVEL = 90.0  # percent of the intervals
-WIDEST = 0.25  # an interval, beyond which the share says nothing
+WIDEST = 0.2  # an interval, beyond which the share says nothing
 
 
 def blockwise(residual: Array) -> Array:

@@ -12,7 +12,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.floor import noise_floor
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
-from cylforce.core.gap.rank import TIE, Ranked, certain, leading, magnitude, ranking
+from cylforce.core.gap.rank import TIE, Ranked, certain, itself, leading, magnitude, ranking
 from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.unknown import NAME, UNKNOWN
@@ -20,7 +20,7 @@ from cylforce.core.gap.whitening import Floor
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Incident, Sudden
+from cylforce.machine.candidate import Course, Incident, Sudden
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
@@ -231,7 +231,8 @@ def _taken_out(
 
 def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken, kept: Sequence[tuple[str, str]]) -> list[Ranked]:
     """The causes but the `kept` ones, each exchanged for what explains the recordings as they were as well, beside the
-    others: whether it was found first is no reason to stay."""
+    others: whether it was found first is no reason to stay, and what is nothing but its other sizes does not."""
+    total = _sizes(taken.blocks, taken.held, taken.applied)
     held, evidence = list(taken.held), Evidence(taken.blocks, [r.option.term for r in taken.held])
     for n, r in enumerate(taken.held):
         if r.key in kept:
@@ -241,6 +242,8 @@ def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken, kept: Sequence
         ranked = ranking(problem, alone, besides=others)
         own = next((x for x in ranked if x.key == r.key), r)
         score = max(own.score, _bent(plain, others, evidence, own)) if r.key in taken.applied else own.score
+        if r.key in total and not itself(own, total[r.key]):
+            ranked, score = [x for x in ranked if x is not own], NEAR * score
         if ranked and ranked[0].key != r.key and ranked[0].score > score - TIE:
             held[n] = ranked[0]
     return held
@@ -284,6 +287,7 @@ def _settled(
         added = _added(problem, blocks, held, worth)
         held = [*held, added] if added and len(held) < MOST else held
         better = _exchanged(problem, blocks, held, worth, kept, len(held) - bool(added))
+        better = together(problem, blocks, better)
         if added is None and [r.key for r in better] == [r.key for r in held]:
             return better
         held = better
@@ -308,11 +312,39 @@ def _exchanged(
         others = [r for k, r in enumerate(held) if k != n]
         ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), besides=others)
         own = next((r for r in ranked if r.key == held[n].key), None)
-        if ranked and (own is None or ranked[0].score > own.score + TIE):
-            held = [*held[:n], ranked[0], *held[n + 1 :]]
+        better = [r for r in ranked[:2] if own is None or r.score > own.score + TIE]
+        if better and (own is None or ranked[0] is not own):
+            held = [*held[:n], better[0], *held[n + 1 :]]
         elif own is not None:
             held = [*held[:n], own, *held[n + 1 :]]
     return [r for r in held if r.key in kept or r.score >= worth]
+
+
+def together(problem: Problem, blocks: Blocks, held: list[Ranked]) -> list[Ranked]:
+    """Torques of which nothing is known, at several joints, for one effect that is as free and tells as much as all of
+    them: one force at the teeth is a torque at every joint."""
+    alien = [r for r in held if r.free and r.key[0] == NAME]
+    for p in (p for p in problem.proposals if alien and p.name != NAME and _anytime(p)):
+        gone = [r for r in held if r in alien or r.key == (p.name, p.at)]
+        others = [r for r in held if r not in gone]
+        ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), [p]) if len(gone) > 1 else []
+        if ranked and ranked[0].score > _all_of(blocks, gone, others) - TIE:
+            return [*others, ranked[0]]
+    return held
+
+
+def _all_of(blocks: Blocks, causes: Sequence[Ranked], others: Sequence[Ranked]) -> float:
+    """The score [nats] of several causes together, beside the others."""
+    score, beside = 0.0, [r.option.term for r in others]
+    for r in causes:
+        score += Evidence(blocks, beside).of(r.option.term, TEMPER).evidence - r.option.cost
+        beside.append(r.option.term)
+    return score
+
+
+def _anytime(proposal: Proposal) -> bool:
+    effect = proposal.group[0]
+    return isinstance(effect, Incident) and effect.course is Course.WINDOWS
 
 
 def _usual(blocks: Blocks) -> Array:

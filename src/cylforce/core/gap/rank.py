@@ -159,23 +159,31 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
 
 def _unlikely(found: Ranked) -> float:
     """How implausible the size is because it is small [nats]."""
-    size = magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))
-    small = np.log(max(found.option.proposal.about.low / max(size, 1e-300), 1.0))
+    small = np.log(max(found.option.proposal.about.low / max(_size(found), 1e-300), 1.0))
     return float(0.5 * (small / UNLIKELY) ** 2)
 
 
 def _large(found: Ranked) -> bool:
     """Whether the size is larger than can be named."""
-    errors = np.sqrt(np.diag(found.told.covariance))
-    return magnitude(found, found.told.value, errors) > LARGEST * found.option.proposal.about.high
+    return _size(found) > LARGEST * found.option.proposal.about.high
 
 
 def _possible(found: Ranked) -> bool:
-    """Whether the sign is one that the effect can have, and the size not beyond all that is plausible; what has
-    other sizes besides its own (a mass its moments) must be of a plausible one, or it is but those."""
+    """Whether the sign is one that the effect can have, and the size not beyond all that is plausible."""
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
     right = wrong <= WRONG * np.sum(each**2)
-    size = magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))
-    more = not found.free and len(dict.fromkeys(found.option.term.columns)) > about.axes
-    return bool(right and (about.low if more else 0.0) <= size <= BEYOND * about.high)
+    return bool(right and _size(found) <= BEYOND * about.high) and itself(found, found.told.value)
+
+
+def itself(found: Ranked, values: Array) -> bool:
+    """Whether an option at sizes `values` (M,) is more than what it has besides its own size (a mass its moments): then
+    that must be plausible."""
+    about = found.option.proposal.about
+    if found.free or len(dict.fromkeys(found.option.term.columns)) <= about.axes:
+        return True
+    return magnitude(found, values, np.sqrt(np.diag(found.told.covariance))) >= about.low
+
+
+def _size(found: Ranked) -> float:
+    return magnitude(found, found.told.value, np.sqrt(np.diag(found.told.covariance)))

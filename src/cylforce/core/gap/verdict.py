@@ -27,6 +27,7 @@ EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant;
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; the nats needed there
+OUTSTANDING = 100.0  # for what is more than one of many small causes
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 # Shares of the largest score.
 FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
@@ -92,16 +93,35 @@ def judged(search: Search) -> Judged:
     if not named or (not search.original.clean and before <= floor):
         most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
         found = most > (1.0 + LARGE) * floor or any(_shapeless(c) or _plain(c) for c in search.causes)
-        return Judged(Verdict.UNKNOWN if found else Verdict.NO_GAP, (), explained)
+        return Judged(_without_name(search) if found else Verdict.NO_GAP, (), explained)
     doubtful = _strange(search, named[0].cause) or named[0].confidence < HARDLY
     if left > max(PARTLY * removed, NOISE * floor) or doubtful:
-        return Judged(Verdict.UNKNOWN, (), explained)
+        return Judged(_without_name(search), (), explained)
     if len(named) == 1 and named[0].confidence < SURE and not named[0].confused:
         named = (named[0]._replace(confused=_instead(search, named[0].cause)),)
     if named[0].confused:
         return Judged(Verdict.AMBIGUOUS, named, explained)
     enough = left <= max(EXPLAINED * removed, NOISE * floor)
     return Judged(Verdict.EXPLAINED if enough else Verdict.PARTLY, named, explained)
+
+
+def _without_name(search: Search) -> Verdict:
+    """Where no cause is named, whether that is because none of many small ones stands out, or nothing known fits."""
+    floor, after = (float(np.sum(x)) for x in (search.energy.floor, search.energy.after))
+    explained = bool(search.original.clean) and after <= (1.0 + NOISE) * floor
+    small = len(search.causes) > 1 and not any(_stands_out(cause) for cause in search.causes)
+    return Verdict.NOT_OBSERVABLE if explained and small else Verdict.UNKNOWN
+
+
+def _stands_out(cause: Cause) -> bool:
+    """Whether a cause is more than one of many small ones."""
+    if not cause.known:
+        return _counts(cause, 0.0)
+    if _plain(cause):
+        return True
+    if cause.ranked.free:
+        return not _faint(cause)
+    return cause.tempered >= OUTSTANDING and _counts(cause, BESIDES)
 
 
 def _instead(search: Search, cause: Cause) -> tuple[Ranked, ...]:
