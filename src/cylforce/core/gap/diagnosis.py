@@ -12,7 +12,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.floor import noise_floor
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
-from cylforce.core.gap.rank import TIE, Ranked, certain, itself, leading, magnitude, ranking
+from cylforce.core.gap.rank import TIE, Ranked, certain, itself, leading, magnitude, ranking, simpler
 from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.unknown import NAME, UNKNOWN
@@ -244,8 +244,9 @@ def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken, kept: Sequence
         score = max(own.score, _bent(plain, others, evidence, own)) if r.key in taken.applied else own.score
         if r.key in total and not itself(own, total[r.key]):
             ranked, score = [x for x in ranked if x is not own], NEAR * score
-        if ranked and ranked[0].key != r.key and ranked[0].score > score - TIE:
-            held[n] = ranked[0]
+        first = ranked[0] if ranked and ranked[0].key != r.key else None
+        if first and (first.score > score - TIE or simpler(first, own._replace(score=score))):
+            held[n] = first
     return held
 
 
@@ -312,7 +313,7 @@ def _exchanged(
         others = [r for k, r in enumerate(held) if k != n]
         ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), besides=others)
         own = next((r for r in ranked if r.key == held[n].key), None)
-        better = [r for r in ranked[:2] if own is None or r.score > own.score + TIE]
+        better = [r for r in ranked[:2] if own is None or r.score > own.score + TIE or simpler(r, own)]
         if better and (own is None or ranked[0] is not own):
             held = [*held[:n], better[0], *held[n + 1 :]]
         elif own is not None:
@@ -321,15 +322,17 @@ def _exchanged(
 
 
 def together(problem: Problem, blocks: Blocks, held: list[Ranked]) -> list[Ranked]:
-    """Torques of which nothing is known, at several joints, for one effect that is as free and tells as much as all of
-    them: one force at the teeth is a torque at every joint."""
+    """Torques of which nothing is known, and what begins at an instant, for one effect that is free at any and tells as
+    much as all of them: one force at the teeth is a torque at every joint."""
     alien = [r for r in held if r.free and r.key[0] == NAME]
+    sudden = [r for r in held if isinstance(r.option.proposal.group[0], Incident) and not (r.free or r.clock)]
     for p in (p for p in problem.proposals if alien and p.name != NAME and _anytime(p)):
-        gone = [r for r in held if r in alien or r.key == (p.name, p.at)]
-        others = [r for r in held if r not in gone]
-        ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), [p]) if len(gone) > 1 else []
-        if ranked and ranked[0].score > _all_of(blocks, gone, others) - TIE:
-            return [*others, ranked[0]]
+        for more in ([], sudden) if sudden else ([],):
+            gone = [r for r in held if r in [*alien, *more] or r.key == (p.name, p.at)]
+            others = [r for r in held if r not in gone]
+            ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), [p]) if len(gone) > 1 else []
+            if ranked and ranked[0].score > _all_of(blocks, gone, others) - TIE:
+                return [*others, ranked[0]]
     return held
 
 

@@ -27,7 +27,7 @@ EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant;
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; the nats needed there
-OUTSTANDING = 100.0  # for what is more than one of many small causes
+OUTSTANDING = 200.0  # for what is more than one of many small causes
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 # Shares of the largest score.
 FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
@@ -186,7 +186,8 @@ def _often(search: Search, cause: Cause) -> bool:
 def _strange(search: Search, cause: Cause) -> bool:
     """Whether what comes first is no effect of the library: a torque of which nothing is known, one larger than can be,
     one whose form does not fit, or what many small ones make."""
-    large = cause.size > LARGEST * cause.ranked.option.proposal.about.high
+    least = cause.size * (1.0 - min(1.0 / max(cause.significance, 1e-9), 1.0))
+    large = least > LARGEST * cause.ranked.option.proposal.about.high
     return large or _free(search, cause) or _blurred(search, cause) or _crowded(search, cause)
 
 
