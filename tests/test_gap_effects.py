@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cylforce.core.gap.correction import FADED, UNSURE_S, Applied, aside, unsure
-from cylforce.core.gap.diagnosis import Search, asked, search, together
+from cylforce.core.gap.diagnosis import Search, asked, search
 from cylforce.core.gap.evidence import Evidence, Term
 from cylforce.core.gap.floor import fitted_tares
 from cylforce.core.gap.library import LIBRARY, proposals
@@ -18,6 +18,7 @@ from cylforce.core.gap.rank import leading, ranking
 from cylforce.core.gap.residuals import fixed, held_out_clean
 from cylforce.core.gap.resimulation import read_blocks
 from cylforce.core.gap.rows import Recorded, Viewer
+from cylforce.core.gap.selection import together
 from cylforce.core.gap.shrinkage import Simulation, tried, written
 from cylforce.core.gap.unknown import UnknownTorque
 from cylforce.core.gap.verdict import Verdict, judged

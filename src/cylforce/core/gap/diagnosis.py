@@ -15,17 +15,14 @@ from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
 from cylforce.core.gap.rank import TIE, Ranked, certain, itself, leading, magnitude, ranking, simpler
 from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import Recorded, Viewer
+from cylforce.core.gap.selection import selected, settled
 from cylforce.core.gap.unknown import NAME, UNKNOWN
 from cylforce.core.gap.whitening import Floor
-from cylforce.effects.coulomb_friction import CoulombFriction
-from cylforce.effects.extra_mass import ExtraMass
-from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Course, Incident, Sudden
+from cylforce.machine.candidate import Incident, Sudden
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
 ENOUGH = 12.0  # nats
-MOST = 6  # effects
 MINOR = 0.01  # of the energy of what lasts of the gap: a lesser cause is not looked for
 FOLDS = 4
 WILD = 6.0  # times the median of clean blocks' energy
@@ -34,7 +31,6 @@ ROUNDS = 6  # at most, in which columns are computed anew at the sizes found
 KEPT = 0.5  # of the usable rows, which must be left when effects are taken out at the sizes found
 STRAIGHT = 100.0  # nats, below which it goes unnoticed that columns bend
 STILL = 0.05  # of a size: a smaller change of it does not bend its columns
-LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
 NEAR = 0.6  # of the best's score
 Watch = Callable[[str], None]
 
@@ -150,7 +146,7 @@ def _greedy(
     worth = _worth(blocks)
     watch("search")
     first = tuple(ranking(problem, Evidence(blocks)))
-    held, start = _found(problem, blocks, worth), _Taken([], {}, problem, blocks, problem)
+    held, start = selected(problem, blocks, worth), _Taken([], {}, problem, blocks, problem)
     largest = max(held, key=lambda r: r.score, default=None)
     if largest and largest.clock:
         righted = _righted(viewer, problem, floor, original, start._replace(held=[largest]), watch)
@@ -158,7 +154,7 @@ def _greedy(
     incidents = [r for r in held if isinstance(r.option.proposal.group[0], Incident)]
     if incidents:
         worth = _worth(start.blocks, incidents)
-        held = _settled(start.problem, start.blocks, held, worth, kept=tuple(start.applied))
+        held = settled(start.problem, start.blocks, held, worth, kept=tuple(start.applied))
     taken = _taken_out(viewer, problem, floor, original, start._replace(held=held), worth, watch)
     again = _reconsidered(start.problem, start.blocks, taken, tuple(start.applied))
     if [r.key for r in again] != [r.key for r in taken.held]:
@@ -223,7 +219,7 @@ def _taken_out(
         problem = aside(without(taken.problem, viewer, out, original), lost)
         if np.sum(problem.blocks(floor).faulty_rows) < KEPT * rows:
             break  # at these sizes the machine could not have moved so
-        held = _settled(problem, problem.blocks(floor), taken.held, worth, kept=tuple(found))
+        held = settled(problem, problem.blocks(floor), taken.held, worth, kept=tuple(found))
         applied = {key: sizes for key, sizes in found.items() if key in {r.key for r in held}}
         taken = _Taken(held, applied, problem, problem.blocks(floor), aside(first, lost))
     return taken
@@ -250,104 +246,11 @@ def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken, kept: Sequence
     return held
 
 
-def _found(problem: Problem, blocks: Blocks, worth: float) -> list[Ranked]:
-    """The causes. Where only a data sheet is known, what none tells well - first moments, dry friction - is asked all
-    together, too: that is taken if it needs no more causes than what is found one by one, and explains as much."""
-    held = _settled(problem, blocks, [], worth)
-    if not problem.from_sheet:
-        return held
-    unknown = [p for p in problem.proposals if isinstance(p.group[0], FirstMomentChange | CoulombFriction)]
-    start = ranking(problem, Evidence(blocks), wanted=unknown)
-    other = _settled(problem, blocks, start, worth) if start else held
-    base, *gone = (
-        float(np.sum(each.squares(each.held, each.fitted)[1]))
-        for each in (Evidence(blocks, [r.option.term for r in causes]) for causes in ([], held, other))
-    )
-    return other if _moments(other) <= _moments(held) and base - gone[1] > (1.0 - LEAD) * (base - gone[0]) else held
-
-
-def _moments(causes: Sequence[Ranked]) -> int:
-    """How many causes; an extra mass stands for the first moments of its link and of all before it."""
-    proposals = [r.option.proposal for r in causes]
-    return len(causes) + sum(p.where for p in proposals if isinstance(p.group[0], ExtraMass))
-
-
 def _rough(held: Sequence[Ranked], fixed: Array, after: Array) -> NDArray[np.bool_]:
     """Blocks (B,) of which an incident explains most: what happens there for a moment is rougher than any form, and its
     rest is no sign of another cause."""
     here = own_blocks([r.option.term for r in held])
     return np.asarray(np.isin(np.arange(len(fixed)), here) & (after < ROUGH * fixed))
-
-
-def _settled(
-    problem: Problem, blocks: Blocks, start: Sequence[Ranked], worth: float, kept: tuple[tuple[str, str], ...] = ()
-) -> list[Ranked]:
-    """A set of causes to which none can be added, of which none can be exchanged or left out; `kept` ones stay."""
-    held = list(start)
-    for _ in range(2 * MOST):
-        added = _added(problem, blocks, held, worth)
-        held = [*held, added] if added and len(held) < MOST else held
-        better = _exchanged(problem, blocks, held, worth, kept, len(held) - bool(added))
-        better = together(problem, blocks, better)
-        if added is None and [r.key for r in better] == [r.key for r in held]:
-            return better
-        held = better
-    return held
-
-
-def _added(problem: Problem, blocks: Blocks, held: Sequence[Ranked], worth: float) -> Ranked | None:
-    """The best cause beside those held, if it is worth it; an infinite `worth` asks for none."""
-    if len(held) >= MOST or not np.isfinite(worth):
-        return None
-    ranked = ranking(problem, Evidence(blocks, [r.option.term for r in held]), besides=held)
-    return ranked[0] if ranked and ranked[0].score >= worth else None
-
-
-def _exchanged(
-    problem: Problem, blocks: Blocks, held: list[Ranked], worth: float, kept: tuple[tuple[str, str], ...], count: int
-) -> list[Ranked]:
-    """Each of the first `count` causes against all others again, now that its companions are known."""
-    for n in range(count if len(held) > 1 else 0):
-        if held[n].key in kept:
-            continue
-        others = [r for k, r in enumerate(held) if k != n]
-        ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), besides=others)
-        own = next((r for r in ranked if r.key == held[n].key), None)
-        better = [r for r in ranked[:2] if own is None or r.score > own.score + TIE or simpler(r, own)]
-        if better and (own is None or ranked[0] is not own):
-            held = [*held[:n], better[0], *held[n + 1 :]]
-        elif own is not None:
-            held = [*held[:n], own, *held[n + 1 :]]
-    return [r for r in held if r.key in kept or r.score >= worth]
-
-
-def together(problem: Problem, blocks: Blocks, held: list[Ranked]) -> list[Ranked]:
-    """Torques of which nothing is known, and what begins at an instant, for one effect that is free at any and tells as
-    much as all of them: one force at the teeth is a torque at every joint."""
-    alien = [r for r in held if r.free and r.key[0] == NAME]
-    sudden = [r for r in held if isinstance(r.option.proposal.group[0], Incident) and not (r.free or r.clock)]
-    for p in (p for p in problem.proposals if alien and p.name != NAME and _anytime(p)):
-        for more in ([], sudden) if sudden else ([],):
-            gone = [r for r in held if r in [*alien, *more] or r.key == (p.name, p.at)]
-            others = [r for r in held if r not in gone]
-            ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), [p]) if len(gone) > 1 else []
-            if ranked and ranked[0].score > _all_of(blocks, gone, others) - TIE:
-                return [*others, ranked[0]]
-    return held
-
-
-def _all_of(blocks: Blocks, causes: Sequence[Ranked], others: Sequence[Ranked]) -> float:
-    """The score [nats] of several causes together, beside the others."""
-    score, beside = 0.0, [r.option.term for r in others]
-    for r in causes:
-        score += Evidence(blocks, beside).of(r.option.term, TEMPER).evidence - r.option.cost
-        beside.append(r.option.term)
-    return score
-
-
-def _anytime(proposal: Proposal) -> bool:
-    effect = proposal.group[0]
-    return isinstance(effect, Incident) and effect.course is Course.WINDOWS
 
 
 def _usual(blocks: Blocks) -> Array:
