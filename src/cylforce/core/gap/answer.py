@@ -19,7 +19,6 @@ from cylforce.core.gap.shrinkage import Gap, written
 from cylforce.core.gap.verdict import Judged, Named, Verdict
 from cylforce.core.gap.where import Spot
 from cylforce.effects.clock_fault import ClockFault
-from cylforce.machine.candidate import Incident
 from cylforce.words.units import DEGREE
 
 CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
@@ -195,7 +194,7 @@ def _hidden(search: Search) -> list[dict[str, Any]]:
     found: dict[tuple[str, str], float] = {}
     largest: dict[tuple[str, str], float] = {}
     for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
-        if isinstance(proposal.group[0], Incident):
+        if proposal.course:
             continue
         key, column = (proposal.name, proposal.at), places[0]
         size = SIGMAS * evidence.blind(column, TEMPER)

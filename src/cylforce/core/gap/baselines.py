@@ -7,7 +7,6 @@ from cylforce.core.gap.diagnosis import Search
 from cylforce.core.gap.evidence import Blocks
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import Problem
-from cylforce.machine.candidate import Incident
 from cylforce.words.estimate import Array
 
 SPARSE = 0.1  # of the largest size (in usual sizes): what is smaller is set to zero (STLSQ: Brunton et al. 2016)
@@ -20,9 +19,7 @@ def baselines(search: Search) -> dict[str, Proposal]:
     problem = search.original
     blocks = problem.blocks(search.floor)
     choices = [
-        (p, list(places))
-        for p, places in zip(problem.proposals, problem.places, strict=True)
-        if not isinstance(p.group[0], Incident)
+        (p, list(places)) for p, places in zip(problem.proposals, problem.places, strict=True) if p.course is None
     ]
     if not choices:
         return {}

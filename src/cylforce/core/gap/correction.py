@@ -28,12 +28,12 @@ class Applied(NamedTuple):
 
 def bends(option: Option) -> bool:
     """Whether the effect is not linear in its size: then its columns depend on it."""
-    effect = option.proposal.group[0]
-    if option.proposal.name == NAME:
+    proposal = option.proposal
+    if proposal.name == NAME:
         return False
-    if isinstance(effect, Incident):
-        return effect.course is Course.CLOCK
-    return isinstance(effect, Distortion | Alteration)
+    if proposal.course:
+        return proposal.course is Course.CLOCK
+    return isinstance(proposal.group[0], Distortion | Alteration)
 
 
 def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied], original: Sequence[Recorded]) -> Problem:
@@ -96,7 +96,7 @@ def _renewed(problem: Problem, viewer: Viewer, recorded: Recorded, applied: Sequ
     new = viewer.rows(recorded, proposals)
     effects, k = old.effects.copy(), 0
     for proposal in proposals:
-        if isinstance(proposal.group[0], Incident):
+        if proposal.course:
             continue
         places = problem.places[problem.proposals.index(proposal)]
         here = [place - problem.first for place in places]

@@ -18,7 +18,7 @@ from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.selection import selected, settled
 from cylforce.core.gap.unknown import NAME, UNKNOWN
 from cylforce.core.gap.whitening import Floor
-from cylforce.machine.candidate import Incident, Sudden
+from cylforce.machine.candidate import Sudden
 from cylforce.machine.machine import Machine
 from cylforce.words.estimate import Array
 
@@ -151,7 +151,7 @@ def _greedy(
     if largest and largest.clock:
         righted = _righted(viewer, problem, floor, original, start._replace(held=[largest]), watch)
         start, held = (righted, righted.held) if righted.applied else (start, held)
-    incidents = [r for r in held if isinstance(r.option.proposal.group[0], Incident)]
+    incidents = [r for r in held if r.option.proposal.course]
     if incidents:
         worth = _worth(start.blocks, incidents)
         held = settled(start.problem, start.blocks, held, worth, kept=tuple(start.applied))

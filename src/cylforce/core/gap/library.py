@@ -29,7 +29,7 @@ from cylforce.effects.soil_contact import SoilContact
 from cylforce.effects.stribeck import Stribeck
 from cylforce.effects.tilt_ignored import TiltIgnored
 from cylforce.effects.viscous_friction import ViscousFriction
-from cylforce.machine.candidate import About, Candidate, places
+from cylforce.machine.candidate import About, Candidate, Course, Incident, places
 from cylforce.machine.machine import Machine
 
 WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))  # of a loss, extending and retracting
@@ -84,6 +84,12 @@ class Proposal(NamedTuple):
     def name(self) -> str:
         """The effect's name."""
         return self.about.name
+
+    @property
+    def course(self) -> Course | None:
+        """How its sizes change, if it happens at a time; None: it lasts."""
+        effect = self.group[0]
+        return effect.course if isinstance(effect, Incident) else None
 
 
 def proposals(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:

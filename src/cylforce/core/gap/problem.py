@@ -255,14 +255,13 @@ class Problem:
         for p, places in zip(self.proposals, self.places, strict=True):
             if (wanted is not None and p not in wanted) or not self._asked(p):
                 continue
-            effect = p.group[0]
-            if effect.about.of_its_own:
+            if p.about.of_its_own:
                 yield Option(p, "in each recording", self._of_each(places), 0.0)
-            elif not isinstance(effect, Incident):
+            elif p.course is None:
                 yield Option(p, "", Term(places, np.ones((len(places), len(self.times)))), 0.0)
-            elif effect.course is Course.AFTER:
+            elif p.course is Course.AFTER:
                 yield from self._after(p, places)
-            elif effect.course is Course.CLOCK:
+            elif p.course is Course.CLOCK:
                 yield from self._clocks(p, places)
             else:
                 yield from self._windows(p, places, evidence)
@@ -331,8 +330,8 @@ class Problem:
     @cached_property
     def _momentary(self) -> list[tuple[int, ...]]:
         """The columns of each effect that is free at any instant."""
-        each = ((p.group[0], places) for p, places in zip(self.proposals, self.places, strict=True) if p.name != NAME)
-        return [places for effect, places in each if isinstance(effect, Incident) and effect.course is Course.WINDOWS]
+        each = zip(self.proposals, self.places, strict=True)
+        return [places for p, places in each if p.name != NAME and p.course is Course.WINDOWS]
 
     def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
         """Of the blocks hit those in which the size has a sign that the effect can have: in others something else

@@ -9,7 +9,7 @@ from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
 from cylforce.core.gap.unknown import NAME
-from cylforce.machine.candidate import Course, Distortion, Incident, Place
+from cylforce.machine.candidate import Course, Distortion, Place
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
@@ -42,23 +42,21 @@ class Ranked(NamedTuple):
     @property
     def free(self) -> bool:
         """Whether its sizes are free at any instant."""
-        effect = self.option.proposal.group[0]
-        return isinstance(effect, Incident) and effect.course is Course.WINDOWS
+        return self.option.proposal.course is Course.WINDOWS
 
     @property
     def clock(self) -> bool:
         """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
-        effect = self.option.proposal.group[0]
-        return isinstance(effect, Incident) and effect.course is Course.CLOCK
+        return self.option.proposal.course is Course.CLOCK
 
 
 def leading(found: Ranked, values: Array) -> Array:
     """The sizes along the axes of the magnitude, (W, A): one row per window or recording; of what begins at an instant
     the block in which it begins does not count."""
-    effect, term = found.option.proposal.group[0], found.option.term
+    proposal, term = found.option.proposal, found.option.term
     width = len(dict.fromkeys(term.columns))
-    sizes = values.reshape(-1, width)[:, : found.option.proposal.about.axes]
-    if isinstance(effect, Incident) and effect.course is not Course.WINDOWS:
+    sizes = values.reshape(-1, width)[:, : proposal.about.axes]
+    if proposal.course not in (None, Course.WINDOWS):
         sizes = sizes[np.count_nonzero(term.course, axis=1)[::width] > 1]
     return sizes
 
@@ -115,7 +113,7 @@ def _narrower(ranked: list[Ranked], problem: Problem, evidence: Evidence) -> Ran
         return None
     first = ranked[0]
     for other in (r for r in ranked if r.score >= PART * first.score):
-        incident = other.key[0] != NAME and isinstance(other.option.proposal.group[0], Incident)
+        incident = other.key[0] != NAME and other.option.proposal.course is not None
         if incident and width(other) < width(first) and _as_good(other, first, problem, evidence):
             return other
     return None

@@ -5,14 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from cylforce.core.gap.evidence import Blocks, Evidence
-from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Problem
 from cylforce.core.gap.rank import TIE, Ranked, ranking, simpler
 from cylforce.core.gap.unknown import NAME
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Course, Incident
+from cylforce.machine.candidate import Course
 
 MOST = 6  # effects
 LEAD = 0.05  # of what is explained, which is no difference where only a data sheet is known
@@ -86,8 +85,8 @@ def together(problem: Problem, blocks: Blocks, held: list[Ranked]) -> list[Ranke
     """Torques of which nothing is known, and what begins at an instant, for one effect that is free at any and tells as
     much as all of them: one force at the teeth is a torque at every joint."""
     alien = [r for r in held if r.free and r.key[0] == NAME]
-    sudden = [r for r in held if isinstance(r.option.proposal.group[0], Incident) and not (r.free or r.clock)]
-    for p in (p for p in problem.proposals if alien and p.name != NAME and _anytime(p)):
+    sudden = [r for r in held if r.option.proposal.course is Course.AFTER]
+    for p in (p for p in problem.proposals if alien and p.name != NAME and p.course is Course.WINDOWS):
         for more in ([], sudden) if sudden else ([],):
             gone = [r for r in held if r in [*alien, *more] or r.key == (p.name, p.at)]
             others = [r for r in held if r not in gone]
@@ -104,8 +103,3 @@ def _all_of(blocks: Blocks, causes: Sequence[Ranked], others: Sequence[Ranked]) 
         score += Evidence(blocks, beside).of(r.option.term, TEMPER).evidence - r.option.cost
         beside.append(r.option.term)
     return score
-
-
-def _anytime(proposal: Proposal) -> bool:
-    effect = proposal.group[0]
-    return isinstance(effect, Incident) and effect.course is Course.WINDOWS

@@ -18,7 +18,7 @@ from cylforce.core.gap.residuals import chosen, fitted_clean, held_out_clean, re
 from cylforce.core.gap.resimulation import Resimulation, known, read_blocks
 from cylforce.core.gap.verdict import OFTEN, SIGNIFICANT, Judged, Verdict
 from cylforce.core.simulated_effects import Imposed
-from cylforce.machine.candidate import Incident
+from cylforce.machine.candidate import Course
 from cylforce.words.estimate import Array
 
 SLIGHT = 0.3  # of the gap's energy: what is named must take away that much, as far as can be told
@@ -142,8 +142,7 @@ def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
 
 
 def _lasting(cause: Cause) -> bool:
-    effect = cause.ranked.option.proposal.group[0]
-    return cause.significance >= SIGNIFICANT and (cause.ranked.clock or not isinstance(effect, Incident))
+    return cause.significance >= SIGNIFICANT and cause.ranked.option.proposal.course in (None, Course.CLOCK)
 
 
 class Simulation:

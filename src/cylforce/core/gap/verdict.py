@@ -12,7 +12,7 @@ from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Course, Incident
+from cylforce.machine.candidate import Course
 from cylforce.words.estimate import Array
 
 # Sizes, of an effect's least plausible one.
@@ -207,8 +207,7 @@ def _faint(cause: Cause) -> bool:
 
 def _otherwise(cause: Cause) -> bool:
     """Whether the cause begins at an instant, and too little speaks for that."""
-    effect = cause.ranked.option.proposal.group[0]
-    return isinstance(effect, Incident) and effect.course is Course.AFTER and cause.tempered < ONCE
+    return cause.ranked.option.proposal.course is Course.AFTER and cause.tempered < ONCE
 
 
 def _blurred(search: Search, cause: Cause) -> bool:
@@ -239,10 +238,9 @@ def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
     """Whether a cause is large enough, certain enough, and of the right shape; `each`: nats that what is free at any
     instant needs for each of its sizes."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
-    effect = cause.ranked.option.proposal.group[0]
     if cause.ranked.free and cause.known:
         return large and cause.score >= each * len(cause.sizes) and cause.significance >= SIGNIFICANT
-    enough = (ONCE if isinstance(effect, Incident) else TOLD) if cause.known else FREE
+    enough = (ONCE if cause.ranked.option.proposal.course else TOLD) if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     return large and cause.tempered >= enough and cause.significance >= sure
 
@@ -290,8 +288,8 @@ def _contains(rival: Ranked, cause: Cause) -> bool:
     """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one. A mass
     anywhere on a link has all first moments of it, and a size more; what is free at any instant follows a load that
     falls."""
-    incident = isinstance(cause.ranked.option.proposal.group[0], Incident)
-    if incident and not cause.ranked.clock and rival.free and width(rival) > width(cause.ranked):
+    incident = cause.ranked.option.proposal.course not in (None, Course.CLOCK)
+    if incident and rival.free and width(rival) > width(cause.ranked):
         return rival.score < (1.0 + FREER) * cause.score
     more, less = (each.option.proposal for each in (rival, cause.ranked))
     if isinstance(more.group[0], ExtraMass) and isinstance(less.group[0], FirstMomentChange):

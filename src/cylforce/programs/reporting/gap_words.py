@@ -10,7 +10,6 @@ from cylforce.core.gap.evidence import Evidence
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.verdict import Judged, Verdict
-from cylforce.machine.candidate import Incident
 from cylforce.machine.machine import Machine
 from cylforce.programs.reporting.findings import Card
 from cylforce.programs.reporting.units import interval, shown
@@ -131,7 +130,7 @@ def least(search: Search) -> tuple[Least, ...]:
     evidence = Evidence(search.original.blocks(search.floor))
     best: dict[str, dict[str, tuple[float, Proposal]]] = {}
     for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
-        if isinstance(proposal.group[0], Incident):
+        if proposal.course:
             continue
         size, held = SIGMAS * evidence.blind(places[0], TEMPER), best.setdefault(proposal.name, {})
         if proposal.at not in held or size < held[proposal.at][0]:
