@@ -12,7 +12,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.floor import noise_floor
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
-from cylforce.core.gap.rank import TIE, Ranked, certain, itself, leading, magnitude, ranking, simpler
+from cylforce.core.gap.rank import TIE, Ranked, certain, itself, leading, magnitude, ranking
 from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.selection import selected, settled
@@ -240,9 +240,8 @@ def _reconsidered(problem: Problem, plain: Blocks, taken: _Taken, kept: Sequence
         score = max(own.score, _bent(plain, others, evidence, own)) if r.key in taken.applied else own.score
         if r.key in total and not itself(own, total[r.key]):
             ranked, score = [x for x in ranked if x is not own], NEAR * score
-        first = ranked[0] if ranked and ranked[0].key != r.key else None
-        if first and (first.score > score - TIE or simpler(first, own._replace(score=score))):
-            held[n] = first
+        if ranked and ranked[0].key != r.key and ranked[0].score > score - TIE:
+            held[n] = ranked[0]
     return held
 
 

@@ -22,7 +22,6 @@ EQUAL = 1.0  # nats between what the same recording would turn round
 UNLIKELY = 0.3  # of a size's logarithm, by which it is below the least plausible one: half a nat
 SURELY = 8.0  # standard errors
 TIE = 3.0  # nats that are no difference
-SIMPLER = 0.01  # of a score: no difference either, where the other has fewer sizes
 
 
 class Ranked(NamedTuple):
@@ -147,7 +146,6 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
     loose = ALIEN * best if ranked and ranked[0].free else tie
     tied = [r for r in ranked if r.score > best - (loose if r.free and r.key[0] == NAME else tie)]
-    tied += [r for r in ranked if r not in tied and simpler(r, ranked[0])]
     tied = [r for r in tied if not _large(r)] or tied
     fewest = min((len(r.option.term.columns) for r in tied), default=0)
     tied = [r for r in tied if len(r.option.term.columns) == fewest]
@@ -155,12 +153,6 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     equal = [r for r in tied if r.score - _unlikely(r) > likely - EQUAL]
     first = min(equal, key=lambda r: order[r.key], default=None)
     return ranked if first is None else [first, *(r for r in ranked if r is not first)]
-
-
-def simpler(other: Ranked, best: Ranked) -> bool:
-    """Whether another option has fewer sizes, none of them free at any instant, and tells as much."""
-    fewer = len(other.option.term.columns) < len(best.option.term.columns)
-    return fewer and not (other.free or best.free) and other.score > (1.0 - SIMPLER) * best.score
 
 
 def _unlikely(found: Ranked) -> float:

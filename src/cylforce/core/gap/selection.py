@@ -6,7 +6,7 @@ import numpy as np
 
 from cylforce.core.gap.evidence import Blocks, Evidence
 from cylforce.core.gap.problem import TEMPER, Problem
-from cylforce.core.gap.rank import TIE, Ranked, ranking, simpler
+from cylforce.core.gap.rank import TIE, Ranked, ranking
 from cylforce.core.gap.unknown import NAME
 from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
@@ -73,7 +73,7 @@ def _exchanged(
         others = [r for k, r in enumerate(held) if k != n]
         ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), besides=others)
         own = next((r for r in ranked if r.key == held[n].key), None)
-        better = [r for r in ranked[:2] if own is None or r.score > own.score + TIE or simpler(r, own)]
+        better = [r for r in ranked[:2] if own is None or r.score > own.score + TIE]
         if better and (own is None or ranked[0] is not own):
             held = [*held[:n], better[0], *held[n + 1 :]]
         elif own is not None:
