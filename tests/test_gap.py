@@ -167,15 +167,6 @@ def test_the_verdict_says_of_what_it_is_a_function():
     assert "what is left" not in sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": None})
 
 
-def test_the_sentence_tells_small_causes_most_telling_first():
-    small = [
-        {**dict.fromkeys(PLACE, name), "of_least_plausible": 0.5, "evidence_nats": n} for n, name in enumerate("abcde")
-    ]
-    answer = {"verdict": "not_observable", "gap": {"fixed": 9.0, "floor": 3.0}, "effects": [], "small": small}
-    assert sentence(answer).endswith("such as e at e, d at d, c at c and 2 more.")
-    assert sentence(answer | {"small": small[:2]}).endswith("such as b at b and a at a.")
-
-
 def test_the_effect_asked_for_is_found_with_its_size(made):
     (effect,) = made[0]["effects"]
     assert (effect["name"], effect["at"]) == ("angle_offset", "stick_angle")

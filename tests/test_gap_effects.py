@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from cylforce.core.gap.answer import reason
 from cylforce.core.gap.correction import FADED, UNSURE_S, Applied, aside, unsure
 from cylforce.core.gap.diagnosis import Search, asked, search
 from cylforce.core.gap.evidence import Evidence, Term
@@ -189,6 +190,16 @@ def test_one_force_at_the_teeth_is_told_not_a_torque_at_every_joint(reference):
     assert together(problem, blocks, torques[1:]) == torques[1:]
 
 
+def test_nothing_is_named_where_the_references_tell_nothing_of_the_motion(reference):
+    """As where a machine moves much more slowly than in them: what is left is then far below what they leave."""
+    friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
+    found = search(reference.viewer, recordings(2, (friction,)), reference.clean)
+    assert judged(found).verdict is Verdict.EXPLAINED
+    slow = found._replace(energy=found.energy._replace(after=0.4 * found.energy.floor))
+    assert judged(slow).verdict is Verdict.NOT_OBSERVABLE
+    assert "less than half" in reason(slow)
+
+
 SMALL = (
     ("soil_contact", "bucket", [200.0, 300.0], {"begin": 112.0, "end": 127.0}),
     ("viscous_friction", "stick", 1200.0, {}),
@@ -201,8 +212,10 @@ SMALL = (
 def test_many_small_causes_are_no_name_and_not_unknown(reference):
     """They do not hide one that stands out."""
     small = tuple(imposed(MACHINE, name, at, value, **more) for name, at, value, more in SMALL)
-    verdict = judged(search(reference.viewer, recordings(2, small), reference.clean))
+    found = search(reference.viewer, recordings(2, small), reference.clean)
+    verdict = judged(found)
     assert (verdict.verdict, verdict.named) == (Verdict.NOT_OBSERVABLE, ())
+    assert "none stands out: soil_contact at bucket, " in reason(found)
     friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
     named = judged(search(reference.viewer, recordings(2, (*small, friction)), reference.clean)).named
     assert [n.cause.ranked.key for n in named] == [("coulomb_friction", "stick")]

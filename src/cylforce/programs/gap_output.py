@@ -30,7 +30,6 @@ SHAPES = {
     "swinging": "swinging with time",
     "moments": "in a tenth of all moments",
 }
-FEW = 3  # causes of which none stands out, that are told
 MOST_OF = 0.9  # of a recording: to look at less is worth a line
 
 
@@ -120,7 +119,7 @@ def sentence(answer: dict[str, Any]) -> str:
     if verdict == Verdict.UNKNOWN:
         return f"There is a gap, {gap_nm}, and none of the known effects explains it{shape_words(answer)}."
     if verdict == Verdict.NOT_OBSERVABLE:
-        return f"There is a gap, {gap_nm}, and no cause that stands out: {_small_words(answer['small'])}."
+        return f"There is a gap, {gap_nm}, but no cause can be named: {answer['reason']}."
     names = " and ".join(f"{e['name']} at {e['at']}" for e in answer["effects"])
     closure = answer["effects"][0]["closure"]
     words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
@@ -131,13 +130,6 @@ def sentence(answer: dict[str, Any]) -> str:
     it = "it" if len(answer["effects"]) == 1 else "them"
     gone = f"{size['after']:.0f} N m are left" if share is None else f"{100 * share:.0f} % of the gap's energy is gone"
     return f"The gap, {gap_nm}, {verb} {names}; with {it}{besides} simulated, {gone}{shape_words(answer)}."
-
-
-def _small_words(small: list[dict[str, Any]]) -> str:
-    """Causes that were found, largest evidence first, as many as a reader wants."""
-    told = [f"{c['name']} at {c['at']}" for c in sorted(small, key=lambda c: -c["evidence_nats"])]
-    more = [f"{len(told) - FEW} more"] if len(told) > FEW else []
-    return "small ones add up, such as " + " and ".join(", ".join([*told[:FEW], *more]).rsplit(", ", 1))
 
 
 def shape_words(answer: dict[str, Any]) -> str:

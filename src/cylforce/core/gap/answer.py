@@ -16,13 +16,14 @@ from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
 from cylforce.core.gap.residuals import Ends
 from cylforce.core.gap.shrinkage import Gap, written
-from cylforce.core.gap.verdict import Judged, Named, Verdict
+from cylforce.core.gap.verdict import Judged, Named, Verdict, calm
 from cylforce.core.gap.where import Spot
 from cylforce.effects.clock_fault import ClockFault
 from cylforce.words.units import DEGREE
 
 CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
 SUREST = 0.99
+FEW = 3  # causes of which none stands out, that are told
 SIGMAS = 5.0  # from which on an effect is detectable
 WIDE = 1.6449  # standard errors of a 90 % interval
 
@@ -56,6 +57,7 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
             for s in spots
         ],
         "effects": [_effect(n, gap) for n in judged.named],
+        **({"reason": reason(search)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
         "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
         "explained": judged.explained,
         "end_quantities": {
@@ -91,6 +93,18 @@ def _place(cause: Cause, judged: Judged) -> dict[str, Any]:
 
 def _is_named(cause: Cause, judged: Judged) -> bool:
     return any(n.cause is cause for n in judged.named)
+
+
+def reason(search: Search) -> str:
+    """Why no cause can be named, where none is observable."""
+    if calm(search):
+        return (
+            "with all that might be wrong these recordings leave less than half of what the references leave: they "
+            "move otherwise, and what is usual there is not known. Record the same moves as in the references"
+        )
+    told = ["{} at {}".format(*c.ranked.key) for c in sorted(search.causes, key=lambda c: -c.score) if c.known]
+    listed = [*told[:FEW], f"{len(told) - FEW} more"] if len(told) > FEW else told
+    return f"small causes add up, and none stands out: {', '.join(listed)}"
 
 
 def _small(cause: Cause) -> dict[str, Any]:

@@ -27,6 +27,7 @@ EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant;
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; the nats needed there
+CALM = 0.5  # of it, below which with all causes nothing is known of what is usual for it
 OUTSTANDING = 200.0  # for what is more than one of many small causes
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 # Shares of the largest score.
@@ -94,6 +95,8 @@ def judged(search: Search) -> Judged:
         most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
         found = most > (1.0 + LARGE) * floor or any(_shapeless(c) or _plain(c) for c in search.causes)
         return Judged(_without_name(search) if found else Verdict.NO_GAP, (), explained)
+    if calm(search):
+        return Judged(Verdict.NOT_OBSERVABLE, (), explained)
     doubtful = _strange(search, named[0].cause) or named[0].confidence < HARDLY
     if left > max(PARTLY * removed, NOISE * floor) or doubtful:
         return Judged(_without_name(search), (), explained)
@@ -103,6 +106,12 @@ def judged(search: Search) -> Judged:
         return Judged(Verdict.AMBIGUOUS, named, explained)
     enough = left <= max(EXPLAINED * removed, NOISE * floor)
     return Judged(Verdict.EXPLAINED if enough else Verdict.PARTLY, named, explained)
+
+
+def calm(search: Search) -> bool:
+    """Whether the faulty recordings leave so little with all causes that the clean ones are no measure of them."""
+    after, floor = (float(np.sum(x)) for x in (search.energy.after, search.energy.floor))
+    return bool(search.original.clean) and after < CALM * floor
 
 
 def _without_name(search: Search) -> Verdict:
