@@ -191,13 +191,15 @@ def test_one_force_at_the_teeth_is_told_not_a_torque_at_every_joint(reference):
 
 
 def test_nothing_is_named_where_the_references_tell_nothing_of_the_motion(reference):
-    """As where a machine moves much more slowly than in them: what is left is then far below what they leave."""
-    friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
-    found = search(reference.viewer, recordings(2, (friction,)), reference.clean)
-    assert judged(found).verdict is Verdict.EXPLAINED
-    slow = found._replace(energy=found.energy._replace(after=0.4 * found.energy.floor))
-    assert judged(slow).verdict is Verdict.NOT_OBSERVABLE
-    assert "less than half" in reason(slow)
+    """As where a machine moves much more slowly than in them: what is left is then far below what they leave. Plain
+    causes are named nevertheless."""
+    for force, slow in ((300.0, Verdict.NOT_OBSERVABLE), (4000.0, Verdict.EXPLAINED)):
+        friction = imposed(MACHINE, "coulomb_friction", "stick", force)
+        found = search(reference.viewer, recordings(2, (friction,)), reference.clean)
+        assert judged(found).verdict is Verdict.EXPLAINED
+        less = found._replace(energy=found.energy._replace(after=0.4 * found.energy.floor))
+        assert judged(less).verdict is slow
+    assert "less than the references do" in reason(less)
 
 
 SMALL = (

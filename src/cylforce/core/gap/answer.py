@@ -16,7 +16,7 @@ from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import Ranked
 from cylforce.core.gap.residuals import Ends
 from cylforce.core.gap.shrinkage import Gap, written
-from cylforce.core.gap.verdict import Judged, Named, Verdict, calm
+from cylforce.core.gap.verdict import Judged, Named, Verdict, quiet
 from cylforce.core.gap.where import Spot
 from cylforce.effects.clock_fault import ClockFault
 from cylforce.words.units import DEGREE
@@ -97,10 +97,10 @@ def _is_named(cause: Cause, judged: Judged) -> bool:
 
 def reason(search: Search) -> str:
     """Why no cause can be named, where none is observable."""
-    if calm(search):
+    if quiet(search):
         return (
-            "with all that might be wrong these recordings leave less than half of what the references leave: they "
-            "move otherwise, and what is usual there is not known. Record the same moves as in the references"
+            "these recordings leave less than the references do: they move otherwise, and what is usual there is not "
+            "known. Record the same moves as in the references"
         )
     told = ["{} at {}".format(*c.ranked.key) for c in sorted(search.causes, key=lambda c: -c.score) if c.known]
     listed = [*told[:FEW], f"{len(told) - FEW} more"] if len(told) > FEW else told

@@ -26,8 +26,8 @@ ONCE = 200.0  # for what happens at an instant: nothing repeats it
 EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
-QUIET, LOUD = 0.9, 200.0  # of the floor, below which a machine moves as no clean recording tells; the nats needed there
-CALM = 0.5  # of it, below which with all causes nothing is known of what is usual for it
+QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all causes less, moves as no clean one
+LOUD = 400.0  # nats that are needed there
 OUTSTANDING = 200.0  # for what is more than one of many small causes
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 # Shares of the largest score.
@@ -94,9 +94,9 @@ def judged(search: Search) -> Judged:
     if not named or (not search.original.clean and before <= floor):
         most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
         found = most > (1.0 + LARGE) * floor or any(_shapeless(c) or _plain(c) for c in search.causes)
-        return Judged(_without_name(search) if found else Verdict.NO_GAP, (), explained)
-    if calm(search):
-        return Judged(Verdict.NOT_OBSERVABLE, (), explained)
+        hidden = quiet(search) and any(c.known and _counts(c, NEGLIGIBLE) for c in search.causes)
+        nothing = Verdict.NOT_OBSERVABLE if hidden else Verdict.NO_GAP
+        return Judged(_without_name(search) if found else nothing, (), explained)
     doubtful = _strange(search, named[0].cause) or named[0].confidence < HARDLY
     if left > max(PARTLY * removed, NOISE * floor) or doubtful:
         return Judged(_without_name(search), (), explained)
@@ -106,12 +106,6 @@ def judged(search: Search) -> Judged:
         return Judged(Verdict.AMBIGUOUS, named, explained)
     enough = left <= max(EXPLAINED * removed, NOISE * floor)
     return Judged(Verdict.EXPLAINED if enough else Verdict.PARTLY, named, explained)
-
-
-def calm(search: Search) -> bool:
-    """Whether the faulty recordings leave so little with all causes that the clean ones are no measure of them."""
-    after, floor = (float(np.sum(x)) for x in (search.energy.after, search.energy.floor))
-    return bool(search.original.clean) and after < CALM * floor
 
 
 def _without_name(search: Search) -> Verdict:
@@ -148,7 +142,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     speaking = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
     least = LONE if speaking == 1 else EACH
     found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE, least)), key=lambda e: -_weight(e[0]))
-    found = [e for e in found if e[0].tempered >= LOUD] if _quiet(search) else found
+    found = [e for e in found if e[0].tempered >= LOUD] if quiet(search) else found
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
@@ -164,9 +158,10 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     return (*named[:1], *(n for n in named[1:] if n.confidence >= (BARELY if speaking == 2 else RATHER)))
 
 
-def _quiet(search: Search) -> bool:
+def quiet(search: Search) -> bool:
     """Whether less happens in the faulty recordings than in clean ones, whose floor then tells little of them."""
-    return bool(search.original.clean) and float(np.sum(search.energy.before - QUIET * search.energy.floor)) < 0.0
+    before, after, floor = (float(np.sum(x)) for x in (search.energy.before, search.energy.after, search.energy.floor))
+    return bool(search.original.clean) and (before < QUIET * floor or after < CALM * floor)
 
 
 def _weight(cause: Cause) -> float:
