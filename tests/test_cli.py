@@ -209,9 +209,9 @@ def test_a_simulated_table_has_all_signals(runs):
 
 
 def test_as_a_module():
-    """`python -m cylforce.programs.cli` is the same command."""
+    """`python -m cylforce` is the same command."""
     done = subprocess.run(
-        [sys.executable, "-m", "cylforce.programs.cli", "run", "absent.toml", "--bus", "virtual:a"],
+        [sys.executable, "-m", "cylforce", "run", "absent.toml", "--bus", "virtual:a"],
         capture_output=True,
         text=True,
     )

@@ -143,7 +143,7 @@ def test_a_bus_without_sensors_is_given_up(monkeypatch, tmp_path):
 
 def test_ctrl_c_keeps_the_log_and_says_how_to_go_on(tmp_path):
     output = tmp_path / "o.toml"
-    command = [sys.executable, "-m", "cylforce.programs.cli", "commission", EXCAVATOR, "--bus", "virtual:a"]
+    command = [sys.executable, "-m", "cylforce", "commission", EXCAVATOR, "--bus", "virtual:a"]
     with subprocess.Popen([*command, "-o", output], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
         while "silent" not in it.stdout.readline():
             assert it.poll() is None

@@ -25,7 +25,7 @@ from scenarios import CONFIG, carried, truth_of
 
 NAME = "excavator_stick_bucket.toml"
 BUS = "socketcan:vcan0"
-COMMAND = (sys.executable, "-m", "cylforce.programs.cli")
+COMMAND = (sys.executable, "-m", "cylforce")
 SEED = 21
 KNOWN_KG = 2000.0
 QUICKLY = {  # half the frames, and strokes of a third: what is to be done then takes 100 s

@@ -20,7 +20,7 @@ from cylforce.words.events import Frame, Tick
 
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "crane"
 SECONDS = 20
-COMMAND = (sys.executable, "-m", "cylforce.programs.cli")
+COMMAND = (sys.executable, "-m", "cylforce")
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from cylforce.words.events import Frame, Tick
 from scenarios import EXCAVATOR, moved
 
 BUS = "socketcan:vcan0"
-COMMAND = (sys.executable, "-m", "cylforce.programs.cli")
+COMMAND = (sys.executable, "-m", "cylforce")
 SECONDS = 10.0  # after the sensors' first PDO
 OURS = 64
 ZERO, TARE = (struct.pack("<BHB", 0x23, index, 1) for index in (0x6125, 0x6139))

@@ -243,7 +243,3 @@ def main() -> None:
     except (SettingsError, RecordingError, BusError, ValueError, OSError) as error:
         print(f"cylforce: {error}", file=sys.stderr)
         sys.exit(2)
-
-
-if __name__ == "__main__":
-    main()

@@ -90,7 +90,7 @@ def _prepare(machine: Path, files: Files, seed: int, console: Console) -> None:
 
 
 def _cylforce(*arguments: object) -> None:
-    words = [sys.executable, "-m", "cylforce.programs.cli", *(str(a) for a in arguments)]
+    words = [sys.executable, "-m", "cylforce", *(str(a) for a in arguments)]
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)  # noqa: S603  # our own program
 
 
@@ -123,7 +123,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
     words = ("sim", str(loaded.path), "--scenario", "cycles", "--cycles", str(cycles), "--seed", str(seed))
     quiet = asyncio.subprocess.DEVNULL
     machine = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "cylforce.programs.cli", *words, "--bus", bus, "--truth", str(files.truth)),
+        *(sys.executable, "-m", "cylforce", *words, "--bus", bus, "--truth", str(files.truth)),
         stdout=quiet,
     )
     until = asyncio.Event()

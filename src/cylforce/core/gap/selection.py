@@ -84,12 +84,11 @@ def _exchanged(
 def together(problem: Problem, blocks: Blocks, held: list[Ranked]) -> list[Ranked]:
     """Torques of which nothing is known, and what begins at an instant, for one effect that is free at any and tells as
     much as all of them: one force at the teeth is a torque at every joint."""
-    alien = [r for r in held if r.free and r.key[0] == NAME]
-    sudden = [r for r in held if r.option.proposal.course is Course.AFTER]
+    alien = {r.key for r in held if r.free and r.key[0] == NAME}
+    sudden = {r.key for r in held if r.option.proposal.course is Course.AFTER}
     for p in (p for p in problem.proposals if alien and p.name != NAME and p.course is Course.WINDOWS):
-        for more in ([], sudden) if sudden else ([],):
-            gone = [r for r in held if r in [*alien, *more] or r.key == (p.name, p.at)]
-            others = [r for r in held if r not in gone]
+        for keys in (alien, alien | sudden) if sudden else (alien,):
+            gone, others = ([r for r in held if (r.key in {*keys, (p.name, p.at)}) is out] for out in (True, False))
             ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), [p]) if len(gone) > 1 else []
             if ranked and ranked[0].score > _all_of(blocks, gone, others) - TIE:
                 return [*others, ranked[0]]
