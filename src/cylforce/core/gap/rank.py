@@ -22,6 +22,7 @@ EQUAL = 1.0  # nats between what the same recording would turn round
 UNLIKELY = 0.3  # of a size's logarithm, by which it is below the least plausible one: half a nat
 SURELY = 8.0  # standard errors
 TIE = 3.0  # nats that are no difference
+EXACT = 0.001  # of a score, by which no known form need be as good as a torque of which nothing is known
 
 
 class Ranked(NamedTuple):
@@ -143,7 +144,8 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     that has a plausible size, or else that the library lists first; none that is larger than can be. Sizes that are
     free at any instant follow what they are not, too."""
     best = ranked[0].score if ranked else 0.0
-    tie = max(TIE, FREER * best) if ranked and ranked[0].free else TIE
+    alien = bool(ranked) and ranked[0].key[0] == NAME
+    tie = max(TIE, (FREER if ranked[0].free else EXACT if alien else 0.0) * best) if ranked else TIE
     loose = ALIEN * best if ranked and ranked[0].free else tie
     tied = [r for r in ranked if r.score > best - (loose if r.free and r.key[0] == NAME else tie)]
     tied = [r for r in tied if not _large(r)] or tied

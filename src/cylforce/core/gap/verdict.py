@@ -24,6 +24,7 @@ TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which no
 PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
 EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
+EVIDENT = 200.0  # for each of them, with which it is no touch too faint to be one, of whatever size
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all causes less, moves as no clean one
@@ -206,7 +207,8 @@ def _crowded(search: Search, first: Cause) -> bool:
 
 def _faint(cause: Cause) -> bool:
     """Whether it is a touch too faint to be one: it says much where it is, and nothing of all other times."""
-    return cause.ranked.free and cause.known and cause.size < NEGLIGIBLE * cause.ranked.option.proposal.about.low
+    small = cause.size < NEGLIGIBLE * cause.ranked.option.proposal.about.low
+    return cause.ranked.free and cause.known and small and cause.score < EVIDENT * len(cause.sizes)
 
 
 def _otherwise(cause: Cause) -> bool:
@@ -243,7 +245,8 @@ def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
     instant needs for each of its sizes."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     if cause.ranked.free and cause.known:
-        return large and cause.score >= each * len(cause.sizes) and cause.significance >= SIGNIFICANT
+        told = cause.score >= (each if large else EVIDENT) * len(cause.sizes)
+        return (large or least <= NEGLIGIBLE) and told and cause.significance >= SIGNIFICANT
     enough = (ONCE if cause.ranked.option.proposal.course else TOLD) if cause.known else FREE
     sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     return large and cause.tempered >= enough and cause.significance >= sure
