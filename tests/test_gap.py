@@ -167,6 +167,11 @@ def test_the_verdict_says_of_what_it_is_a_function():
     assert "what is left" not in sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": None})
 
 
+def test_the_sentence_says_why_no_cause_can_be_named():
+    answer = {"verdict": "not_observable", "gap": {"fixed": 9.0, "floor": 3.0}, "effects": [], "reason": "all are small"}
+    assert sentence(answer) == "There is a gap, 9 N m (noise floor 3 N m), but no cause can be named: all are small."
+
+
 def test_the_effect_asked_for_is_found_with_its_size(made):
     (effect,) = made[0]["effects"]
     assert (effect["name"], effect["at"]) == ("angle_offset", "stick_angle")
