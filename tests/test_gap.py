@@ -169,7 +169,7 @@ def test_the_verdict_says_of_what_it_is_a_function():
 
 def test_the_sentence_says_why_no_cause_can_be_named():
     answer = {"verdict": "not_observable", "gap": {"fixed": 9.0, "floor": 3.0}, "effects": [], "reason": "all small"}
-    assert sentence(answer) == "There is a gap, 9 N m (noise floor 3 N m), but no cause can be named: all small."
+    assert sentence(answer) == "No cause can be named of what the model leaves, 9 N m (noise floor 3 N m): all small."
 
 
 def test_the_effect_asked_for_is_found_with_its_size(made):

@@ -242,6 +242,7 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(reference)
     assert [c.ranked.key for c in written(found, verdict)] == [("coulomb_friction", "stick")]
     after, size, doubt = tried(found, verdict, np.random.default_rng(1))
     assert (after, doubt) == (verdict, "")
+    assert size.after[1] < 0.4 * size.fixed[1]
     before, left = (rms[1] ** 2 - size.floor[1] ** 2 for rms in (size.fixed, size.after))
     assert 1.0 - left / before > 0.8
     (named,) = verdict.named

@@ -119,7 +119,7 @@ def sentence(answer: dict[str, Any]) -> str:
     if verdict == Verdict.UNKNOWN:
         return f"There is a gap, {gap_nm}, and none of the known effects explains it{shape_words(answer)}."
     if verdict == Verdict.NOT_OBSERVABLE:
-        return f"There is a gap, {gap_nm}, but no cause can be named: {answer['reason']}."
+        return f"No cause can be named of what the model leaves, {gap_nm}: {answer['reason']}."
     names = " and ".join(f"{e['name']} at {e['at']}" for e in answer["effects"])
     closure = answer["effects"][0]["closure"]
     words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}

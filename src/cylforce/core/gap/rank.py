@@ -143,10 +143,12 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     """The ranking, but first among those as good as the best stands the one with the fewest sizes, of equals the one
     that has a plausible size, or else that the library lists first; none that is larger than can be. Sizes that are
     free at any instant follow what they are not, too."""
-    best = ranked[0].score if ranked else 0.0
-    alien = bool(ranked) and ranked[0].key[0] == NAME
-    tie = max(TIE, (FREER if ranked[0].free else EXACT if alien else 0.0) * best) if ranked else TIE
-    loose = ALIEN * best if ranked and ranked[0].free else tie
+    if not ranked:
+        return ranked
+    best, free = ranked[0].score, ranked[0].free
+    margin = FREER if free else EXACT if ranked[0].key[0] == NAME else 0.0
+    tie = max(TIE, margin * best)
+    loose = ALIEN * best if free else tie
     tied = [r for r in ranked if r.score > best - (loose if r.free and r.key[0] == NAME else tie)]
     tied = [r for r in tied if not _large(r)] or tied
     fewest = min((len(r.option.term.columns) for r in tied), default=0)

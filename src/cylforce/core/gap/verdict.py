@@ -87,13 +87,12 @@ class Judged(NamedTuple):
 
 def judged(search: Search) -> Judged:
     """The verdict on a search."""
-    energy = search.energy
-    floor, before, after = (float(np.sum(x)) for x in (energy.floor, energy.before, energy.after))
+    before, after, floor = _totals(search)
     removed, left = max(before - after, 1e-9), max(after - floor, 0.0)
     explained = removed / (removed + left)
     named = _causes(search, removed + left)
     if not named or (not search.original.clean and before <= floor):
-        most = before if search.original.clean else max(before, float(np.sum(energy.fixed)))
+        most = before if search.original.clean else max(before, float(np.sum(search.energy.fixed)))
         found = most > (1.0 + LARGE) * floor or any(_shapeless(c) or _plain(c) for c in search.causes)
         hidden = quiet(search) and any(c.known and _counts(c, NEGLIGIBLE) for c in search.causes)
         nothing = Verdict.NOT_OBSERVABLE if hidden else Verdict.NO_GAP
@@ -111,10 +110,21 @@ def judged(search: Search) -> Judged:
 
 def _without_name(search: Search) -> Verdict:
     """Where no cause is named, whether that is because none of many small ones stands out, or nothing known fits."""
-    floor, after = (float(np.sum(x)) for x in (search.energy.floor, search.energy.after))
-    explained = bool(search.original.clean) and after <= (1.0 + NOISE) * floor
+    explained = bool(search.original.clean) and _fits(search)
     small = len(search.causes) > 1 and not any(_stands_out(cause) for cause in search.causes)
     return Verdict.NOT_OBSERVABLE if explained and small else Verdict.UNKNOWN
+
+
+def _totals(search: Search) -> tuple[float, float, float]:
+    """The energy before, after, and of the floor, of all faulty blocks."""
+    energy = search.energy
+    return float(np.sum(energy.before)), float(np.sum(energy.after)), float(np.sum(energy.floor))
+
+
+def _fits(search: Search) -> bool:
+    """Whether all causes together leave no more than noise."""
+    _, after, floor = _totals(search)
+    return after <= (1.0 + NOISE) * floor
 
 
 def _stands_out(cause: Cause) -> bool:
@@ -161,7 +171,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
 
 def quiet(search: Search) -> bool:
     """Whether less happens in the faulty recordings than in clean ones, whose floor then tells little of them."""
-    before, after, floor = (float(np.sum(x)) for x in (search.energy.before, search.energy.after, search.energy.floor))
+    before, after, floor = _totals(search)
     return bool(search.original.clean) and (before < QUIET * floor or after < CALM * floor)
 
 
@@ -219,9 +229,9 @@ def _otherwise(cause: Cause) -> bool:
 def _blurred(search: Search, cause: Cause) -> bool:
     """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack,
     and more is left than noise: something is there, of another shape."""
-    energy = search.energy
-    fits = float(np.sum(energy.after)) <= (1.0 + NOISE) * float(np.sum(energy.floor))
-    most = ALIEN if search.original.clean and not fits else np.inf  # only the machine in order tells what is usual
+    most = (
+        ALIEN if search.original.clean and not _fits(search) else np.inf
+    )  # only the machine in order tells what is usual
     return not cause.ranked.free and cause.misfit > (SHAPELESS if cause.tempered < FAINT else most)
 
 
