@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-COMMAND = (sys.executable, "-c", "import sys; from cylforce.programs.cli import main; sys.exit(main())", "gap")
+COMMAND = (sys.executable, "-m", "cylforce", "gap")
 KEPT = ("PATH", "HOME", "LANG", "PYTHONPATH", "VIRTUAL_ENV", "XDG_CACHE_HOME")
 LIMIT_S = 900
 

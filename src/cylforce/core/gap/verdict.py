@@ -229,9 +229,8 @@ def _otherwise(cause: Cause) -> bool:
 def _blurred(search: Search, cause: Cause) -> bool:
     """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack,
     and more is left than noise: something is there, of another shape."""
-    most = (
-        ALIEN if search.original.clean and not _fits(search) else np.inf
-    )  # only the machine in order tells what is usual
+    usual = bool(search.original.clean)  # only the machine in order tells what is
+    most = ALIEN if usual and not _fits(search) else np.inf
     return not cause.ranked.free and cause.misfit > (SHAPELESS if cause.tempered < FAINT else most)
 
 
