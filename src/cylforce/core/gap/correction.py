@@ -16,7 +16,7 @@ from cylforce.words.estimate import Array
 
 UNSURE_S = 0.2  # by which a jump may come earlier or later
 MOST_ASIDE = 0.4  # of the usable rows
-FADED = 3.0  # times the filters' lag, after which they have forgotten it
+FADED = 6.0  # times the filters' lag, after which they have forgotten it
 
 
 class Applied(NamedTuple):

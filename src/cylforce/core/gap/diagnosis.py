@@ -12,7 +12,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.floor import noise_floor
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
-from cylforce.core.gap.rank import TIE, Ranked, certain, itself, leading, magnitude, ranking
+from cylforce.core.gap.rank import PART, TIE, Ranked, certain, itself, leading, magnitude, ranking
 from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.selection import selected, settled
@@ -146,7 +146,8 @@ def _greedy(
     worth = _worth(blocks)
     watch("search")
     first = tuple(ranking(problem, Evidence(blocks)))
-    held, start = selected(problem, blocks, worth), _Taken([], {}, problem, blocks, problem)
+    held = _jumping(viewer, problem, floor, original, first) or selected(problem, blocks, worth)
+    start = _Taken([], {}, problem, blocks, problem)
     largest = max(held, key=lambda r: r.score, default=None)
     if largest and largest.clock:
         righted = _righted(viewer, problem, floor, original, start._replace(held=[largest]), watch)
@@ -169,6 +170,21 @@ def _greedy(
     causes = _causes(problem, start.problem, taken.blocks, floor, taken.held, taken.applied, evidence)
     energy = Energy(fixed, before, after, usual, clean)
     return Search(problem, taken.problem, taken.blocks, floor, causes, energy, first, evidence, viewer)
+
+
+def _jumping(
+    viewer: Viewer, problem: Problem, floor: Floor, original: list[Recorded], first: Sequence[Ranked]
+) -> list[Ranked]:
+    """Of the `first` ranking a cause that jumps, alone, if nothing does better where its jumps are not looked at: what
+    is free at any instant, which then comes before it, follows every one of them. Nothing else."""
+    near = {r.key for r in first if r.score >= PART * first[0].score} if first and first[0].free else set()
+    sudden = [p for p in problem.proposals if isinstance(p.group[0], Sudden) and (p.name, p.at) in near]
+    found = list[Ranked]()
+    for option in problem.options(Evidence(problem.blocks(floor)), sudden) if sudden else ():
+        left = aside(problem, unsure(problem, viewer, [Applied(option, np.empty(0))], original))
+        best = ranking(left, Evidence(left.blocks(floor)))[:1]
+        found += [r for r in best if r.option.proposal is option.proposal]
+    return [max(found, key=lambda r: r.score)] if found else []
 
 
 def _worth(blocks: Blocks, incidents: Sequence[Ranked] = ()) -> float:

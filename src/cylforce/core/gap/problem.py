@@ -40,6 +40,7 @@ TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
 MOSTLY = 0.8  # of an incident's evidence: where it has a sign that it can have
+FEW = 0.05  # of all that blocks gain: what blocks beyond these may, which something else changes a little
 CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
 FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 STILL = 1e-4  # of a usual motion of the base
@@ -309,13 +310,14 @@ class Problem:
     def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
         """Blocks in which something happens. The most conspicuous are taken out before the others are asked again:
         what happens in one block bends the fit of all."""
-        hit, taken = list[int](), self._taken(places, evidence)
+        hit, taken, told = list[int](), self._taken(places, evidence), 0.0
         known = evidence
         while len(hit) <= most:
             gains = self._local(places, known)
             gains[[*hit, *taken]] = 0.0
             more = np.flatnonzero(gains > max(NOTICED, CONSPICUOUS * float(np.max(gains))))
-            if not more.size:
+            told += float(np.sum(gains[more]))
+            if not more.size or (len(hit) + len(more) > most and float(np.sum(gains[gains > NOTICED])) < FEW * told):
                 break
             hit = sorted([*hit, *more.tolist()])
             known = Evidence(evidence.blocks, [*evidence.held, self.each_of(places, hit)], evidence.weight)

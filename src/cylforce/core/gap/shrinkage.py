@@ -30,7 +30,7 @@ class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
     interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT,
-    without the blocks of what is free at any instant, unless these are many; `partial`: below MOSTLY, told or not;
+    without where something may jump and the blocks of what is free at any instant, unless these are many; `partial`: below MOSTLY, told or not;
     `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard errors of the prior; `bar`
     (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
     `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind `fixed` and `after`."""
@@ -74,7 +74,8 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     seen, unseen = (np.concatenate([blockwise(e) for e in each]) for each in floors)
     value, (low, high) = closure(squares[0], squares[1], (seen, unseen), rng)
     asked = np.where(simulation.asked[:, None], 1.0, np.nan)
-    _, (_, most) = closure(squares[0] * asked, squares[1] * asked, (seen, unseen), rng)
+    sure = [np.concatenate([blockwise(e) for e in _looked_at(search, each)]) * asked for each in (before, after)]
+    _, (_, most) = closure(*sure, (seen, unseen), rng)
     told = (value, low, high) if high - low <= WIDEST else (float("nan"),) * 3
     removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
     quiet = (
@@ -95,6 +96,12 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
         before,
         after,
     )
+
+
+def _looked_at(search: Search, left: Sequence[Array]) -> list[Array]:
+    """Residuals (T, R) without what the search set aside, where something may jump."""
+    seen = [np.isfinite(each.rows.left) for each in search.problem.faulty]
+    return [np.where(usable, e, np.nan) for usable, e in zip(seen, left, strict=True)]
 
 
 class Leftover(NamedTuple):
