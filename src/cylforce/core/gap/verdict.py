@@ -280,7 +280,9 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     rivals = [r for r in cause.rivals if not _contains(r, cause)]
     uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
     lead = max(LEAD, FORM * cause.score, CLOSE * cause.score * uneven, MESS * small)
-    behind = [_behind(r, cause, LEAD if r.free else lead) for r in rivals]
+    plain = max(LEAD, MESS * small)
+    leads = [LEAD if r.free else plain if _within(r, cause) else lead for r in rivals]
+    behind = [_behind(r, cause, own) for r, own in zip(rivals, leads, strict=True)]
     odds = [LATER * float(np.exp(-3.0 * max(b, 0.0))) for b in behind]
     close = tuple(r for r, o in zip(rivals, odds, strict=True) if o >= ODDS)
     return Named(cause, _alone(cause, small) / (1.0 + sum(odds)), share, close)
@@ -298,6 +300,13 @@ def _behind(rival: Ranked, cause: Cause, lead: float) -> float:
     """By how many leads a rival is worse than the cause; what return pressures say counts by itself."""
     apart = cause.returned - rival.returned
     return (cause.score - rival.score - apart) / lead + apart / RETURNED
+
+
+def _within(rival: Ranked, cause: Cause) -> bool:
+    """Whether a rival is the cause without its own size, both of exact form: first moments, of a mass."""
+    less, more = (each.option.proposal for each in (rival, cause.ranked))
+    masses = isinstance(less.group[0], FirstMomentChange) and isinstance(more.group[0], ExtraMass)
+    return masses and less.where == more.where
 
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
