@@ -12,7 +12,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.floor import noise_floor
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
-from cylforce.core.gap.rank import PART, TIE, Ranked, certain, itself, leading, magnitude, ranking
+from cylforce.core.gap.rank import PART, TIE, Ranked, certain, itself, leading, magnitude, plausible, ranking
 from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.selection import selected, settled
@@ -175,15 +175,15 @@ def _greedy(
 def _jumping(
     viewer: Viewer, problem: Problem, floor: Floor, original: list[Recorded], first: Sequence[Ranked]
 ) -> list[Ranked]:
-    """Of the `first` ranking a cause that jumps, alone, if nothing does better where its jumps are not looked at: what
-    is free at any instant, which then comes before it, follows every one of them. Nothing else."""
+    """Of the `first` ranking a cause that jumps, alone, if it is of a plausible size, and nothing does better where its
+    jumps are not looked at: what is free at any instant, which then comes before it, follows every one of them."""
     near = {r.key for r in first if r.score >= PART * first[0].score} if first and first[0].free else set()
     sudden = [p for p in problem.proposals if isinstance(p.group[0], Sudden) and (p.name, p.at) in near]
     found = list[Ranked]()
     for option in problem.options(Evidence(problem.blocks(floor)), sudden) if sudden else ():
         left = aside(problem, unsure(problem, viewer, [Applied(option, np.empty(0))], original))
         best = ranking(left, Evidence(left.blocks(floor)))[:1]
-        found += [r for r in best if r.option.proposal is option.proposal]
+        found += [r for r in best if r.option.proposal is option.proposal and plausible(r)]
     return [max(found, key=lambda r: r.score)] if found else []
 
 

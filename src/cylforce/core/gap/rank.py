@@ -178,6 +178,11 @@ def _possible(found: Ranked) -> bool:
     return bool(right and _size(found) <= BEYOND * about.high) and itself(found, found.told.value)
 
 
+def plausible(found: Ranked) -> bool:
+    """Whether the size is at least the least plausible one."""
+    return _size(found) >= found.option.proposal.about.low
+
+
 def itself(found: Ranked, values: Array) -> bool:
     """Whether an option at sizes `values` (M,) is more than what it has besides its own size (a mass its moments): then
     that must be plausible."""

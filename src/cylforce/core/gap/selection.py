@@ -42,16 +42,18 @@ def _moments(causes: Sequence[Ranked]) -> int:
 def settled(
     problem: Problem, blocks: Blocks, start: Sequence[Ranked], worth: float, kept: tuple[tuple[str, str], ...] = ()
 ) -> list[Ranked]:
-    """A set of causes to which none can be added, of which none can be exchanged or left out; `kept` ones stay."""
-    held = list(start)
+    """A set of causes to which none can be added, of which none can be exchanged or left out, or one that comes back
+    again and again; `kept` ones stay."""
+    held, seen = list(start), set[frozenset[tuple[str, str]]]()
     for _ in range(2 * MOST):
         added = _added(problem, blocks, held, worth)
         held = [*held, added] if added and len(held) < MOST else held
         better = _exchanged(problem, blocks, held, worth, kept, len(held) - bool(added))
         better = together(problem, blocks, better)
-        if added is None and [r.key for r in better] == [r.key for r in held]:
+        keys = frozenset(r.key for r in better)
+        if keys in seen or (added is None and keys == {r.key for r in held}):
             return better
-        held = better
+        held, seen = better, seen | {keys}
     return held
 
 

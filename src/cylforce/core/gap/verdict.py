@@ -37,6 +37,7 @@ FOLLOWS, STRANGE = 0.15, 1 / 3  # of its own score: how much counts of what is f
 OFTEN = 0.3  # of all blocks
 AMID, CROWD = 0.5, 0.4  # of the first cause's score: what is unknown beside what is free; what many small ones are
 FITS = 3.0  # a misfit, up to which a form counts in full
+CLEAN = 1.2  # a misfit, up to which a form leaves nothing that a lesser cause could be taken for
 SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
 # Shares of energy.
 STRAY, OTHER = 0.15, 0.03  # of the gap's: what the first cause's form may leave at its joint, and elsewhere
@@ -159,7 +160,8 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
     for cause, share, joint in found[1:] if kept else ():
         stray = STRAY if joint in [j for *_, j in kept] else OTHER
-        plain = cause.tempered >= SOUND and cause.score >= FIRST * largest
+        clear = cause.score >= FIRST * largest or kept[0][0].misfit <= CLEAN
+        plain = cause.tempered >= SOUND and clear
         enough = share >= stray and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
         enough = enough or (speaking == 2 and cause.tempered >= APART and _counts(cause, PLAINLY))
         if cause.known and enough and _best(cause):
