@@ -30,9 +30,9 @@ class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
     interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT,
-    without where something may jump and the blocks of what is free at any instant, unless these are many; `partial`: below MOSTLY, told or not;
-    `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard errors of the prior; `bar`
-    (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
+    without where something may jump and the blocks of what is free at any instant, unless these are many; `partial`:
+    below MOSTLY, told or not; `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard
+    errors of the prior; `bar` (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
     `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind `fixed` and `after`."""
 
     fixed: Array
@@ -74,8 +74,8 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     seen, unseen = (np.concatenate([blockwise(e) for e in each]) for each in floors)
     value, (low, high) = closure(squares[0], squares[1], (seen, unseen), rng)
     asked = np.where(simulation.asked[:, None], 1.0, np.nan)
-    sure = [np.concatenate([blockwise(e) for e in _looked_at(search, each)]) * asked for each in (before, after)]
-    _, (_, most) = closure(*sure, (seen, unseen), rng)
+    a, b = (np.concatenate([blockwise(e) for e in _looked_at(search, each)]) for each in (before, after))
+    _, (_, most) = closure(a * asked, b * asked, (seen, unseen), rng)
     told = (value, low, high) if high - low <= WIDEST else (float("nan"),) * 3
     removed = np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))
     quiet = (
