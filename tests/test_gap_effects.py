@@ -9,12 +9,12 @@ import pytest
 
 from cylforce.core.gap.answer import reason
 from cylforce.core.gap.correction import FADED, UNSURE_S, Applied, aside, unsure
-from cylforce.core.gap.diagnosis import Search, asked, search
+from cylforce.core.gap.diagnosis import Search, asked, jumping, search
 from cylforce.core.gap.evidence import Evidence, Term
-from cylforce.core.gap.floor import fitted_tares
+from cylforce.core.gap.floor import fitted_tares, noise_floor
 from cylforce.core.gap.library import LIBRARY, proposals
 from cylforce.core.gap.patch import patch
-from cylforce.core.gap.problem import Option, Problem, Seen, looked_at
+from cylforce.core.gap.problem import RARE, Option, Problem, Seen, looked_at
 from cylforce.core.gap.rank import leading, ranking
 from cylforce.core.gap.residuals import fixed, held_out_clean
 from cylforce.core.gap.resimulation import read_blocks
@@ -188,6 +188,47 @@ def test_one_force_at_the_teeth_is_told_not_a_torque_at_every_joint(reference):
         torques += ranking(problem, Evidence(blocks, [r.option.term for r in torques]), unknown)
     assert [r.key for r in together(problem, blocks, torques)] == [("soil_contact", "bucket")]
     assert together(problem, blocks, torques[1:]) == torques[1:]
+
+
+def test_strong_contact_is_asked_for_beside_a_faulty_sensor(reference):
+    """The sensor's error is noticed in most blocks, but the contact in few much more."""
+    touch = [
+        imposed(MACHINE, "soil_contact", "bucket", force, begin=begin, end=begin + 6.0)
+        for begin, force in ((12.0, [9e3, 15e3]), (96.0, [-9e3, 15e3]))
+    ]
+    offset = imposed(MACHINE, "pressure_offset", "bucket_head_pressure", 4e5)
+    wanted, model = asked(MACHINE), reference.viewer.model
+    seen = looked_at(reference.viewer, recordings(2, (*touch, offset)), wanted)
+    problem = Problem(model, np.sqrt(np.diag(model.prior.covariance)), wanted, reference.clean, seen)
+    evidence = Evidence(problem.blocks(noise_floor(problem)))
+    (option,) = problem.options(evidence, [p for p in problem.proposals if p.name == "soil_contact"])
+    when = problem.times[np.any(option.term.course, axis=0)]
+    assert np.sum((when > 11.0) & (when < 19.0)) >= 2
+    assert len(when) <= RARE * len(problem.times)
+
+
+def test_play_comes_before_what_follows_its_jumps(reference):
+    """Where these are not looked at, nothing does better; a contact does better there, too."""
+    play = imposed(MACHINE, "backlash", "stick", 0.02, shape={"turning": 1200.0, "crossing": 0.02})
+    touch = imposed(MACHINE, "soil_contact", "bucket", [4000.0, 6000.0], begin=112.0, end=127.0)
+    for effect, expected in ((play, [("backlash", "stick")]), (touch, [])):
+        found = search(reference.viewer, recordings(2, (effect,)), reference.clean)
+        problem, blocks = found.original, found.original.blocks(found.floor)
+        own, contact = ([p for p in problem.proposals if p.name == name] for name in ("backlash", "soil_contact"))
+        jumps = next(r for r in ranking(problem, Evidence(blocks), own) if r.key[1] == "stick")
+        free = jumps._replace(option=jumps.option._replace(proposal=contact[0]), score=2.0 * abs(jumps.score))
+        first = [free, jumps]
+        original = [seen.recorded for seen in problem.faulty]
+        assert [r.key for r in jumping(reference.viewer, problem, found.floor, original, first)] == expected
+
+
+def test_first_moments_are_no_rival_of_a_mass_of_its_own(reference):
+    """They are nearly as good, for its own size tells little; but of exact form, as the mass."""
+    mass = imposed(MACHINE, "extra_mass", "boom", [200.0, 300.0, 60.0, 500.0])
+    (named,) = judged(search(reference.viewer, recordings(2, (mass,)), reference.clean)).named
+    assert named.cause.ranked.key == ("extra_mass", "boom")
+    assert ("first_moment_change", "boom") in {r.key for r in named.cause.rivals}
+    assert ("first_moment_change", "boom") not in {r.key for r in named.confused}
 
 
 def test_nothing_is_named_where_the_references_tell_nothing_of_the_motion(reference):

@@ -146,7 +146,7 @@ def _greedy(
     worth = _worth(blocks)
     watch("search")
     first = tuple(ranking(problem, Evidence(blocks)))
-    held = _jumping(viewer, problem, floor, original, first) or selected(problem, blocks, worth)
+    held = jumping(viewer, problem, floor, original, first) or selected(problem, blocks, worth)
     start = _Taken([], {}, problem, blocks, problem)
     largest = max(held, key=lambda r: r.score, default=None)
     if largest and largest.clock:
@@ -172,7 +172,7 @@ def _greedy(
     return Search(problem, taken.problem, taken.blocks, floor, causes, energy, first, evidence, viewer)
 
 
-def _jumping(
+def jumping(
     viewer: Viewer, problem: Problem, floor: Floor, original: list[Recorded], first: Sequence[Ranked]
 ) -> list[Ranked]:
     """Of the `first` ranking a cause that jumps, alone, if it is of a plausible size, and nothing does better where its
