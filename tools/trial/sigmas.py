@@ -133,6 +133,11 @@ def compared(floor: Floor, references: list[Rows], twin: list[Rows], case: list[
     return Comparison(np.where(both, difference, np.nan)[field], signal[field], left[field], level)
 
 
+def explained(signal: Array, other: Array, level: Array) -> Array:
+    """What another cause's signal (T, R), scaled, explains of a signal (T, R); rows weighted by their `level` (R,)."""
+    return other * _fit(other[..., None], signal, level)[0]
+
+
 def _fit(columns: Array, torque: Array, level: Array) -> Array:
     """Least squares with the rows' levels; columns that say nothing of their own get zero."""
     flat = (columns / level[:, None]).reshape(-1, columns.shape[-1])
