@@ -40,7 +40,7 @@ TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
 NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
 RARE = 0.4  # of all blocks: what happens more often is no incident
 MOSTLY = 0.8  # of an incident's evidence: where it has a sign that it can have
-FEW = 0.05  # of all that blocks gain: what blocks beyond these may, which something else changes a little
+FEW = 0.05  # of all that blocks gain: what those beyond RARE may, if an effect tells the others
 CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
 FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 STILL = 1e-4  # of a usual motion of the base
@@ -302,14 +302,16 @@ class Problem:
 
     def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
         most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
-        hit = self._rightly(p, places, evidence, self._hits(places, evidence, most))
+        few = 0.0 if p.name == NAME else FEW
+        hit = self._rightly(p, places, evidence, self._hits(places, evidence, most, few))
         if 0 < len(hit) <= most and not self._free(p):
             cost = len(hit) * float(np.log(len(self.times)))
             yield Option(p, f"{len(hit)} times", self.each_of(places, hit), cost)
 
-    def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float) -> list[int]:
-        """Blocks in which something happens. The most conspicuous are taken out before the others are asked again:
-        what happens in one block bends the fit of all."""
+    def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float, few: float) -> list[int]:
+        """Blocks in which something happens. The most conspicuous are taken out before the others are asked again: what
+        happens in one block bends the fit of all. Those beyond `most` do not count if they gain less than `few` of all:
+        something else is there."""
         hit, taken, told = list[int](), self._taken(places, evidence), 0.0
         known = evidence
         while len(hit) <= most:
@@ -317,7 +319,7 @@ class Problem:
             gains[[*hit, *taken]] = 0.0
             more = np.flatnonzero(gains > max(NOTICED, CONSPICUOUS * float(np.max(gains))))
             told += float(np.sum(gains[more]))
-            if not more.size or (len(hit) + len(more) > most and float(np.sum(gains[gains > NOTICED])) < FEW * told):
+            if not more.size or (len(hit) + len(more) > most and float(np.sum(gains[gains > NOTICED])) < few * told):
                 break
             hit = sorted([*hit, *more.tolist()])
             known = Evidence(evidence.blocks, [*evidence.held, self.each_of(places, hit)], evidence.weight)
