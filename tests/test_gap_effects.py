@@ -190,6 +190,12 @@ def test_one_force_at_the_teeth_is_told_not_a_torque_at_every_joint(reference):
     assert together(problem, blocks, torques[1:]) == torques[1:]
 
 
+def problem_of(reference: Reference, *effects: Imposed) -> Problem:
+    wanted, model = asked(MACHINE), reference.viewer.model
+    seen = looked_at(reference.viewer, recordings(2, effects), wanted)
+    return Problem(model, np.sqrt(np.diag(model.prior.covariance)), wanted, reference.clean, seen)
+
+
 def test_strong_contact_is_asked_for_beside_a_faulty_sensor(reference):
     """The sensor's error is noticed in most blocks, but the contact in few much more."""
     touch = [
@@ -197,9 +203,7 @@ def test_strong_contact_is_asked_for_beside_a_faulty_sensor(reference):
         for begin, force in ((12.0, [9e3, 15e3]), (96.0, [-9e3, 15e3]))
     ]
     offset = imposed(MACHINE, "pressure_offset", "bucket_head_pressure", 4e5)
-    wanted, model = asked(MACHINE), reference.viewer.model
-    seen = looked_at(reference.viewer, recordings(2, (*touch, offset)), wanted)
-    problem = Problem(model, np.sqrt(np.diag(model.prior.covariance)), wanted, reference.clean, seen)
+    problem = problem_of(reference, *touch, offset)
     evidence = Evidence(problem.blocks(noise_floor(problem)))
     (option,) = problem.options(evidence, [p for p in problem.proposals if p.name == "soil_contact"])
     when = problem.times[np.any(option.term.course, axis=0)]
@@ -212,14 +216,15 @@ def test_play_comes_before_what_follows_its_jumps(reference):
     play = imposed(MACHINE, "backlash", "stick", 0.02, shape={"turning": 1200.0, "crossing": 0.02})
     touch = imposed(MACHINE, "soil_contact", "bucket", [4000.0, 6000.0], begin=112.0, end=127.0)
     for effect, expected in ((play, [("backlash", "stick")]), (touch, [])):
-        found = search(reference.viewer, recordings(2, (effect,)), reference.clean)
-        problem, blocks = found.original, found.original.blocks(found.floor)
+        problem = problem_of(reference, effect)
+        floor = noise_floor(problem)
+        blocks = problem.blocks(floor)
         own, contact = ([p for p in problem.proposals if p.name == name] for name in ("backlash", "soil_contact"))
         jumps = next(r for r in ranking(problem, Evidence(blocks), own) if r.key[1] == "stick")
         free = jumps._replace(option=jumps.option._replace(proposal=contact[0]), score=2.0 * abs(jumps.score))
         first = [free, jumps]
         original = [seen.recorded for seen in problem.faulty]
-        assert [r.key for r in jumping(reference.viewer, problem, found.floor, original, first)] == expected
+        assert [r.key for r in jumping(reference.viewer, problem, floor, original, first)] == expected
 
 
 def test_first_moments_are_no_rival_of_a_mass_of_its_own(reference):
