@@ -1,6 +1,7 @@
 """Friction that builds up over a short way after each reversal (Dahl, 1968)."""
 
 from dataclasses import dataclass
+from math import copysign, exp
 
 import numpy as np
 
@@ -13,6 +14,7 @@ class PreslidingHysteresis:
     """What the friction f z lacks of f sgn(v): z' = v / way (1 - z sgn(v)), a bristle that bends over `way` [m]."""
 
     way: float = 0.001  # m
+    slack: float = 0.0002  # m that a sensor's noise may turn to and fro, at rest above all
     rounding: float = 0.0005  # m/s
 
     @property
@@ -31,10 +33,12 @@ class PreslidingHysteresis:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """z - sgn(v); z is integrated exactly over steps of constant speed."""
-        step = np.abs(speed) * np.gradient(t) / self.way
-        keep, sign = np.exp(-step).tolist(), np.sign(speed).tolist()
-        bent, z = np.empty_like(speed), 0.0
-        for k, (e, s) in enumerate(zip(keep, sign, strict=True)):
-            bent[k] = z = s + (z - s) * e
+        """z - sgn(v); z is integrated exactly along the way that exceeds the `slack`."""
+        bent, z, lag = np.empty_like(speed), 0.0, 0.0
+        for k, step in enumerate((speed * np.gradient(t)).tolist()):
+            lag += step
+            moved = copysign(max(abs(lag) - self.slack, 0.0), lag)
+            lag -= moved
+            sign = copysign(1.0, moved)
+            bent[k] = z = sign + (z - sign) * exp(-abs(moved) / self.way)
         return np.asarray(bent - np.tanh(speed / self.rounding))

@@ -44,7 +44,7 @@ LIBRARY: tuple[Group, ...] = (
     *((Stribeck(width),) for width in (0.006, 0.015, 0.04)),
     (LoadDependentFriction(),),
     (AsymmetricFriction(),),
-    *((PreslidingHysteresis(way),) for way in (0.001, 0.004)),
+    *((PreslidingHysteresis(way),) for way in (0.0005, 0.0015, 0.003, 0.006)),
     *((FrictionTemperatureDrift(viscous),) for viscous in (False, True)),
     *((ReturnLineLoss(*ways, power),) for ways in WAYS for power in (1.75, 2.0)),
     (PressureOffset(),),

@@ -10,20 +10,24 @@ from cylforce.core.gap.problem import TEMPER
 from cylforce.core.gap.rank import FREER, LARGEST, TIE, Ranked, width
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
+from cylforce.effects.coulomb_friction import CoulombFriction
 from cylforce.effects.extra_mass import ExtraMass
 from cylforce.effects.first_moment_change import FirstMomentChange
-from cylforce.machine.candidate import Course
+from cylforce.effects.friction_level_change import FrictionLevelChange
+from cylforce.machine.candidate import SHAPES, Course
 from cylforce.words.estimate import Array
 
 # Sizes, of an effect's least plausible one.
 BESIDES, PLAINLY = 2.0, 1.0  # what a cause beside a larger one must have, and what where evidence is SOUND
 NEGLIGIBLE = 0.5  # what any must have
 CROWDED = 2.0  # which many small ones may make
+ORDINARY, STRIKING = 3.0, 5.0  # below which it is the less a fault; from which on the less must speak for it
 # Evidence [nats].
 TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which nothing speaks
 PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
 EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
+NEARLY = 0.8  # of all evidence, with which what has one axis is as good as alone
 EVIDENT = 200.0  # for each of them, with which it is no touch too faint to be one, of whatever size
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
@@ -31,6 +35,7 @@ QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all
 LOUD = 400.0  # nats that are needed there
 OUTSTANDING = 200.0  # for what is more than one of many small causes
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
+ROUGH, ROUGHER = 0.1, 2.0  # a form's error, from which on it is one; how much more misfit it may have
 # Shares of the largest score.
 FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
 FOLLOWS, STRANGE = 0.15, 1 / 3  # of its own score: how much counts of what is free at any instant, and of the unknown
@@ -46,7 +51,7 @@ NOISE, LARGE = 0.75, 1.0  # of the floor's: an excess that no verdict hangs on; 
 # Rivals: how many nats, or which share of a score, they must be behind; what is less so is told with it.
 LEAD, RETURNED = 5.0, 3.5  # of the same shape; what return pressures say
 CLOSE, BENT = 0.01, 5.0  # share where a form does not fit, and the inflation that tells so
-FORM = 0.01  # of any score: no form is quite that of a real machine
+FORM, DRY = 0.01, 0.005  # of any score: no form is quite that of a real machine; of two laws of dry friction
 MESS = 0.005  # of the evidence of small causes beside: by which any other may be off
 LATER, ODDS = 0.7, 0.075  # the odds of a rival that does as well; those from which on it is told
 # Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
@@ -136,7 +141,7 @@ def _stands_out(cause: Cause) -> bool:
         return True
     if cause.ranked.free:
         return not _faint(cause)
-    return cause.tempered >= OUTSTANDING and _counts(cause, BESIDES)
+    return cause.tempered >= OUTSTANDING * min(STRIKING / _sized(cause), 1.0) and _counts(cause, BESIDES)
 
 
 def _instead(search: Search, cause: Cause) -> tuple[Ranked, ...]:
@@ -152,8 +157,10 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
     speaking = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
-    least = LONE if speaking == 1 else EACH
-    found = sorted((e for e in each if _counts(e[0], NEGLIGIBLE, least)), key=lambda e: -_weight(e[0]))
+    all_of_it = sum(c.score for c in search.causes)
+    bars = [LONE if speaking == 1 or _alone_there(c, all_of_it) else EACH for c in search.causes]
+    counted = [e for e, bar in zip(each, bars, strict=True) if _counts(e[0], NEGLIGIBLE, bar)]
+    found = sorted(counted, key=lambda e: -_weight(e[0]))
     found = [e for e in found if e[0].tempered >= LOUD] if quiet(search) else found
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
@@ -171,6 +178,12 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     return (*named[:1], *(n for n in named[1:] if n.confidence >= (BARELY if speaking == 2 else RATHER)))
 
 
+def _alone_there(cause: Cause, all_of_it: float) -> bool:
+    """Whether what is free at any instant, but along one axis only, says nearly all that is said: what follows
+    anything does that, too."""
+    return cause.ranked.free and cause.known and width(cause.ranked) <= SHAPES and cause.score >= NEARLY * all_of_it
+
+
 def quiet(search: Search) -> bool:
     """Whether less happens in the faulty recordings than in clean ones, whose floor then tells little of them."""
     before, after, floor = _totals(search)
@@ -179,10 +192,16 @@ def quiet(search: Search) -> bool:
 
 def _weight(cause: Cause) -> float:
     """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
-    when it says much more."""
+    when it says much more. Of a size hardly plausible it is the less, too: every machine has many small ones."""
     if cause.ranked.free:
         return cause.score * FOLLOWS
-    return cause.score * (min(FITS / cause.misfit, 1.0) if cause.known else STRANGE)
+    plain = min(_sized(cause) / ORDINARY, 1.0)
+    return cause.score * (min(FITS / cause.misfit, 1.0) * plain if cause.known else STRANGE)
+
+
+def _sized(cause: Cause) -> float:
+    """The size, of the least plausible one."""
+    return cause.size / cause.ranked.option.proposal.about.low
 
 
 def _free(search: Search, cause: Cause) -> bool:
@@ -212,9 +231,16 @@ def _crowded(search: Search, first: Cause) -> bool:
     """Whether the first cause is hardly larger than what is plausible, and much stands beside it: many small ones pass
     for one, the sooner the more sizes it has. What begins at an instant, and is not told as such, is a load that hangs
     a little otherwise."""
-    crowd = sum(c.score for c in search.causes if c is not first and not _otherwise(c) and not _faint(c))
-    small = first.size < CROWDED * first.ranked.option.proposal.about.low and first.tempered < SOUND
+    crowd = sum(c.score for c in search.causes if c is not first and not (_otherwise(c) or _faint(c) or _large(c)))
+    small = (_sized(first) < CROWDED and first.tempered < SOUND) or first.tempered < PLAIN
     return small and not first.ranked.free and crowd > max(CROWD * first.score / width(first.ranked), HINT)
+
+
+def _large(cause: Cause) -> bool:
+    """Whether it is none of many small ones, but a cause by itself."""
+    if not cause.known or cause.ranked.free or not _counts(cause, BESIDES):
+        return False
+    return cause.misfit <= (FITS if _stands_out(cause) else CLEAN if cause.tempered >= PLAIN else 0.0)
 
 
 def _faint(cause: Cause) -> bool:
@@ -233,7 +259,8 @@ def _blurred(search: Search, cause: Cause) -> bool:
     and more is left than noise: something is there, of another shape."""
     usual = bool(search.original.clean)  # only the machine in order tells what is
     most = ALIEN if usual and not _fits(search) else np.inf
-    return not cause.ranked.free and cause.misfit > (SHAPELESS if cause.tempered < FAINT else most)
+    faint = SHAPELESS * (ROUGHER if cause.ranked.option.proposal.about.form >= ROUGH else 1.0)
+    return not cause.ranked.free and cause.misfit > (faint if cause.tempered < FAINT else most)
 
 
 def _best(cause: Cause) -> bool:
@@ -259,7 +286,7 @@ def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
         told = cause.score >= (each if large else EVIDENT) * len(cause.sizes)
         return (large or least <= NEGLIGIBLE) and told and cause.significance >= SIGNIFICANT
     enough = (ONCE if cause.ranked.option.proposal.course else TOLD) if cause.known else FREE
-    sure = SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
+    sure = 0.0 if _plain(cause) else SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     return large and cause.tempered >= enough and cause.significance >= sure
 
 
@@ -283,7 +310,8 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
     lead = max(LEAD, FORM * cause.score, CLOSE * cause.score * uneven, MESS * small)
     plain = max(LEAD, MESS * small)
-    leads = [LEAD if r.free else plain if _within(r, cause) else lead for r in rivals]
+    dry = max(LEAD, DRY * cause.score, CLOSE * cause.score * uneven, MESS * small)
+    leads = [LEAD if r.free else plain if _within(r, cause) else dry if _dry(r, cause) else lead for r in rivals]
     behind = [_behind(r, cause, own) for r, own in zip(rivals, leads, strict=True)]
     odds = [LATER * float(np.exp(-3.0 * max(b, 0.0))) for b in behind]
     close = tuple(r for r, o in zip(rivals, odds, strict=True) if o >= ODDS)
@@ -309,6 +337,12 @@ def _within(rival: Ranked, cause: Cause) -> bool:
     less, more = (each.option.proposal for each in (rival, cause.ranked))
     masses = isinstance(less.group[0], FirstMomentChange) and isinstance(more.group[0], ExtraMass)
     return masses and less.where == more.where
+
+
+def _dry(rival: Ranked, cause: Cause) -> bool:
+    """Whether both are dry friction of one cylinder: what differs from machine to machine is alike in both."""
+    kinds = [each.option.proposal.group[0] for each in (rival, cause.ranked)]
+    return all(isinstance(k, CoulombFriction | FrictionLevelChange) for k in kinds) and rival.key[1] == cause.ranked.key[1]
 
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
