@@ -10,8 +10,9 @@ from cylforce.words.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class LoadDependentFriction:
-    """Friction that grows with the force that the seals and pins carry: a |F| sgn(v)."""
+    """Friction that grows with the force that the seals and pins carry, in proportion or ever less."""
 
+    easing: float = 0.0  # 1/N, one over the force about which it saturates: a seal that is pressed on fully
     rounding: float = 0.002  # m/s
 
     @property
@@ -28,5 +29,6 @@ class LoadDependentFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """|F| sgn(v)."""
-        return np.asarray(np.abs(force) * np.tanh(speed / self.rounding))
+        """|F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v)."""
+        load = -np.expm1(-self.easing * np.abs(force)) / self.easing if self.easing else np.abs(force)
+        return np.asarray(load * np.tanh(speed / self.rounding))

@@ -342,7 +342,9 @@ def _within(rival: Ranked, cause: Cause) -> bool:
 def _dry(rival: Ranked, cause: Cause) -> bool:
     """Whether both are dry friction of one cylinder: what differs from machine to machine is alike in both."""
     kinds = [each.option.proposal.group[0] for each in (rival, cause.ranked)]
-    return all(isinstance(k, CoulombFriction | FrictionLevelChange) for k in kinds) and rival.key[1] == cause.ranked.key[1]
+    return (
+        all(isinstance(k, CoulombFriction | FrictionLevelChange) for k in kinds) and rival.key[1] == cause.ranked.key[1]
+    )
 
 
 def _contains(rival: Ranked, cause: Cause) -> bool:
