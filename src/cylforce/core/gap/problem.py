@@ -17,6 +17,7 @@ from cylforce.core.gap.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows, Viewer
 from cylforce.core.gap.unknown import NAME
 from cylforce.core.gap.whitening import Floor
 from cylforce.core.model import Model
+from cylforce.effects.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.rocker_weight import RockerWeight
 from cylforce.machine.candidate import (
     INCIDENTAL,
@@ -380,8 +381,11 @@ def _half(t: Array) -> float:
 
 def _small(effect: Candidate) -> tuple[float, ...]:
     """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
-    proportion; friction is never quite of the model's form; how a base always moved has columns of its own."""
+    proportion; friction is never quite of the model's form, but one that bends with the load would be anything under
+    loads that no clean recording has; how a base always moved has columns of its own."""
     about = effect.about
+    if isinstance(effect, LoadDependentFriction) and effect.easing:
+        return (STILL * about.low,)
     if isinstance(effect, BaseMotion):
         return tuple(STILL * size for size in effect.usual)
     if isinstance(effect, Weight):
