@@ -9,11 +9,12 @@ from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
 from cylforce.core.gap.unknown import NAME
-from cylforce.machine.candidate import Course, Distortion, Place
+from cylforce.machine.candidate import Course, Distortion, Place, Weight
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
 LARGEST, LARGER = 1.2, 0.05  # of that, which can be named; of a score that a form must be better by whose size is more
+ASIDE = 5.0  # times what is usual, what a mass may have besides its own size
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
 ALIEN = 0.1  # the same, beside a torque at one joint of which nothing is known
@@ -175,7 +176,16 @@ def _possible(found: Ranked) -> bool:
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
     right = wrong <= WRONG * np.sum(each**2)
-    return bool(right and _size(found) <= BEYOND * about.high) and itself(found, found.told.value)
+    return bool(right and _size(found) <= BEYOND * about.high) and _alike(found) and itself(found, found.told.value)
+
+
+def _alike(found: Ranked) -> bool:
+    """Whether what a mass or a first moment has besides its own size is not far beyond what such have."""
+    effect = found.option.proposal.group[0]
+    if not isinstance(effect, Weight):
+        return True
+    beside = np.abs(found.told.value) / effect.usual
+    return bool(np.all(beside[effect.about.axes :] <= ASIDE))
 
 
 def plausible(found: Ranked) -> bool:
