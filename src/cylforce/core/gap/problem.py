@@ -47,7 +47,7 @@ FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 STILL = 1e-4  # of a usual motion of the base
 EACH = "growing in each recording"
 GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
-INSTANTS = 20.0  # that could as well have been the one
+INSTANTS = 60.0  # blocks of a recording, any of which could have been the one
 
 
 class Seen(NamedTuple):

@@ -9,12 +9,13 @@ from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
 from cylforce.core.gap.problem import TEMPER, Option, Problem
 from cylforce.core.gap.unknown import NAME
-from cylforce.machine.candidate import Course, Distortion, Place, Weight
+from cylforce.effects.first_moment_change import FirstMomentChange
+from cylforce.machine.candidate import Course, Distortion, Place
 from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
 LARGEST, LARGER = 1.2, 0.05  # of that, which can be named; of a score that a form must be better by whose size is more
-ASIDE = 5.0  # times what is usual, what a mass may have besides its own size
+ASIDE = 5.0  # times what is usual, what inertia may come with a first moment
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
 ALIEN = 0.1  # the same, beside a torque at one joint of which nothing is known
@@ -180,12 +181,12 @@ def _possible(found: Ranked) -> bool:
 
 
 def _alike(found: Ranked) -> bool:
-    """Whether what a mass or a first moment has besides its own size is not far beyond what such have."""
+    """Whether the inertia that comes with a first moment is not far beyond what such has."""
     effect = found.option.proposal.group[0]
-    if not isinstance(effect, Weight):
+    if not isinstance(effect, FirstMomentChange):
         return True
-    beside = np.abs(found.told.value) / effect.usual
-    return bool(np.all(beside[effect.about.axes :] <= ASIDE))
+    inertia = float(found.told.value[-1])
+    return abs(inertia) <= ASIDE * effect.usual[-1]
 
 
 def plausible(found: Ranked) -> bool:
