@@ -30,6 +30,8 @@ from cylforce.core.simulated_effects import Imposed, imposed
 from cylforce.core.simulator import draw_truth
 from cylforce.edges.settings import load
 from cylforce.effects.backlash import Backlash
+from cylforce.effects.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.presliding_hysteresis import PreslidingHysteresis
 from cylforce.machine.candidate import SHAPES, Course, Incident
 
 SERVICE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service
@@ -267,6 +269,38 @@ def test_many_small_causes_are_no_name_and_not_unknown(reference):
     friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
     named = judged(search(reference.viewer, recordings(2, (*small, friction)), reference.clean)).named
     assert [n.cause.ranked.key for n in named] == [("coulomb_friction", "stick")]
+
+
+def test_what_is_large_of_its_kind_comes_before_what_says_more_and_is_small(reference):
+    """Every machine has small ones, of which each says something."""
+    friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
+    offset = imposed(MACHINE, "pressure_offset", "boom_rod_pressure", 4e5)
+    found = search(reference.viewer, recordings(2, (friction, offset)), reference.clean)
+    plain = {c.ranked.key: c for c in found.causes if c.ranked.key[0] in ("coulomb_friction", "pressure_offset")}
+    assert len(plain) == 2
+    for large, small in (plain, reversed(plain)):
+        sized = {large: (150.0, 10.0), small: (300.0, 1.0)}
+        made = [
+            c._replace(score=score, size=size * c.ranked.option.proposal.about.low, inflation=1.0, rivals=())
+            for c, (score, size) in ((plain[key], sized[key]) for key in plain)
+        ]
+        assert judged(found._replace(causes=tuple(made))).named[0].cause.ranked.key == large
+
+
+def test_bristles_keep_their_bend_where_a_sensor_is_noisy_at_rest():
+    t, rng = np.arange(0.0, 12.0, 0.05), np.random.default_rng(3)
+    law, noise = PreslidingHysteresis(way=0.001), np.diff(rng.normal(0.0, 5e-5, len(t) + 1)) / 0.05
+    for way, lacking in ((1.0, 0.0), (-1.0, 2.0)):
+        speed = np.where(t < 4.0, 0.005, np.where(t < 8.0, 0.0, way * 0.005)) + noise
+        force = law.force(speed, np.zeros_like(t), t)
+        assert abs(way * force[t >= 8.0][1] + lacking) < 0.7
+        assert np.max(np.abs(force[t > 10.0])) < 0.05
+
+
+def test_friction_that_saturates_grows_with_small_loads_alone():
+    law, loads = LoadDependentFriction(easing=3e-6), np.array([1e3, -1e3, 1e8])
+    force = law.force(np.full(3, 0.5), loads, np.arange(3.0))
+    np.testing.assert_allclose(force, [1e3, 1e3, 1.0 / 3e-6], rtol=0.01)
 
 
 @pytest.mark.parametrize(("late", "more"), [(0.08, 0.5), (0.15, 0.2), (0.01, 1.0)])
