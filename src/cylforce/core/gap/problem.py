@@ -379,12 +379,17 @@ def _half(t: Array) -> float:
     return float(t[1] - t[0]) * BLOCK / 2.0 if len(t) > 1 else 0.0
 
 
+def bent(effect: Candidate) -> bool:
+    """Whether it is friction that bends with the load."""
+    return isinstance(effect, LoadDependentFriction) and effect.easing > 0.0
+
+
 def _small(effect: Candidate) -> tuple[float, ...]:
     """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
     proportion; friction is never quite of the model's form, but one that bends with the load would be anything under
     loads that no clean recording has; how a base always moved has columns of its own."""
     about = effect.about
-    if isinstance(effect, LoadDependentFriction) and effect.easing:
+    if bent(effect):
         return (STILL * about.low,)
     if isinstance(effect, BaseMotion):
         return tuple(STILL * size for size in effect.usual)

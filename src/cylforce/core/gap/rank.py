@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.core.gap.evidence import Evidence, Told
 from cylforce.core.gap.library import Proposal
-from cylforce.core.gap.problem import TEMPER, Option, Problem
+from cylforce.core.gap.problem import TEMPER, Option, Problem, bent
 from cylforce.core.gap.unknown import NAME
 from cylforce.effects.first_moment_change import FirstMomentChange
 from cylforce.machine.candidate import Course, Distortion, Place
@@ -15,6 +15,7 @@ from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
 LARGEST, LARGER = 1.2, 0.05  # of that, which can be named; of a score that a form must be better by whose size is more
+BENT = 0.005  # of a score: what the law that bends with the load follows of any other law of friction
 ASIDE = 5.0  # times what is usual, what inertia may come with a first moment
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
@@ -98,7 +99,8 @@ def ranking(
             continue
         told = evidence.of(option.term, TEMPER)
         returned = _returned(problem, option, told)
-        found = Ranked(option, told, told.evidence - option.cost + returned, returned)
+        follows = BENT * max(told.evidence, 0.0) if bent(option.proposal.group[0]) else 0.0
+        found = Ranked(option, told, told.evidence - option.cost - follows + returned, returned)
         worth = found.score - LARGER * abs(found.score) * _large(found)
         if worth > value.get(found.key, -1e300) and _possible(found):
             best[found.key], value[found.key] = found, worth
