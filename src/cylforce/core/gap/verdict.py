@@ -27,6 +27,7 @@ TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which no
 PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
 EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
+APIECE = 4.0  # times what a touch says that is too faint to be one: below it, it may be another such
 NEARLY = 0.8  # of all evidence, with which what has one axis is as good as alone
 EVIDENT = 200.0  # for each of them, with which it is no touch too faint to be one, of whatever size
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
@@ -158,7 +159,9 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
     speaking = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
     all_of_it = sum(c.score for c in search.causes)
+    touch = max((c.score for c in search.causes if _faint(c)), default=0.0)
     bars = [LONE if speaking == 1 or _alone_there(c, all_of_it) else EACH for c in search.causes]
+    bars = [EVIDENT if c.score < APIECE * touch else bar for c, bar in zip(search.causes, bars, strict=True)]
     counted = [e for e, bar in zip(each, bars, strict=True) if _counts(e[0], NEGLIGIBLE, bar)]
     found = sorted(counted, key=lambda e: -_weight(e[0]))
     found = [e for e in found if e[0].tempered >= LOUD] if quiet(search) else found
@@ -228,12 +231,15 @@ def _strange(search: Search, cause: Cause) -> bool:
 
 
 def _crowded(search: Search, first: Cause) -> bool:
-    """Whether the first cause is hardly larger than what is plausible, and much stands beside it: many small ones pass
-    for one, the sooner the more sizes it has. What begins at an instant, and is not told as such, is a load that hangs
-    a little otherwise."""
-    crowd = sum(c.score for c in search.causes if c is not first and not (_otherwise(c) or _faint(c) or _large(c)))
+    """Whether the first cause is hardly larger than what is plausible, and much stands beside it, or more than it has
+    for all its size: many small ones pass for one, the sooner the more sizes it has. What begins at an instant, and is
+    not told as such, is a load that hangs a little otherwise."""
+    beside = [c for c in search.causes if c is not first and not (_otherwise(c) or _faint(c) or _large(c))]
+    crowd = sum(c.score for c in beside)
+    told = sum(c.tempered * (FOLLOWS if c.ranked.free else 1.0) for c in beside)
     small = (_sized(first) < CROWDED and first.tempered < SOUND) or first.tempered < PLAIN
-    return small and not first.ranked.free and crowd > max(CROWD * first.score / width(first.ranked), HINT)
+    hidden = told > _sized(first) * first.tempered or (small and crowd > CROWD * first.score / width(first.ranked))
+    return hidden and not first.ranked.free and crowd > HINT
 
 
 def _large(cause: Cause) -> bool:
