@@ -12,8 +12,8 @@ from cylforce.words.estimate import Array
 class LoadDependentFriction:
     """Friction that grows with the force that the seals and pins carry, in proportion or ever less."""
 
-    easing: float = 0.0  # 1/N, one over the force about which it saturates: a seal that is pressed on fully
     rounding: float = 0.002  # m/s
+    easing: float = 0.0  # 1/N, one over the force about which it saturates: a seal that is pressed on fully
 
     @property
     def about(self) -> About:

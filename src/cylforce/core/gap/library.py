@@ -42,7 +42,7 @@ LIBRARY: tuple[Group, ...] = (
     (ViscousFriction(),),
     (FrictionLevelChange(),),
     *((Stribeck(width),) for width in (0.006, 0.015, 0.04)),
-    *((LoadDependentFriction(easing),) for easing in (0.0, 3e-6)),
+    *((LoadDependentFriction(easing=easing),) for easing in (0.0, 3e-6)),
     (AsymmetricFriction(),),
     *((PreslidingHysteresis(way),) for way in (0.0005, 0.0015, 0.003, 0.006)),
     *((FrictionTemperatureDrift(viscous),) for viscous in (False, True)),
