@@ -15,7 +15,7 @@ from cylforce.words.estimate import Array
 
 BEYOND = 2.0  # times the largest plausible size
 LARGEST, LARGER = 1.2, 0.05  # of that, which can be named; of a score that a form must be better by whose size is more
-BENT = 0.005  # of a score: what the law that bends with the load follows of any other law of friction
+FOLLOWED = 0.005  # of a score: what the law that bends with the load follows of any other law of friction
 ASIDE = 5.0  # times what is usual, what inertia may come with a first moment
 WRONG = 0.02  # of the squares of sizes in several windows: how much of them may have a sign that cannot be
 FREER = 0.05  # of a score that sizes free at any instant must be better by
@@ -99,7 +99,7 @@ def ranking(
             continue
         told = evidence.of(option.term, TEMPER)
         returned = _returned(problem, option, told)
-        follows = BENT * max(told.evidence, 0.0) if bent(option.proposal.group[0]) else 0.0
+        follows = FOLLOWED * max(told.evidence, 0.0) if bent(option.proposal.group[0]) else 0.0
         found = Ranked(option, told, told.evidence - option.cost - follows + returned, returned)
         worth = found.score - LARGER * abs(found.score) * _large(found)
         if worth > value.get(found.key, -1e300) and _possible(found):

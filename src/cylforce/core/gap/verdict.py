@@ -158,11 +158,7 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
     each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
     speaking = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
-    all_of_it = sum(c.score for c in search.causes)
-    touch = max((c.score for c in search.causes if _faint(c)), default=0.0)
-    bars = [LONE if speaking == 1 or _alone_there(c, all_of_it) else EACH for c in search.causes]
-    bars = [EVIDENT if c.score < APIECE * touch else bar for c, bar in zip(search.causes, bars, strict=True)]
-    counted = [e for e, bar in zip(each, bars, strict=True) if _counts(e[0], NEGLIGIBLE, bar)]
+    counted = [e for e in each if _counts(e[0], NEGLIGIBLE, LONE if speaking == 1 else _bar(search, e[0]))]
     found = sorted(counted, key=lambda e: -_weight(e[0]))
     found = [e for e in found if e[0].tempered >= LOUD] if quiet(search) else found
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
@@ -181,10 +177,14 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     return (*named[:1], *(n for n in named[1:] if n.confidence >= (BARELY if speaking == 2 else RATHER)))
 
 
-def _alone_there(cause: Cause, all_of_it: float) -> bool:
-    """Whether what is free at any instant, but along one axis only, says nearly all that is said: what follows
-    anything does that, too."""
-    return cause.ranked.free and cause.known and width(cause.ranked) <= SHAPES and cause.score >= NEARLY * all_of_it
+def _bar(search: Search, cause: Cause) -> float:
+    """Nats that what is free at any instant needs for each of its sizes: more beside a touch too faint to be one, of
+    which it may be another; less where it has one axis only and says nearly all."""
+    touch = max((c.score for c in search.causes if _faint(c)), default=0.0)
+    if cause.score < APIECE * touch:
+        return EVIDENT
+    most = cause.score >= NEARLY * sum(c.score for c in search.causes)
+    return LONE if cause.known and width(cause.ranked) <= SHAPES and most else EACH
 
 
 def quiet(search: Search) -> bool:
@@ -198,8 +198,8 @@ def _weight(cause: Cause) -> float:
     when it says much more. Of a size hardly plausible it is the less, too: every machine has many small ones."""
     if cause.ranked.free:
         return cause.score * FOLLOWS
-    plain = min(_sized(cause) / ORDINARY, 1.0)
-    return cause.score * (min(FITS / cause.misfit, 1.0) * plain if cause.known else STRANGE)
+    usual = min(_sized(cause) / ORDINARY, 1.0)
+    return cause.score * (min(FITS / cause.misfit, 1.0) * usual if cause.known else STRANGE)
 
 
 def _sized(cause: Cause) -> float:
