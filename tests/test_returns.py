@@ -19,12 +19,14 @@ STICK = MACHINE.signals[HEAD].index
 SECONDS = 120.0
 
 
-def recording(seed: int, rod: float = 0.0, scatter: float = 2e4) -> tuple[Recorded, Rows]:
+def recording(
+    seed: int, rod: float = 0.0, scatter: float = 2e4, speeds: tuple[float, float] = (0.05, 0.3)
+) -> tuple[Recorded, Rows]:
     """The stick extends, pushed by the pump, at speeds of its own in every block; its rod side lets out oil at
     5 bar + 200 bar s^2/m^2 v^2, its zero off by `rod` [Pa]."""
     rng = np.random.default_rng(seed)
     t, fine = np.arange(0.0, SECONDS, 1.0 / RATE_HZ), np.arange(0.0, SECONDS, 1.0 / SERVICE.filters.rate_hz)
-    each = rng.uniform(0.05, 0.3, 100)
+    each = rng.uniform(*speeds, 100)
     speed = np.zeros((len(t), len(MACHINE.cylinders)))
     speed[:, STICK] = each[(t / 4.0).astype(int)]
     force = np.where(speed > 0.0, 1e5, 0.0)
@@ -68,3 +70,10 @@ def test_a_level_that_scatters_says_nothing() -> None:
 def test_a_drift_is_refuted_where_the_level_stays() -> None:
     per_hour = 3e5 / (SECONDS / 3600.0)
     assert returns(0.0).support(PressureDrift(), ROD, per_hour) < -3.0
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13, 14])
+def test_speeds_that_no_clean_recording_has_refute_nothing(seed: int) -> None:
+    slow, fast = recording(seed, speeds=(0.05, 0.06)), recording(20, rod=3e5, speeds=(0.2, 0.25))
+    told = Returns(MACHINE, [slow], [fast], SERVICE.filters.rate_hz)
+    assert told.support(PressureOffset(), ROD, 3e5) > -1.0

@@ -38,7 +38,8 @@ Watch = Callable[[str], None]
 class Cause(NamedTuple):
     """An effect that was found: the option, its total sizes (M,), their standard errors (M,), `size` as one number,
     `score` [nats], of it `returned` by what return pressures say, `inflation` of the blocks' scores with it taken off
-    and what is `usual` of it on the machine in order, `rivals`: what else would explain the same."""
+    and what is `usual` of it on the machine in order, `rivals`: what else would explain the same; `significance`, in
+    standard errors."""
 
     ranked: Ranked
     sizes: Array
@@ -49,6 +50,7 @@ class Cause(NamedTuple):
     inflation: float
     usual: float
     rivals: tuple[Ranked, ...]
+    significance: float
 
     @property
     def known(self) -> bool:
@@ -64,12 +66,6 @@ class Cause(NamedTuple):
     def misfit(self) -> float:
         """How many times more than usual the blocks' scores scatter: 1 where the form fits."""
         return max(self.inflation / self.usual, 1.0)
-
-    @property
-    def significance(self) -> float:
-        """The surest of the sizes along its axes, in standard errors."""
-        sizes, errors = (leading(self.ranked, x) for x in (self.sizes, self.errors))
-        return float(np.max(np.abs(sizes) / np.maximum(errors, 1e-300)))
 
 
 class Energy(NamedTuple):
@@ -348,7 +344,8 @@ def _causes(
         scatter = 1.0 if r.free else usual(original.blocks(floor), r.option.term)
         size = certain(r, sizes, covariance) if free else magnitude(r, sizes, errors)
         score = max(own.score, _bent(plain, others, evidence, own)) if r.key in applied else own.score
-        found.append(Cause(r, sizes, errors, size, score, own.returned, told.inflation, scatter, rivals))
+        sure = _surest(r, sizes, covariance)
+        found.append(Cause(r, sizes, errors, size, score, own.returned, told.inflation, scatter, rivals, sure))
         k += m
     return tuple(found)
 
@@ -361,6 +358,16 @@ def _bent(plain: Blocks, others: Sequence[Ranked], evidence: Evidence, own: Rank
     unit = plain.spread[list(own.option.term.columns)]
     width = np.sqrt(np.diag(own.told.covariance)) / unit
     return (left[0] - left[1]) / (2.0 * TEMPER) + float(np.sum(np.log(np.maximum(width, 1e-300))))
+
+
+def _surest(found: Ranked, sizes: Array, covariance: Array) -> float:
+    """The surest of the sizes along the axes, in standard errors; of a torque of which nothing is known all sizes
+    together, if that is more: such go with each other, and none is sure by itself."""
+    each, errors = (leading(found, x) for x in (sizes, np.sqrt(np.diag(covariance))))
+    surest = float(np.max(np.abs(each) / np.maximum(errors, 1e-300)))
+    if found.key[0] != NAME:
+        return surest
+    return max(surest, float(np.sqrt(sizes @ np.linalg.lstsq(covariance, sizes, rcond=None)[0] / len(sizes))))
 
 
 def _extent(found: Ranked, sizes: Array) -> Array:

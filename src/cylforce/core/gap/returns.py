@@ -2,12 +2,14 @@
 what the valve and the return line make at that speed, whatever the load. A torque cannot tell the zero of the head side
 from that of the rod side, nor both from friction that differs between the directions; this can."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from cylforce.core.gap.rows import BLOCK, Recorded, Rows
 from cylforce.machine.candidate import Distortion
@@ -19,10 +21,11 @@ MOVING = 0.03  # m/s
 EVEN, JITTER = 0.15, 0.003  # of the speed, m/s: what it may change by within
 SPAN = 8  # rows, on either side
 FEW = 6  # rows of a block, blocks of a group
-COMMON = 0.35e5  # Pa: by which a level differs from one recording to the next on a machine in order
-SHARP = 1e5  # Pa: a level that scatters more is none
+COMMON = 0.2e5  # Pa: by which a level differs from one recording to the next on a machine in order
+EXACT, SHARP = 0.3e5, 1.5e5  # Pa: what a level scatters at least; one that scatters more is none
+USUAL, STEEP = 0.1, 20e5  # m/s, Pa: a usual speed, and what its pressure loss may be
 FARTHEST = 5.0  # standard errors, beyond which a level says no more
-HUBER, ROUNDS = 1.5, 15
+HUBER, WILD, ROUNDS = 1.5, 3.0, 15
 OUT = {Kind.HEAD_PRESSURE: -1.0, Kind.ROD_PRESSURE: 1.0}  # the direction in which a chamber lets oil out
 
 
@@ -82,22 +85,19 @@ class Returns:
         return {k: level for k, level in each if level is not None}
 
     def _level(self, k: int) -> _Level | None:
-        clean, faulty = ([self._steady(k, *one) for one in group] for group in (self.clean, self.faulty))
-        speed, pressure = (np.concatenate([np.zeros(0), *(one[i] for one in clean)]) for i in (1, 2))
-        if len(speed) < FEW * FEW:
+        own, here = (_blocks(self._steady(k, *one) for one in group) for group in (self.clean, self.faulty))
+        if len(own) < FEW or len(here) < FEW // 2:
             return None
-        law, usual = _fitted(speed, pressure)
-        if usual > SHARP:
+        law = _fitted(own)
+        if law.scatter > SHARP:
             return None
-        own = [x for rows, v, p in clean for x in _blocks(rows, p - law(v))[1]]
-        where = tuple((n, rows) for n, (r, v, p) in enumerate(faulty) for rows in _blocks(r, p - law(v))[0])
-        excess = np.array([x for r, v, p in faulty for x in _blocks(r, p - law(v))[1]])
-        if len(own) < FEW or len(excess) < FEW // 2:
-            return None
-        scatter = max(float(np.std(np.clip(own, -FARTHEST * usual, FARTHEST * usual))), usual)
-        middle = np.median(excess)
-        excess = np.clip(excess, middle - HUBER * scatter, middle + HUBER * scatter)
-        return _Level(where, excess, float(np.hypot(COMMON, scatter * np.sqrt(1.0 / len(excess) + 1.0 / len(own)))))
+        columns, pressures = _table(here)
+        excess = pressures - columns @ law.values
+        middle, most = np.median(excess), HUBER * law.scatter
+        mean = np.mean(columns, axis=0)
+        variance = COMMON**2 + law.scatter**2 / len(here) + float(mean @ law.covariance @ mean)
+        where = tuple((block.recording, block.rows) for block in here)
+        return _Level(where, np.clip(excess, middle - most, middle + most), float(np.sqrt(variance)))
 
     def _steady(self, k: int, recorded: Recorded, rows: Rows) -> tuple[NDArray[np.intp], Array, Array]:
         """Rows (n,) in which the chamber lets oil out, evenly and driven; speeds and pressures (n,) there."""
@@ -118,28 +118,60 @@ def _even(v: Array) -> NDArray[np.bool_]:
     return found
 
 
-def _fitted(v: Array, p: Array) -> tuple[Callable[[Array], Array], float]:
-    """The pressure as a function of speed, a + b |v| + c v^2, robustly (Huber's weights); the usual deviation [Pa]."""
-    columns = _powers(v)
-    weight, values, usual = np.ones(len(v)), np.zeros(columns.shape[1]), 1.0
+class _Block(NamedTuple):
+    """A block in which a chamber lets oil out evenly: the number of its recording, the rows (n,), the medians of speed
+    [m/s] and pressure [Pa] there."""
+
+    recording: int
+    rows: NDArray[np.intp]
+    speed: float
+    pressure: float
+
+
+class _Law(NamedTuple):
+    """The pressure as a + b |v| + c v^2: `values` (3,) with their covariance, and how blocks scatter about it [Pa]."""
+
+    values: Array
+    covariance: Array
+    scatter: float
+
+
+def _fitted(blocks: Sequence[_Block]) -> _Law:
+    """The law of clean blocks, robustly (Huber's weights); the faster the oil, the more pressure it takes. Where no
+    block was as fast, the law is the less sure."""
+    columns, pressures = _table(blocks)
+    free = max(len(blocks) - columns.shape[1], 1)
+    root, low = np.ones(len(blocks)), np.array([-np.inf, 0.0, 0.0])
+    values, away, usual = np.zeros(len(low)), pressures, EXACT
     for _ in range(ROUNDS):
-        values = np.asarray(np.linalg.lstsq(columns * weight[:, None], p * weight, rcond=None)[0])
-        away = np.abs(p - columns @ values)
-        usual = 1.48 * float(np.median(away)) + 1.0
-        weight = 1.0 / np.sqrt(1.0 + (away / usual) ** 2)
-    return lambda speed: _powers(speed) @ values, usual
+        values = np.asarray(lsq_linear(columns * root[:, None], pressures * root, bounds=(low, np.inf)).x)
+        away = np.abs(pressures - columns @ values)
+        usual = max(1.48 * float(np.median(away)) * np.sqrt(len(blocks) / free), EXACT)
+        root = np.minimum(1.0, np.sqrt(HUBER * usual / np.maximum(away, 1e-9)))
+    weight = root**2
+    squares = float(np.sum(weight * np.minimum(away, WILD * usual) ** 2))
+    scatter = max(float(np.sqrt(squares / max(float(np.sum(weight)) - columns.shape[1], 1.0))), usual)
+    information = (columns * weight[:, None]).T @ columns + np.diag([0.0, 1.0, 1.0]) * (scatter / STEEP) ** 2
+    return _Law(values, np.asarray(np.linalg.inv(information) * scatter**2), scatter)
 
 
-def _powers(v: Array) -> Array:
-    return np.stack([np.ones_like(v), np.abs(v), v**2], axis=-1)
+def _table(blocks: Sequence[_Block]) -> tuple[Array, Array]:
+    """The law's columns (B, 3) and the pressures (B,) of blocks."""
+    speed = np.array([block.speed for block in blocks]) / USUAL
+    return np.stack([np.ones_like(speed), np.abs(speed), speed**2], axis=-1), np.array([b.pressure for b in blocks])
 
 
-def _blocks(rows: NDArray[np.intp], away: Array) -> tuple[list[NDArray[np.intp]], list[float]]:
-    """Rows of every block that has some, and the median of `away` there."""
-    number = rows // BLOCK
-    each = [number == k for k in np.unique(number)]
-    each = [here for here in each if np.sum(here) >= FEW]
-    return [rows[here] for here in each], [float(np.median(away[here])) for here in each]
+def _blocks(recordings: Iterable[tuple[NDArray[np.intp], Array, Array]]) -> list[_Block]:
+    """Every block of some recordings - rows (n,), speeds and pressures (n,) - with rows enough."""
+    found = []
+    for recording, (rows, speed, pressure) in enumerate(recordings):
+        each = [rows // BLOCK == k for k in np.unique(rows // BLOCK)]
+        found += [
+            _Block(recording, rows[here], float(np.median(speed[here])), float(np.median(pressure[here])))
+            for here in each
+            if np.sum(here) >= FEW
+        ]
+    return found
 
 
 def _loss(x: float) -> float:

@@ -232,14 +232,16 @@ def _strange(search: Search, cause: Cause) -> bool:
 
 def _crowded(search: Search, first: Cause) -> bool:
     """Whether the first cause is hardly larger than what is plausible, and much stands beside it, or more than it has
-    for all its size: many small ones pass for one, the sooner the more sizes it has. What begins at an instant, and is
-    not told as such, is a load that hangs a little otherwise."""
+    for all its size: many small ones pass for one, the sooner the more sizes it has; a touch too faint to be one is
+    more of them. What begins at an instant, and is not told as such, is a load that hangs a little otherwise."""
     beside = [c for c in search.causes if c is not first and not (_otherwise(c) or _faint(c) or _large(c))]
     crowd = sum(c.score for c in beside)
     told = sum(c.tempered * (FOLLOWS if c.ranked.free else 1.0) for c in beside)
     small = (_sized(first) < CROWDED and first.tempered < SOUND) or first.tempered < PLAIN
-    hidden = told > _sized(first) * first.tempered or (small and crowd > CROWD * first.score / width(first.ranked))
-    return hidden and not first.ranked.free and crowd > HINT
+    touch = FOLLOWS * sum(c.score for c in search.causes if _faint(c))
+    amid = small and crowd + touch > CROWD * first.score / width(first.ranked)
+    hidden = told > _sized(first) * first.tempered or amid
+    return hidden and not first.ranked.free and crowd + touch > HINT
 
 
 def _large(cause: Cause) -> bool:
