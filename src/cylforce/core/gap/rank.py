@@ -152,8 +152,7 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     best, free = ranked[0].score, ranked[0].free
     margin = FREER if free else EXACT if ranked[0].key[0] == NAME else 0.0
     tie = max(TIE, margin * best)
-    loose = ALIEN * best if free else tie
-    tied = [r for r in ranked if r.score > best - (loose if r.free and r.key[0] == NAME else tie)]
+    tied = [r for r in ranked if r.score > best - (_loose(r, ranked[0]) if free and _alien(r) else tie)]
     tied = [r for r in tied if not _large(r)] or tied
     fewest = min((len(r.option.term.columns) for r in tied), default=0)
     tied = [r for r in tied if len(r.option.term.columns) == fewest]
@@ -161,6 +160,16 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     equal = [r for r in tied if r.score - _unlikely(r) > likely - EQUAL]
     first = min(equal, key=lambda r: order[r.key], default=None)
     return ranked if first is None else [first, *(r for r in ranked if r is not first)]
+
+
+def _alien(found: Ranked) -> bool:
+    """Whether it is a torque of which nothing is known, free at any instant."""
+    return found.free and found.key[0] == NAME
+
+
+def _loose(found: Ranked, best: Ranked) -> float:
+    """By how many nats such a torque may be behind the best one: by few if it has no fewer sizes at an instant."""
+    return ALIEN * best.score if width(found) < width(best) else TIE
 
 
 def _unlikely(found: Ranked) -> float:
