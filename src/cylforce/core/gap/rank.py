@@ -149,10 +149,8 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     free at any instant follow what they are not, too."""
     if not ranked:
         return ranked
-    best, free = ranked[0].score, ranked[0].free
-    margin = FREER if free else EXACT if ranked[0].key[0] == NAME else 0.0
-    tie = max(TIE, margin * best)
-    tied = [r for r in ranked if r.score > best - (_loose(r, ranked[0]) if free and _alien(r) else tie)]
+    best = ranked[0]
+    tied = [r for r in ranked if r.score > best.score - _tie(r, best)]
     tied = [r for r in tied if not _large(r)] or tied
     fewest = min((len(r.option.term.columns) for r in tied), default=0)
     tied = [r for r in tied if len(r.option.term.columns) == fewest]
@@ -162,13 +160,13 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
     return ranked if first is None else [first, *(r for r in ranked if r is not first)]
 
 
-def _alien(found: Ranked) -> bool:
-    """Whether it is a torque of which nothing is known, free at any instant."""
-    return found.free and found.key[0] == NAME
-
-
-def _loose(found: Ranked, best: Ranked) -> float:
-    """By how many nats such a torque may be behind the best one: by few if it has no fewer sizes at an instant."""
+def _tie(found: Ranked, best: Ranked) -> float:
+    """By how many nats an option may be behind the best one and count as good; a torque of which nothing is known, free
+    at any instant, by few if it has no fewer sizes there."""
+    if not best.free:
+        return max(TIE, EXACT * best.score) if best.key[0] == NAME else TIE
+    if not (found.free and found.key[0] == NAME):
+        return max(TIE, FREER * best.score)
     return ALIEN * best.score if width(found) < width(best) else TIE
 
 
