@@ -27,6 +27,11 @@ class AsymmetricFriction:
             "slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
         )
 
+    @property
+    def of_dry(self) -> float:
+        """Half of the difference between both ways, which is up to 60 % of dry friction."""
+        return 0.3
+
     def force(self, speed: Array, force: Array, t: Array) -> Array:
         """|sgn(v)|."""
         return np.asarray(np.abs(np.tanh(speed / self.rounding)))

@@ -127,6 +127,16 @@ class Share(Candidate, Protocol):
 
 
 @runtime_checkable
+class Part(Candidate, Protocol):
+    """A force that is no more than a part of a cylinder's dry friction."""
+
+    @property
+    def of_dry(self) -> float:
+        """The largest plausible part."""
+        ...
+
+
+@runtime_checkable
 class BaseMotion(Candidate, Protocol):
     """What carries the first link moves, and the model takes it to stand still."""
 

@@ -12,7 +12,7 @@ from cylforce.core.gap.evidence import Blocks, Evidence, own_blocks
 from cylforce.core.gap.floor import noise_floor
 from cylforce.core.gap.library import LIBRARY, Group, Proposal, proposals
 from cylforce.core.gap.problem import TEMPER, Problem, Seen, looked_at
-from cylforce.core.gap.rank import PART, TIE, Ranked, certain, itself, leading, magnitude, plausible, ranking
+from cylforce.core.gap.rank import PART, TIE, Ranked, certain, itself, leading, magnitude, plausible, ranking, width
 from cylforce.core.gap.reappearance import reappearance, usual
 from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.selection import selected, settled
@@ -39,7 +39,8 @@ class Cause(NamedTuple):
     """An effect that was found: the option, its total sizes (M,), their standard errors (M,), `size` as one number,
     `score` [nats], of it `returned` by what return pressures say, `inflation` of the blocks' scores with it taken off
     and what is `usual` of it on the machine in order, `rivals`: what else would explain the same; `significance`, in
-    standard errors."""
+    standard errors; `ahead`: nats by which what is free at any instant tells more than an effect with more sizes in the
+    same blocks."""
 
     ranked: Ranked
     sizes: Array
@@ -51,6 +52,7 @@ class Cause(NamedTuple):
     usual: float
     rivals: tuple[Ranked, ...]
     significance: float
+    ahead: float
 
     @property
     def known(self) -> bool:
@@ -110,7 +112,7 @@ def search(
     watch("columns of every effect")
     seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
-    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], only)
+    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], only, viewer.tares)
     floor = noise_floor(problem)
     blocks = problem.blocks(floor)
     return _greedy(viewer, problem, blocks, floor, [each.recorded for each in problem.faulty], watch)
@@ -344,8 +346,8 @@ def _causes(
         scatter = 1.0 if r.free else usual(original.blocks(floor), r.option.term)
         size = certain(r, sizes, covariance) if free else magnitude(r, sizes, errors)
         score = max(own.score, _bent(plain, others, evidence, own)) if r.key in applied else own.score
-        sure = _surest(r, sizes, covariance)
-        found.append(Cause(r, sizes, errors, size, score, own.returned, told.inflation, scatter, rivals, sure))
+        sure, ahead = _surest(r, sizes, covariance), _ahead(righted, blocks, r, others) if free else np.inf
+        found.append(Cause(r, sizes, errors, size, score, own.returned, told.inflation, scatter, rivals, sure, ahead))
         k += m
     return tuple(found)
 
@@ -368,6 +370,19 @@ def _surest(found: Ranked, sizes: Array, covariance: Array) -> float:
     if found.key[0] != NAME:
         return surest
     return max(surest, float(np.sqrt(sizes @ np.linalg.lstsq(covariance, sizes, rcond=None)[0] / len(sizes))))
+
+
+def _ahead(problem: Problem, blocks: Blocks, found: Ranked, others: Sequence[Ranked]) -> float:
+    """By how many nats what is free at any instant tells more than any other such effect with more sizes would in the
+    same blocks, beside all others."""
+    hit = np.flatnonzero(np.any(found.option.term.course, axis=0)).tolist()
+    least = np.inf
+    for places in problem.momentary:
+        if len(places) > width(found):
+            evidence = Evidence(blocks, [o.option.term for o in others if set(o.option.term.columns) != set(places)])
+            own, other = (evidence.of(t, TEMPER).evidence for t in (found.option.term, problem.each_of(places, hit)))
+            least = min(least, own - other)
+    return least
 
 
 def _extent(found: Ranked, sizes: Array) -> Array:

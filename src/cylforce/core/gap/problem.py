@@ -29,6 +29,7 @@ from cylforce.machine.candidate import (
     Course,
     Distortion,
     Incident,
+    Part,
     Weight,
 )
 from cylforce.words.estimate import Array
@@ -63,12 +64,14 @@ def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence
 
 
 class Option(NamedTuple):
-    """A term that may explain the gap: the proposal, its course in words, the term, what its freedom costs [nats]."""
+    """A term that may explain the gap: the proposal, its course in words, the term, what its freedom costs [nats], the
+    largest plausible size on this machine."""
 
     proposal: Proposal
     when: str
     term: Term
     cost: float
+    most: float
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class Problem:
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
     only: tuple[str, str] | None = None  # name and place ("": any) of the one effect that may be a cause
+    tares: Array | None = None  # (P,) values of the model's parameters, if it was identified
     same: "Problem | None" = None  # another one with the same clean recordings, whose Gram matrices both share
 
     @property
@@ -258,9 +262,9 @@ class Problem:
             if (wanted is not None and p not in wanted) or not self._asked(p):
                 continue
             if p.about.of_its_own:
-                yield Option(p, "in each recording", self._of_each(places), 0.0)
+                yield self._option(p, "in each recording", self._of_each(places))
             elif p.course is None:
-                yield Option(p, "", Term(places, np.ones((len(places), len(self.times)))), 0.0)
+                yield self._option(p, "", Term(places, np.ones((len(places), len(self.times)))))
             elif p.course is Course.AFTER:
                 yield from self._after(p, places)
             elif p.course is Course.CLOCK:
@@ -289,15 +293,15 @@ class Problem:
         course, number = np.zeros((2, len(self.times))), np.arange(len(self.times))
         course[0], course[1] = (number > k) & (number < last), number == k
         term = Term(places * 2, np.repeat(course, len(places), axis=0))
-        return Option(p, f"from {self.times[k]:.0f} s on", term, float(np.log(INSTANTS)))
+        return self._option(p, f"from {self.times[k]:.0f} s on", term, float(np.log(INSTANTS)))
 
     def _clocks(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
         one = np.ones_like(self.times)
-        yield Option(p, "always", Term(places, one[None]), 0.0)
-        yield Option(p, "growing", Term(places * 2, np.stack([one, self.times / GROWTH_S])), 0.0)
+        yield self._option(p, "always", Term(places, one[None]))
+        yield self._option(p, "growing", Term(places * 2, np.stack([one, self.times / GROWTH_S])))
         since = np.concatenate([self.times[a:b] - begin for (a, b), begin in zip(self.spans, self.begins, strict=True)])
         if len(self.spans) > 1:
-            yield Option(p, EACH, Term(places * 2, np.stack([one, since / GROWTH_S])), 0.0)
+            yield self._option(p, EACH, Term(places * 2, np.stack([one, since / GROWTH_S])))
         for k in range(1, len(one) - 2, 2):
             yield self._from(p, places, k, len(one))
 
@@ -307,7 +311,23 @@ class Problem:
         hit = self._rightly(p, places, evidence, self._hits(places, evidence, most, few))
         if 0 < len(hit) <= most and not self._free(p):
             cost = len(hit) * float(np.log(len(self.times)))
-            yield Option(p, f"{len(hit)} times", self.each_of(places, hit), cost)
+            yield self._option(p, f"{len(hit)} times", self.each_of(places, hit), cost)
+
+    def _option(self, p: Proposal, when: str, term: Term, cost: float = 0.0) -> Option:
+        effect, dry = p.group[0], self._dry
+        most = min(effect.of_dry * dry[p.where], p.about.high) if isinstance(effect, Part) and dry else p.about.high
+        return Option(p, when, term, cost, most)
+
+    @cached_property
+    def _dry(self) -> tuple[float, ...]:
+        """Known dry friction [N] of every cylinder in the faulty recordings; none where nobody identified it."""
+        if self.tares is None or "coulomb" not in self.model.friction:
+            return ()
+        sizes = {q.name: size for q, size in zip(self.model.parameters, self.tares.tolist(), strict=True)}
+        load = np.nanmean(np.abs(np.concatenate([seen.rows.force for seen in self.faulty])), axis=0)
+        each = zip(self.model.machine.cylinders, load.tolist(), strict=True)
+        dry = (sizes.get(f"{c.name}.coulomb", 0.0) + sizes.get(f"{c.name}.load_dependent", 0.0) * f for c, f in each)
+        return tuple(max(force, 0.0) for force in dry)
 
     def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float, few: float) -> list[int]:
         """Blocks in which something happens. The most conspicuous are taken out before the others are asked again: what
@@ -328,15 +348,15 @@ class Problem:
 
     def _taken(self, places: tuple[int, ...], evidence: Evidence) -> list[int]:
         """Blocks that are held by an effect with fewer sizes there: with more, another one would follow it."""
-        fewer = [own for own in self._momentary if len(own) < len(places)]
+        fewer = [own for own in self.momentary if len(own) < len(places)]
         held = [h for h in evidence.held if any(set(h.columns) == set(own) for own in fewer)]
         return [int(k) for k in own_blocks(held)]
 
     @cached_property
-    def _momentary(self) -> list[tuple[int, ...]]:
+    def momentary(self) -> list[tuple[int, ...]]:
         """The columns of each effect that is free at any instant."""
         each = zip(self.proposals, self.places, strict=True)
-        return [places for p, places in each if p.name != NAME and p.course is Course.WINDOWS]
+        return [own for p, own in each if p.name != NAME and p.course is Course.WINDOWS and not self._free(p)]
 
     def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
         """Of the blocks hit those in which the size has a sign that the effect can have: in others something else

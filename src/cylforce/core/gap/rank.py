@@ -101,7 +101,7 @@ def ranking(
         returned = _returned(problem, option, told)
         follows = FOLLOWED * max(told.evidence, 0.0) if bent(option.proposal.group[0]) else 0.0
         found = Ranked(option, told, told.evidence - option.cost - follows + returned, returned)
-        worth = found.score - LARGER * abs(found.score) * _large(found)
+        worth = found.score - LARGER * abs(found.score) * too_large(found)
         if worth > value.get(found.key, -1e300) and _possible(found):
             best[found.key], value[found.key] = found, worth
     order = {(p.name, p.at): k for k, p in reversed(list(enumerate(problem.proposals)))}
@@ -151,7 +151,7 @@ def _simplest(ranked: list[Ranked], order: dict[tuple[str, str], int]) -> list[R
         return ranked
     best = ranked[0]
     tied = [r for r in ranked if r.score > best.score - _tie(r, best)]
-    tied = [r for r in tied if not _large(r)] or tied
+    tied = [r for r in tied if not too_large(r)] or tied
     fewest = min((len(r.option.term.columns) for r in tied), default=0)
     tied = [r for r in tied if len(r.option.term.columns) == fewest]
     likely = max((r.score - _unlikely(r) for r in tied), default=0.0)
@@ -176,9 +176,9 @@ def _unlikely(found: Ranked) -> float:
     return float(0.5 * (small / UNLIKELY) ** 2)
 
 
-def _large(found: Ranked) -> bool:
+def too_large(found: Ranked) -> bool:
     """Whether the size is larger than can be named."""
-    return _size(found) > LARGEST * found.option.proposal.about.high
+    return _size(found) > LARGEST * found.option.most
 
 
 def _possible(found: Ranked) -> bool:
@@ -186,7 +186,9 @@ def _possible(found: Ranked) -> bool:
     about, each = found.option.proposal.about, leading(found, found.told.value)[:, 0]
     wrong = np.sum(np.square(each[about.sign * each < 0.0]))
     right = wrong <= WRONG * np.sum(each**2)
-    return bool(right and _size(found) <= BEYOND * about.high) and _alike(found) and itself(found, found.told.value)
+    return (
+        bool(right and _size(found) <= BEYOND * found.option.most) and _alike(found) and itself(found, found.told.value)
+    )
 
 
 def _alike(found: Ranked) -> bool:

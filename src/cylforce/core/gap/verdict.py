@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.core.gap.diagnosis import ENOUGH, Cause, Search
 from cylforce.core.gap.problem import TEMPER
-from cylforce.core.gap.rank import FREER, LARGEST, TIE, Ranked, width
+from cylforce.core.gap.rank import FREER, LARGEST, TIE, Ranked, too_large, width
 from cylforce.core.gap.residuals import contributions, rms
 from cylforce.core.gap.residuals import fixed as fixed_residuals
 from cylforce.effects.coulomb_friction import CoulombFriction
@@ -30,6 +30,7 @@ EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant;
 APIECE = 4.0  # times what a touch says that is too faint to be one: below it, it may be another such
 NEARLY = 0.8  # of all evidence, with which what has one axis is as good as alone
 EVIDENT = 200.0  # for each of them, with which it is no touch too faint to be one, of whatever size
+CLEAR = 100.0  # by which what is free at any instant must be ahead of what has more sizes: else it is a touch as well
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all causes less, moves as no clean one
@@ -226,7 +227,7 @@ def _strange(search: Search, cause: Cause) -> bool:
     """Whether what comes first is no effect of the library: a torque of which nothing is known, one larger than can be,
     one whose form does not fit, or what many small ones make."""
     least = cause.size * (1.0 - min(1.0 / max(cause.significance, 1e-9), 1.0))
-    large = least > LARGEST * cause.ranked.option.proposal.about.high
+    large = least > LARGEST * cause.ranked.option.most
     return large or _free(search, cause) or _blurred(search, cause) or _crowded(search, cause)
 
 
@@ -253,7 +254,7 @@ def _large(cause: Cause) -> bool:
 
 def _faint(cause: Cause) -> bool:
     """Whether it is a touch too faint to be one: it says much where it is, and nothing of all other times."""
-    small = cause.size < NEGLIGIBLE * cause.ranked.option.proposal.about.low
+    small = cause.size < PLAINLY * cause.ranked.option.proposal.about.low or cause.ahead < CLEAR
     return cause.ranked.free and cause.known and small and cause.score < EVIDENT * len(cause.sizes)
 
 
@@ -291,7 +292,7 @@ def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
     instant needs for each of its sizes."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     if cause.ranked.free and cause.known:
-        told = cause.score >= (each if large else EVIDENT) * len(cause.sizes)
+        told = cause.score >= (each if large and cause.ahead >= CLEAR else EVIDENT) * len(cause.sizes)
         return (large or least <= NEGLIGIBLE) and told and cause.significance >= SIGNIFICANT
     enough = (ONCE if cause.ranked.option.proposal.course else TOLD) if cause.known else FREE
     sure = 0.0 if _plain(cause) else SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
@@ -314,7 +315,7 @@ def _plain(cause: Cause) -> bool:
 def _named(cause: Cause, share: float, small: float) -> Named:
     """The cause with its confidence. The less its form fits, and the more of the evidence is that of `small` causes
     beside those named [nats], the farther a rival must be behind."""
-    rivals = [r for r in cause.rivals if not _contains(r, cause)]
+    rivals = [r for r in cause.rivals if not (_contains(r, cause) or too_large(r))]
     uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
     lead = max(LEAD, FORM * cause.score, CLOSE * cause.score * uneven, MESS * small)
     plain = max(LEAD, MESS * small)
