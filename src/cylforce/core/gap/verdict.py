@@ -54,7 +54,7 @@ NOISE, LARGE = 0.75, 1.0  # of the floor's: an excess that no verdict hangs on; 
 LEAD, RETURNED = 5.0, 3.5  # of the same shape; what return pressures say
 CLOSE, BENT = 0.01, 5.0  # share where a form does not fit, and the inflation that tells so
 FORM, DRY = 0.01, 0.005  # of any score: no form is quite that of a real machine; of two laws of dry friction
-MESS = 0.005  # of the evidence of small causes beside: by which any other may be off
+MESS = 0.01  # of the evidence of small causes beside: by which any other may be off
 LATER, ODDS = 0.7, 0.075  # the odds of a rival that does as well; those from which on it is told
 # Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
 # less if its evidence is weak, its form does not fit, small causes stand beside it.
@@ -119,7 +119,8 @@ def judged(search: Search) -> Judged:
 def _without_name(search: Search) -> Verdict:
     """Where no cause is named, whether that is because none of many small ones stands out, or nothing known fits."""
     explained = bool(search.original.clean) and _fits(search)
-    small = len(search.causes) > 1 and not any(_stands_out(cause) for cause in search.causes)
+    several = len(search.causes) > 1 or any(_faint(cause) for cause in search.causes)
+    small = several and not any(_stands_out(cause) for cause in search.causes)
     return Verdict.NOT_OBSERVABLE if explained and small else Verdict.UNKNOWN
 
 
@@ -317,9 +318,9 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     beside those named [nats], the farther a rival must be behind."""
     rivals = [r for r in cause.rivals if not (_contains(r, cause) or too_large(r))]
     uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
-    lead = max(LEAD, FORM * cause.score, CLOSE * cause.score * uneven, MESS * small)
-    plain = max(LEAD, MESS * small)
-    dry = max(LEAD, DRY * cause.score, CLOSE * cause.score * uneven, MESS * small)
+    plain = max(LEAD * cause.misfit, MESS * small)
+    dry = max(plain, DRY * cause.score, CLOSE * cause.score * uneven)
+    lead = max(dry, FORM * cause.score)
     leads = [LEAD if r.free else plain if _within(r, cause) else dry if _dry(r, cause) else lead for r in rivals]
     behind = [_behind(r, cause, own) for r, own in zip(rivals, leads, strict=True)]
     odds = [LATER * float(np.exp(-3.0 * max(b, 0.0))) for b in behind]
