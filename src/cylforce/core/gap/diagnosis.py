@@ -165,7 +165,7 @@ def _greedy(
     usual = _usual(base.blocks)
     _, fixed = base.squares((), problem.fixed(base.blocks, evidence.fitted))
     after = np.where(_rough(taken.held, fixed, after), np.minimum(after, usual), after)
-    causes = _causes(problem, start.problem, taken.blocks, floor, taken.held, taken.applied, evidence)
+    causes = _causes(problem, start.problem, taken, floor, evidence)
     energy = Energy(fixed, before, after, usual, clean)
     return Search(problem, taken.problem, taken.blocks, floor, causes, energy, first, evidence, viewer)
 
@@ -316,25 +316,17 @@ def _bending(held: Sequence[Ranked], applied: dict[tuple[str, str], Array]) -> l
     return [Applied(r.option, applied[r.key]) for r in sorted(held, key=lambda r: r.clock) if r.key in applied]
 
 
-def _causes(
-    original: Problem,
-    righted: Problem,
-    blocks: Blocks,
-    floor: Floor,
-    held: Sequence[Ranked],
-    applied: dict[tuple[str, str], Array],
-    evidence: Evidence,
-) -> tuple[Cause, ...]:
+def _causes(original: Problem, righted: Problem, taken: _Taken, floor: Floor, evidence: Evidence) -> tuple[Cause, ...]:
     """The causes with their total sizes; a clock's score and rivals are those on the recordings as they were, those of
-    all others with the clocks put right."""
-    found, k = [], len(blocks.shared)
-    for r in held:
+    all others with the clocks put right; or with all else taken out that bends, if that tells more of it."""
+    found, k, blocks, applied = [], len(taken.blocks.shared), taken.blocks, taken.applied
+    for r in taken.held:
         m = len(r.option.term.columns)
-        others = [o for o in held if o is not r]
-        seen = original if r.clock else righted
-        plain = seen.blocks(floor)
-        ranked = ranking(seen, Evidence(plain, [o.option.term for o in others]), besides=others)
-        own = next((x for x in ranked if x.key == r.key), r)
+        others = [o for o in taken.held if o is not r]
+        plain = (original if r.clock else righted).blocks(floor)
+        own, ranked = _beside(original if r.clock else righted, plain, r, others)
+        if applied and not (r.clock or r.key in applied):
+            own, ranked = max((own, ranked), _beside(taken.problem, blocks, r, others), key=lambda x: x[0].score)
         others_too = (x for x in ranked if x.key != r.key and x.key[0] != NAME)
         rivals = tuple(x for x in others_too if x.score > NEAR * own.score)
         told = Evidence(blocks, [o.option.term for o in others]).of(r.option.term)
@@ -350,6 +342,12 @@ def _causes(
         found.append(Cause(r, sizes, errors, size, score, own.returned, told.inflation, scatter, rivals, sure, ahead))
         k += m
     return tuple(found)
+
+
+def _beside(problem: Problem, blocks: Blocks, found: Ranked, others: Sequence[Ranked]) -> tuple[Ranked, list[Ranked]]:
+    """A cause and the ranking in which it stands, beside the others."""
+    ranked = ranking(problem, Evidence(blocks, [o.option.term for o in others]), besides=others)
+    return next((x for x in ranked if x.key == found.key), found), ranked
 
 
 def _bent(plain: Blocks, others: Sequence[Ranked], evidence: Evidence, own: Ranked) -> float:
