@@ -338,7 +338,7 @@ def _causes(original: Problem, righted: Problem, taken: _Taken, floor: Floor, ev
         scatter = 1.0 if r.free else usual(original.blocks(floor), r.option.term)
         size = certain(r, sizes, covariance) if free else magnitude(r, sizes, errors)
         score = max(own.score, _bent(plain, others, evidence, own)) if r.key in applied else own.score
-        sure, ahead = _surest(r, sizes, covariance), _ahead(righted, blocks, r, others) if free else np.inf
+        sure, ahead = _surest(r, sizes, covariance), _ahead(righted, blocks, r, others) if r.free else np.inf
         found.append(Cause(r, sizes, errors, size, score, own.returned, told.inflation, scatter, rivals, sure, ahead))
         k += m
     return tuple(found)

@@ -1,5 +1,6 @@
 """The verdict: which causes are named, with what confidence, what they might be confused with, or that none fits."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -41,7 +42,7 @@ ROUGH, ROUGHER = 0.1, 2.0  # a form's error, from which on it is one; how much m
 # Shares of the largest score.
 FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
 FOLLOWS, STRANGE = 0.15, 1 / 3  # of its own score: how much counts of what is free at any instant, and of the unknown
-OFTEN = 0.3  # of all blocks
+SELDOM, OFTEN = 0.2, 0.3  # of all blocks: what a touch may be in; from which on something goes on all the time
 AMID, CROWD = 0.5, 0.4  # of the first cause's score: what is unknown beside what is free; what many small ones are
 FITS = 3.0  # a misfit, up to which a form counts in full
 CLEAN = 1.2  # a misfit, up to which a form leaves nothing that a lesser cause could be taken for
@@ -138,12 +139,13 @@ def _fits(search: Search) -> bool:
 
 def _stands_out(cause: Cause) -> bool:
     """Whether a cause is more than one of many small ones."""
+    if cause.ranked.free:
+        touch = _touching(cause) or (cause.known and _sized(cause) < BESIDES and _little(cause))
+        return (cause.known or _counts(cause, 0.0)) and not (touch and _during([cause]) < SELDOM)
     if not cause.known:
         return _counts(cause, 0.0)
     if _plain(cause):
         return True
-    if cause.ranked.free:
-        return not _faint(cause)
     return cause.tempered >= OUTSTANDING * min(STRIKING / _sized(cause), 1.0) and _counts(cause, BESIDES)
 
 
@@ -220,8 +222,12 @@ def _often(search: Search, cause: Cause) -> bool:
     """Whether what is free at any instant, unknown or too little for its sizes, says more than the cause and is there
     so often that it goes on all the time."""
     others = [c for c in search.causes if c is not cause and c.ranked.free and not (c.known and _counts(c, 0.0))]
-    courses = [course != 0.0 for c in others for course in c.ranked.option.term.course]
-    return sum(c.score for c in others) > cause.score and float(np.mean(np.any(courses, axis=0))) > OFTEN
+    return sum(c.score for c in others) > cause.score and _during(others) > OFTEN
+
+
+def _during(causes: Sequence[Cause]) -> float:
+    """In which share of all blocks any of some causes is."""
+    return float(np.mean(np.any([course != 0.0 for c in causes for course in c.ranked.option.term.course], axis=0)))
 
 
 def _strange(search: Search, cause: Cause) -> bool:
@@ -255,8 +261,18 @@ def _large(cause: Cause) -> bool:
 
 def _faint(cause: Cause) -> bool:
     """Whether it is a touch too faint to be one: it says much where it is, and nothing of all other times."""
-    small = cause.size < PLAINLY * cause.ranked.option.proposal.about.low or cause.ahead < CLEAR
-    return cause.ranked.free and cause.known and small and cause.score < EVIDENT * len(cause.sizes)
+    small = _sized(cause) < PLAINLY and _little(cause)
+    return cause.ranked.free and cause.known and (small or _touching(cause))
+
+
+def _touching(cause: Cause) -> bool:
+    """Whether what is free at any instant may as well be a touch: a force at the teeth tells as much."""
+    return cause.ahead < CLEAR and _little(cause)
+
+
+def _little(cause: Cause) -> bool:
+    """Whether too little speaks for what is free at any instant to count if it is no larger than a faint touch."""
+    return cause.score < EVIDENT * len(cause.sizes)
 
 
 def _otherwise(cause: Cause) -> bool:
@@ -293,7 +309,7 @@ def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
     instant needs for each of its sizes."""
     large = cause.size >= least * cause.ranked.option.proposal.about.low
     if cause.ranked.free and cause.known:
-        told = cause.score >= (each if large and cause.ahead >= CLEAR else EVIDENT) * len(cause.sizes)
+        told = cause.score >= (each if large and not _touching(cause) else EVIDENT) * len(cause.sizes)
         return (large or least <= NEGLIGIBLE) and told and cause.significance >= SIGNIFICANT
     enough = (ONCE if cause.ranked.option.proposal.course else TOLD) if cause.known else FREE
     sure = 0.0 if _plain(cause) else SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
