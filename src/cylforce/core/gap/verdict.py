@@ -27,11 +27,11 @@ ORDINARY, STRIKING = 3.0, 5.0  # below which it is the less a fault; from which 
 TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which nothing speaks
 PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
-EACH, LONE = 80.0, 40.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
+EACH, LONE = 80.0, 25.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
 APIECE = 4.0  # times what a touch says that is too faint to be one: below it, it may be another such
 NEARLY = 0.8  # of all evidence, with which what has one axis is as good as alone
 EVIDENT = 200.0  # for each of them, with which it is no touch too faint to be one, of whatever size
-CLEAR = 100.0  # by which what is free at any instant must be ahead of what has more sizes: else it is a touch as well
+CLEAR, STRONG = 100.0, 4000.0  # by which what is free at any instant must be ahead of a touch; from which on it is none
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all causes less, moves as no clean one
@@ -267,7 +267,7 @@ def _faint(cause: Cause) -> bool:
 
 def _touching(cause: Cause) -> bool:
     """Whether what is free at any instant may as well be a touch: a force at the teeth tells as much."""
-    return cause.ahead < CLEAR and _little(cause)
+    return cause.ahead < CLEAR and cause.score < STRONG
 
 
 def _little(cause: Cause) -> bool:
