@@ -22,7 +22,7 @@ from cylforce.core.gap.rows import Recorded, Viewer
 from cylforce.core.gap.selection import together
 from cylforce.core.gap.shrinkage import Simulation, tried, written
 from cylforce.core.gap.unknown import UnknownTorque
-from cylforce.core.gap.verdict import Verdict, judged
+from cylforce.core.gap.verdict import CLEAR, STRONG, Verdict, judged
 from cylforce.core.model import FRICTION, Model
 from cylforce.core.scenario import moves
 from cylforce.core.sensing import run, sensors
@@ -177,8 +177,36 @@ def test_slewing_that_no_sensor_tells_is_named_beside_a_faint_touch(reference):
     """The touch has sizes enough to follow the slewing, too, but more of them."""
     turning = imposed(MACHINE, "slew_centrifugal", "machine", 0.2, begin=75.0, end=93.0)
     touch = imposed(MACHINE, "soil_contact", "bucket", [200.0, 300.0], begin=112.0, end=127.0)
-    found = judged(search(reference.viewer, recordings(2, (turning, touch)), reference.clean))
-    assert found.named[0].cause.ranked.key == ("slew_centrifugal", "machine")
+    found = search(reference.viewer, recordings(2, (turning, touch)), reference.clean)
+    first = judged(found).named[0].cause
+    assert first.ranked.key == ("slew_centrifugal", "machine")
+    weak = first._replace(score=0.5 * STRONG)
+    for ahead, expected in ((2.0 * CLEAR, [first.ranked.key]), (0.5 * CLEAR, [])):
+        doubted = found._replace(causes=(weak._replace(ahead=ahead),))  # where a touch tells as much
+        assert [n.cause.ranked.key for n in judged(doubted).named] == expected
+
+
+def test_an_asymmetry_larger_than_dry_friction_allows_is_another_cause(reference):
+    """The same on that cylinder whichever way it moves: within what friction can have, it is named."""
+    tares = dict(zip((q.name for q in reference.viewer.model.parameters), reference.viewer.tares, strict=True))
+    dry = tares["bucket.coulomb"]
+    for share, named in ((0.2, True), (0.9, False)):
+        uneven = imposed(MACHINE, "asymmetric_friction", "bucket", share * dry)
+        found = judged(search(reference.viewer, recordings(2, (uneven,)), reference.clean))
+        listed = {r.key for n in found.named for r in (n.cause.ranked, *n.confused)}
+        assert (("asymmetric_friction", "bucket") in listed) is named
+
+
+def test_a_rival_must_be_farther_behind_where_the_form_does_not_fit(reference):
+    friction = imposed(MACHINE, "coulomb_friction", "stick", 600.0)
+    found = search(reference.viewer, recordings(2, (friction,)), reference.clean)
+    first = judged(found).named[0].cause
+    offset = next(r for r in first.rivals if r.key[0] == "viscous_friction")
+    score = 300.0  # nats
+    for misfit, verdict in ((1.0, Verdict.EXPLAINED), (4.0, Verdict.AMBIGUOUS)):
+        rival = offset._replace(score=score - 12.0)
+        cause = first._replace(score=score, inflation=misfit * first.usual, rivals=(rival,))
+        assert judged(found._replace(causes=(cause,))).verdict is verdict
 
 
 def test_one_force_at_the_teeth_is_told_not_a_torque_at_every_joint(reference):
@@ -362,7 +390,7 @@ def test_the_moments_in_which_play_is_crossed_are_set_aside(reference):
     field = recordings(2, (effect,))
     problem = Problem(reference.viewer.model, np.ones(1), (), (), looked_at(reference.viewer, field, ()))
     (p,) = (p for p in proposals(MACHINE) if p.group[0] == Backlash(100.0) and p.at == "bucket")
-    option = Option(p, "", Term((0,), np.ones((1, 1))), 0.0)
+    option = Option(p, "", Term((0,), np.ones((1, 1))), 0.0, p.about.high)
     touched = unsure(problem, reference.viewer, [Applied(option, np.array([0.02]))], field)
     for lost, seen, recorded in zip(touched, problem.faulty, field, strict=True):
         jumps = np.flatnonzero(Backlash(100.0).jumps(MACHINE, recorded.values, p.where)) / SERVICE.filters.rate_hz
@@ -383,6 +411,6 @@ def test_nothing_is_set_aside_where_little_would_be_left(reference):
         recorded.values[:, pair] = np.where(turned[:, None], [0.0, 8e6], [8e6, 0.0])
     problem = Problem(reference.viewer.model, np.ones(1), (), (), looked_at(reference.viewer, field, ()))
     (p,) = (p for p in proposals(MACHINE) if p.group[0] == Backlash(100.0) and p.at == "bucket")
-    applied = Applied(Option(p, "", Term((0,), np.ones((1, 1))), 0.0), np.array([0.02]))
+    applied = Applied(Option(p, "", Term((0,), np.ones((1, 1))), 0.0, p.about.high), np.array([0.02]))
     assert np.count_nonzero(np.diff(p.group[0].jumps(MACHINE, field[0].values, p.where))) > 100
     assert not any(np.any(lost) for lost in unsure(problem, reference.viewer, [applied], field))
