@@ -24,7 +24,7 @@ NEGLIGIBLE = 0.5  # what any must have
 CROWDED = 2.0  # which many small ones may make
 ORDINARY, STRIKING = 3.0, 5.0  # below which it is the less a fault; from which on the less must speak for it
 # Evidence [nats].
-TOLD, APART = 18.0, 30.0  # for an effect; for the lesser of two beside which nothing speaks
+TOLD, APART = 18.0, 30.0  # for an effect (more below its least size); for the lesser of two beside which nothing speaks
 PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
 ONCE = 200.0  # for what happens at an instant: nothing repeats it
 EACH, LONE = 80.0, 25.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
@@ -36,7 +36,7 @@ FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all causes less, moves as no clean one
 LOUD = 400.0  # nats that are needed there
-OUTSTANDING = 200.0  # for what is more than one of many small causes
+OUTSTANDING = 200.0  # for what is more than one of many small causes; for all of them together, to be a gap
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 ROUGH, ROUGHER = 0.1, 2.0  # a form's error, from which on it is one; how much more misfit it may have
 # Shares of the largest score.
@@ -102,7 +102,8 @@ def judged(search: Search) -> Judged:
     named = _causes(search, removed + left)
     if not named or (not search.original.clean and before <= floor):
         most = before if search.original.clean else max(before, float(np.sum(search.energy.fixed)))
-        found = most > (1.0 + LARGE) * floor or any(_shapeless(c) or _plain(c) for c in search.causes)
+        told = removed > 2.0 * TEMPER * OUTSTANDING or any(_shapeless(c) or _plain(c) for c in search.causes)
+        found = told or most > (1.0 + LARGE) * floor
         hidden = quiet(search) and any(c.known and _counts(c, NEGLIGIBLE) for c in search.causes)
         nothing = Verdict.NOT_OBSERVABLE if hidden else Verdict.NO_GAP
         return Judged(_without_name(search) if found else nothing, (), explained)
@@ -311,7 +312,8 @@ def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
     if cause.ranked.free and cause.known:
         told = cause.score >= (each if large and not _touching(cause) else EVIDENT) * len(cause.sizes)
         return (large or least <= NEGLIGIBLE) and told and cause.significance >= SIGNIFICANT
-    enough = (ONCE if cause.ranked.option.proposal.course else TOLD) if cause.known else FREE
+    least_told = TOLD / min(_sized(cause), 1.0) ** 2
+    enough = (ONCE if cause.ranked.option.proposal.course else least_told) if cause.known else FREE
     sure = 0.0 if _plain(cause) else SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
     return large and cause.tempered >= enough and cause.significance >= sure
 
