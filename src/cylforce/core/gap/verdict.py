@@ -35,7 +35,7 @@ CLEAR, STRONG = 100.0, 4000.0  # by which what is free at any instant must be ah
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
 QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all causes less, moves as no clean one
-LOUD = 400.0  # nats that are needed there
+LOUD = 400.0  # nats that are needed there, and that no many small ones of one form have
 OUTSTANDING = 200.0  # for what is more than one of many small causes; for all of them together, to be a gap
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 ROUGH, ROUGHER = 0.1, 2.0  # a form's error, from which on it is one; how much more misfit it may have
@@ -242,7 +242,8 @@ def _strange(search: Search, cause: Cause) -> bool:
 def _crowded(search: Search, first: Cause) -> bool:
     """Whether the first cause is hardly larger than what is plausible, and much stands beside it, or more than it has
     for all its size: many small ones pass for one, the sooner the more sizes it has; a touch too faint to be one is
-    more of them. What begins at an instant, and is not told as such, is a load that hangs a little otherwise."""
+    more of them. What begins at an instant, and is not told as such, is a load that hangs a little otherwise. Where all
+    of them leave nothing, much that is told of one form, and of a plausible size, is none of many."""
     beside = [c for c in search.causes if c is not first and not (_otherwise(c) or _faint(c) or _large(c))]
     crowd = sum(c.score for c in beside)
     told = sum(c.tempered * (FOLLOWS if c.ranked.free else 1.0) for c in beside)
@@ -250,7 +251,8 @@ def _crowded(search: Search, first: Cause) -> bool:
     touch = FOLLOWS * sum(c.score for c in search.causes if _faint(c))
     amid = small and crowd + touch > CROWD * first.score / width(first.ranked)
     hidden = told > _sized(first) * first.tempered or amid
-    return hidden and not first.ranked.free and crowd + touch > HINT
+    plain = first.tempered >= LOUD and _sized(first) >= PLAINLY and first.misfit <= FITS and _fits(search)
+    return hidden and not (first.ranked.free or plain) and crowd + touch > HINT
 
 
 def _large(cause: Cause) -> bool:
