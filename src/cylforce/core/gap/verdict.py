@@ -338,7 +338,7 @@ def _named(cause: Cause, share: float, small: float) -> Named:
     beside those named [nats], the farther a rival must be behind."""
     rivals = [r for r in cause.rivals if not (_contains(r, cause) or too_large(r))]
     uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
-    plain = max(LEAD * cause.misfit, MESS * small)
+    plain = max(LEAD * (cause.misfit if cause.misfit > FITS else 1.0), MESS * small)
     dry = max(plain, DRY * cause.score, CLOSE * cause.score * uneven)
     lead = max(dry, FORM * cause.score)
     leads = [LEAD if r.free else plain if _within(r, cause) else dry if _dry(r, cause) else lead for r in rivals]
