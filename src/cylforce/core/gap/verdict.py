@@ -102,7 +102,8 @@ def judged(search: Search) -> Judged:
     named = _causes(search, removed + left)
     if not named or (not search.original.clean and before <= floor):
         most = before if search.original.clean else max(before, float(np.sum(search.energy.fixed)))
-        told = removed > 2.0 * TEMPER * OUTSTANDING or any(_shapeless(c) or _plain(c) for c in search.causes)
+        much = removed > 2.0 * TEMPER * OUTSTANDING and not quiet(search)
+        told = much or any(_shapeless(c) or _plain(c) for c in search.causes)
         found = told or most > (1.0 + LARGE) * floor
         hidden = quiet(search) and any(c.known and _counts(c, NEGLIGIBLE) for c in search.causes)
         nothing = Verdict.NOT_OBSERVABLE if hidden else Verdict.NO_GAP
