@@ -323,8 +323,9 @@ def _causes(original: Problem, righted: Problem, taken: _Taken, floor: Floor, ev
     for r in taken.held:
         m = len(r.option.term.columns)
         others = [o for o in taken.held if o is not r]
-        plain = (original if r.clock else righted).blocks(floor)
-        own, ranked = _beside(original if r.clock else righted, plain, r, others)
+        seen = original if r.clock else righted
+        plain = seen.blocks(floor)
+        own, ranked = _beside(seen, plain, r, others)
         if applied and not (r.clock or r.key in applied):
             own, ranked = max((own, ranked), _beside(taken.problem, blocks, r, others), key=lambda x: x[0].score)
         others_too = (x for x in ranked if x.key != r.key and x.key[0] != NAME)

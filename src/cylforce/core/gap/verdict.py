@@ -141,12 +141,12 @@ def _fits(search: Search) -> bool:
 
 def _stands_out(cause: Cause) -> bool:
     """Whether a cause is more than one of many small ones."""
+    if not (cause.known or _counts(cause, 0.0)):
+        return False
     if cause.ranked.free:
         touch = _touching(cause) or (cause.known and _sized(cause) < BESIDES and _little(cause))
-        return (cause.known or _counts(cause, 0.0)) and not (touch and _during([cause]) < SELDOM)
-    if not cause.known:
-        return _counts(cause, 0.0)
-    if _plain(cause):
+        return not (touch and _during([cause]) < SELDOM)
+    if not cause.known or _plain(cause):
         return True
     return cause.tempered >= OUTSTANDING * min(STRIKING / _sized(cause), 1.0) and _counts(cause, BESIDES)
 
@@ -266,7 +266,7 @@ def _large(cause: Cause) -> bool:
 def _faint(cause: Cause) -> bool:
     """Whether it is a touch too faint to be one: it says much where it is, and nothing of all other times."""
     small = _sized(cause) < PLAINLY and _little(cause)
-    return cause.ranked.free and cause.known and (small or _touching(cause))
+    return cause.known and cause.ranked.free and (small or _touching(cause))
 
 
 def _touching(cause: Cause) -> bool:
