@@ -19,8 +19,8 @@ from cylforce.machine.machine import base_parameters
 from cylforce.machine.motion import Attitude, motion
 from cylforce.regression.filters import denoised
 from cylforce.words.signals import Kind
+from gap_scene import MACHINE, SERVICE, recordings
 from machines import excavator
-from test_gap_effects import MACHINE, SERVICE, recordings
 from test_rigid import chain, machine
 
 DEGREE = np.pi / 180.0
