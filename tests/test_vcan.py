@@ -11,16 +11,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 VCAN = str(ROOT / "tools/vcan")
-COUNT_AND_END_WELL = """
-import signal, sys, time
-def end(number, frame):
-    print("got", signal.Signals(number).name, flush=True)
-    sys.exit(9)
-signal.signal(signal.SIGTERM, end)
-signal.signal(signal.SIGINT, end)
+# A handler and a sleep would race: a signal just before the sleep interrupts nothing.
+SAY_AND_END_WELL = """
+import signal, sys
+ends = {signal.SIGTERM, signal.SIGINT}
+signal.pthread_sigmask(signal.SIG_BLOCK, ends)
 print("ready", flush=True)
-while True:
-    time.sleep(100)
+print("got", signal.Signals(signal.sigwait(ends)).name)
+sys.exit(9)
 """
 # Two processes on vcan0; prints a checksum of all that arrived and when.
 TRANSMIT_AND_HASH = """
@@ -72,7 +70,7 @@ def test_output_comes_as_it_is_written():
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("clock", ["real", "idle"])
 def test_signals_reach_the_command(number, clock):
-    command = [VCAN, "-g", "-t", clock, sys.executable, "-c", COUNT_AND_END_WELL]
+    command = [VCAN, "-g", "-t", clock, sys.executable, "-c", SAY_AND_END_WELL]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout.readline() == "ready\n"
         running.send_signal(number)
