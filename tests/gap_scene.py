@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.core.gap.diagnosis import asked
-from cylforce.core.gap.floor import fitted_tares
-from cylforce.core.gap.problem import Seen, looked_at
-from cylforce.core.gap.rows import Recorded, Viewer
-from cylforce.core.model import FRICTION, Model
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import run, sensors
-from cylforce.core.simulated_effects import Imposed
-from cylforce.core.simulator import draw_truth
-from cylforce.edges.settings import load
+from cylforce.diagnosis.diagnosis import asked
+from cylforce.diagnosis.floor import fitted_tares
+from cylforce.diagnosis.problem import Seen, looked_at
+from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.effects.imposed import Imposed
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.settings.machine_file import load
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.simulator import draw_truth
 
 SERVICE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service
 MACHINE = SERVICE.machine

@@ -2,9 +2,9 @@
 
 from math import pi, radians
 
-from cylforce.machine.linkages import FourBar, Triangle
-from cylforce.machine.machine import Cylinder, Link, Machine
-from cylforce.words.signals import Kind, Signal
+from cylforce.mechanics.linkages import FourBar, Triangle
+from cylforce.mechanics.machine import Cylinder, Link, Machine
+from cylforce.signals.kinds import Kind, Signal
 
 STICK = Link("stick", 2.9, 900, 0.9, 0.15, 900, radians(-150), radians(-35), 90, 0.1, 300)
 BUCKET = Link("bucket", 1.5, 800, 0.7, 0.3, 300, radians(-150), radians(25), 80, 0.1, 100)

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from cylforce.core.reaches import Reach
-from cylforce.core.sensing import run, sensors
-from cylforce.core.strokes import clear_range
-from cylforce.core.trajectory import Course, Phase, Scene, Step, driven, stroke_time
+from cylforce.commissioning.reaches import Reach
+from cylforce.commissioning.strokes import clear_range
+from cylforce.mechanics.workspace import driven, stroke_time
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.trajectory import Course, Phase, Scene, Step
 from scenarios import carried, truth_of
 
 BRISK, QUICK = 0.25, 0.4  # m/s

@@ -5,18 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
-from cylforce.core.codec import decode
-from cylforce.core.identification import identify
-from cylforce.core.layout import CODES
-from cylforce.core.sensing import run, sensors
-from cylforce.core.sensor_bus import bus_events
-from cylforce.core.simulator import draw_truth
-from cylforce.core.soil import Dig
-from cylforce.core.step import step
-from cylforce.core.trajectory import Course, Phase, Scene, Step
+from cylforce.commissioning.identification import identify
 from cylforce.programs.identify import model_of
 from cylforce.programs.sim import START_US, prepare
-from cylforce.words.events import Tick
+from cylforce.service.step import step
+from cylforce.signals.codec import decode
+from cylforce.signals.events import Tick
+from cylforce.signals.layout import CODES
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.sensor_bus import bus_events
+from cylforce.simulation.simulator import draw_truth
+from cylforce.simulation.soil import Dig
+from cylforce.simulation.trajectory import Course, Phase, Scene, Step
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 EXCAVATOR = CONFIG / "excavator_20t.toml"

@@ -4,7 +4,7 @@ depth."""
 import numpy as np
 import pinocchio as pin
 
-from cylforce.machine.machine import Machine
+from cylforce.mechanics.machine import Machine
 
 
 def yaw_torque(machine: Machine, a: np.ndarray, rate: float, thin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cylforce.core import simulator
-from cylforce.core.model import Model
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import run, sensors
+from cylforce.estimation.model import Model
+from cylforce.simulation import simulator
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
 from scenarios import carried, truth_of
 
 SECONDS = 100.0

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.core.adaptation import Adapter
-from cylforce.core.model import Model
-from cylforce.edges.settings import load
-from cylforce.regression.regressor import Rows
+from cylforce.estimation.model import Model
+from cylforce.estimation.regressor import Rows
+from cylforce.service.adaptation import Adapter
+from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR, moved
 
 STILL = np.full(3, np.inf)

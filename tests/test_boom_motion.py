@@ -4,21 +4,21 @@ and what the reference does as well is no effect."""
 import numpy as np
 import pytest
 
-from cylforce.core.gap.diagnosis import search
-from cylforce.core.gap.floor import fitted_tares
-from cylforce.core.gap.riding import riding
-from cylforce.core.gap.rows import Viewer
-from cylforce.core.model import FRICTION, Model
-from cylforce.core.motion import Channels
-from cylforce.core.service import Filters
-from cylforce.core.simulated_effects import imposed
-from cylforce.core.simulator import standing
-from cylforce.effects.boom_motion import BoomMotion
-from cylforce.effects.rigid import Rigid
-from cylforce.machine.machine import base_parameters
-from cylforce.machine.motion import Attitude, motion
-from cylforce.regression.filters import denoised
-from cylforce.words.signals import Kind
+from cylforce.diagnosis.diagnosis import search
+from cylforce.diagnosis.floor import fitted_tares
+from cylforce.diagnosis.riding import riding
+from cylforce.diagnosis.rows import Viewer
+from cylforce.effects.geometry.boom_motion import BoomMotion
+from cylforce.effects.imposed import imposed
+from cylforce.effects.loads.rigid import Rigid
+from cylforce.estimation.channels import Channels
+from cylforce.estimation.filters import denoised
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.mechanics.installation import Filters
+from cylforce.mechanics.machine import base_parameters
+from cylforce.mechanics.motion import Attitude, motion
+from cylforce.signals.kinds import Kind
+from cylforce.simulation.simulator import standing
 from gap_scene import MACHINE, SERVICE, recordings
 from machines import excavator
 from test_rigid import chain, machine

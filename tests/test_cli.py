@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import cylforce
-from cylforce.edges.settings import load
-from cylforce.edges.tables import read_table
+from cylforce.files.tables import read_table
 from cylforce.programs import cli
+from cylforce.settings.machine_file import load
 from scenarios import CONFIG, EXCAVATOR
 
 NO_WAY_OUT = "udp_multicast:239.74.163.2"  # never to be opened: it would leave the machine

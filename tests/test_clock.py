@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from cylforce.edges.clock import Timer, now_us
+from cylforce.can.clock import Timer, now_us
 
 
 @pytest.fixture

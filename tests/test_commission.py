@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cylforce.core.guidance import Guide
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import run, sensors
-from cylforce.core.sensor_bus import bus_events
-from cylforce.edges.bus import BusError, open_bus
-from cylforce.edges.logreader import read_events
-from cylforce.edges.settings import load
+from cylforce.can.bus import BusError, open_bus
+from cylforce.commissioning.guidance import Guide
+from cylforce.files.logreader import read_events
 from cylforce.programs import commission
-from cylforce.programs.collector import Collector
 from cylforce.programs.commission import Order, run_commission
 from cylforce.programs.identify import model_of
-from cylforce.programs.picture import FULL, NONE, picture, summary
+from cylforce.programs.live.collector import Collector
+from cylforce.programs.live.picture import FULL, NONE, picture, summary
 from cylforce.programs.sim import START_US
-from cylforce.words.events import Frame
+from cylforce.settings.machine_file import load
+from cylforce.signals.events import Frame
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.sensor_bus import bus_events
 from scenarios import EXCAVATOR, carried, truth_of
 
 LOADED = load(EXCAVATOR)

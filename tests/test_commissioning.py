@@ -7,14 +7,14 @@ from itertools import pairwise
 
 import pytest
 
-from cylforce.core.layout import Field, Pdo
-from cylforce.core.service import SensorNode
-from cylforce.edges import commissioning
-from cylforce.edges.commissioning import Commissioner, Stage
-from cylforce.edges.devices import sensor_node
-from cylforce.edges.heartbeat import Heartbeats
-from cylforce.edges.network import Network
-from cylforce.words.events import Frame
+from cylforce.canopen import startup as commissioning
+from cylforce.canopen.devices import sensor_node
+from cylforce.canopen.heartbeat import Heartbeats
+from cylforce.canopen.network import Network
+from cylforce.canopen.startup import Commissioner, Stage
+from cylforce.mechanics.installation import SensorNode
+from cylforce.signals.events import Frame
+from cylforce.signals.layout import Field, Pdo
 
 
 def pressures(node_id, *, synchronous=True, can_id=None, number=1):

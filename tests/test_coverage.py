@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.core import expectation
-from cylforce.core.coverage import BINS, NEEDED_S, Pace, Way, coverage, missing, plan, planes, share
-from cylforce.core.expectation import cost, expected_error, postures
-from cylforce.core.model import Model
-from cylforce.core.weighing import Residual, Weigher
-from cylforce.edges.settings import load
+from cylforce.commissioning import expectation
+from cylforce.commissioning.coverage import BINS, NEEDED_S, Pace, Way, coverage, missing, plan, planes, share
+from cylforce.commissioning.expectation import cost, expected_error, postures
+from cylforce.estimation.model import Model
+from cylforce.estimation.residual import Residual
+from cylforce.service.weighing import Weigher
+from cylforce.settings.machine_file import load
 from machines import excavator, stick_and_bucket
 
 REST = 0.006

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.core.motion import Channels
-from cylforce.edges.settings import load
-from cylforce.edges.tables import read_table
-from cylforce.words.units import DEGREE
+from cylforce.estimation.channels import Channels
+from cylforce.files.tables import read_table
+from cylforce.settings.machine_file import load
+from cylforce.signals.units import DEGREE
 
 TOOL = Path(__file__).resolve().parents[1] / "tools" / "crane"
 CURVES = ("p_m_stroke_to_angle", "p_k_stroke_to_angle")

@@ -9,15 +9,15 @@ import cantools
 import pytest
 from dcf.device import Device
 
-from cylforce.core.codec import decode, encode
-from cylforce.core.layout import CODES, Field, not_available
-from cylforce.core.publication import publication
-from cylforce.edges.dbc import dbc
-from cylforce.edges.eds import eds
-from cylforce.edges.object_dictionary import own_objects, unit_and_digits
-from cylforce.edges.object_table import dictionary
-from cylforce.edges.vendor_eds import default_mapping, mapped_code, profile, read
-from cylforce.words.estimate import Reason, Status
+from cylforce.canopen.dictionary.dbc import dbc
+from cylforce.canopen.dictionary.eds import eds
+from cylforce.canopen.dictionary.object_dictionary import own_objects, unit_and_digits
+from cylforce.canopen.dictionary.object_table import dictionary
+from cylforce.canopen.dictionary.vendor_eds import default_mapping, mapped_code, profile, read
+from cylforce.service.publication import publication
+from cylforce.signals.codec import decode, encode
+from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.layout import CODES, Field, not_available
 
 ROOT = Path(__file__).resolve().parents[1]
 NODE_ID = 64

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from cylforce.core.model import Model
-from cylforce.core.pipeline import Pipeline
-from cylforce.core.service import Filters
-from cylforce.effects.rigid import Rigid
-from cylforce.machine.machine import base_parameters
-from cylforce.machine.motion import Motion, motion
-from cylforce.regression.filters import fours
-from cylforce.regression.regressor import FilteredRegressor, Regressor
+from cylforce.effects.loads.rigid import Rigid
+from cylforce.estimation.filters import fours
+from cylforce.estimation.model import Model
+from cylforce.estimation.regressor import FilteredRegressor, Regressor
+from cylforce.mechanics.installation import Filters
+from cylforce.mechanics.machine import base_parameters
+from cylforce.mechanics.motion import Motion, motion
+from cylforce.service.pipeline import Pipeline
 from machines import excavator
 
 SEED = 7
@@ -120,7 +120,7 @@ def test_missing_steps_are_filled_along_a_line() -> None:
 def test_slew_equals_an_independent_library() -> None:
     """Centrifugal torques of a turning house against pinocchio with a yaw joint, at 200 random states: 1e-9, with each
     link's exact D = J - 2 int z^2 dm and E = int x z dm."""
-    from cylforce.effects.slew import Slew
+    from cylforce.effects.loads.slew import Slew
     from slew_oracle import yaw_torque
 
     machine, rng = excavator(), np.random.default_rng(SEED)
@@ -159,7 +159,7 @@ def test_paper_equation_1_is_the_special_case_at_rest() -> None:
         )
         np.testing.assert_allclose(load, expected, rtol=1e-12)
         # the other reading of (1): a force of known arm (the tooth line), unknown size and direction
-        from cylforce.effects.tip_force import TipForce
+        from cylforce.effects.loads.tip_force import TipForce
 
         tool = TipForce().halves(machine, moving).static[:, :2]
         force = rng.uniform(-2e4, 2e4, 2)
@@ -171,8 +171,8 @@ def test_paper_equation_1_is_the_special_case_at_rest() -> None:
 @pytest.mark.parametrize("pitch", [-0.3, 0.0, 0.2])
 def test_tool_columns_are_the_tool_jacobian(pitch: float) -> None:
     """r = -(dP/dq)^T F, with F in true horizontal and vertical."""
-    from cylforce.effects.tip_force import TipForce
-    from cylforce.machine.motion import Attitude
+    from cylforce.effects.loads.tip_force import TipForce
+    from cylforce.mechanics.motion import Attitude
 
     machine, rng = excavator(), np.random.default_rng(SEED)
     theta, force = np.array([0.3, -1.4, -0.8]), rng.normal(size=2)

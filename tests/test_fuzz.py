@@ -8,14 +8,14 @@ from itertools import chain, cycle
 import numpy as np
 import pytest
 
-from cylforce.core.codec import decode, encode
-from cylforce.core.publication import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET
-from cylforce.core.scenario import _begin
-from cylforce.core.step import Core, step
-from cylforce.edges.settings import load
-from cylforce.words.estimate import Reason, Status
-from cylforce.words.events import ERROR, EXTENDED, REMOTE, Frame, Tick
-from cylforce.words.signals import Kind
+from cylforce.service.publication import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET
+from cylforce.service.step import Core, step
+from cylforce.settings.machine_file import load
+from cylforce.signals.codec import decode, encode
+from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
+from cylforce.signals.kinds import Kind
+from cylforce.simulation.scenario import _begin
 from scenarios import CONFIG, cycles, identified, pdo_of, played, scene
 
 FRAMES = 1_000_000

@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cylforce.core import scenario
-from cylforce.core.gap.closure import WIDEST
-from cylforce.core.gap.library import LIBRARY
-from cylforce.core.gap.where import REGIMES
-from cylforce.core.sensing import run, sensors
-from cylforce.core.simulated_effects import imposed
-from cylforce.edges.settings import load
-from cylforce.edges.tables import Table, read_table, write_table
-from cylforce.programs import cli, report
+from cylforce.diagnosis.closure import WIDEST
+from cylforce.diagnosis.where import REGIMES
+from cylforce.effects.imposed import imposed
+from cylforce.effects.library import LIBRARY
+from cylforce.files.tables import Table, read_table, write_table
+from cylforce.programs import cli
 from cylforce.programs.gap_output import sentence
-from cylforce.programs.reporting.units import SHOWN, interval, shown
+from cylforce.programs.reports import report
+from cylforce.programs.reports.units import SHOWN, interval, shown
 from cylforce.programs.sim import read_effects, run_sim
+from cylforce.settings.machine_file import load
+from cylforce.simulation import scenario
+from cylforce.simulation.sensing import run, sensors
 from pages import Page, check_one_file
 from scenarios import CONFIG, EXCAVATOR, SEED, truth_of
 

@@ -4,16 +4,16 @@ that. (Our own simulator; a real machine: test_crane_gap.py.)"""
 import numpy as np
 import pytest
 
-from cylforce.core.gap.answer import off_clock
-from cylforce.core.gap.clocks import LATE_S, slips
-from cylforce.core.gap.rows import Recorded
-from cylforce.core.model import Model
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import run, sensors
-from cylforce.core.simulated_effects import imposed
-from cylforce.edges.settings import load
-from cylforce.machine.candidate import Place, places
+from cylforce.diagnosis.answer import off_clock
+from cylforce.diagnosis.clocks import LATE_S, slips
+from cylforce.diagnosis.rows import Recorded
+from cylforce.effects.fault import Place, places
+from cylforce.effects.imposed import imposed
+from cylforce.estimation.model import Model
 from cylforce.programs.sim import prepare
+from cylforce.settings.machine_file import load
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
 from scenarios import EXCAVATOR, moved, truth_of
 
 LOADED = load(EXCAVATOR)

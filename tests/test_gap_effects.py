@@ -4,16 +4,16 @@ rivals of what is, with its size. (Our own simulator: this shows that the progra
 import numpy as np
 import pytest
 
-from cylforce.core.gap.diagnosis import Search, search
-from cylforce.core.gap.library import LIBRARY
-from cylforce.core.gap.patch import patch
-from cylforce.core.gap.rank import leading
-from cylforce.core.gap.residuals import fixed, held_out_clean
-from cylforce.core.gap.resimulation import read_blocks
-from cylforce.core.gap.shrinkage import Simulation
-from cylforce.core.gap.verdict import judged
-from cylforce.core.simulated_effects import imposed
-from cylforce.machine.candidate import SHAPES, Course, Incident
+from cylforce.diagnosis.diagnosis import Search, search
+from cylforce.diagnosis.patch import patch
+from cylforce.diagnosis.rank import leading
+from cylforce.diagnosis.residuals import fixed, held_out_clean
+from cylforce.diagnosis.resimulation import read_blocks
+from cylforce.diagnosis.shrinkage import Simulation
+from cylforce.diagnosis.verdict import judged
+from cylforce.effects.fault import SHAPES, Course, Incident
+from cylforce.effects.imposed import imposed
+from cylforce.effects.library import LIBRARY
 from gap_scene import MACHINE, Reference, as_it_was, recordings
 
 # name: place, sizes, and what else; all of a magnitude that is noticed at work, none outstanding

@@ -5,22 +5,22 @@ the programs work.)"""
 import numpy as np
 import pytest
 
-from cylforce.core.gap.answer import reason
-from cylforce.core.gap.correction import FADED, UNSURE_S, Applied, aside, unsure
-from cylforce.core.gap.diagnosis import asked, jumping, search
-from cylforce.core.gap.evidence import Evidence, Term
-from cylforce.core.gap.floor import noise_floor
-from cylforce.core.gap.library import proposals
-from cylforce.core.gap.problem import RARE, Option, Problem, looked_at
-from cylforce.core.gap.rank import ranking
-from cylforce.core.gap.selection import together
-from cylforce.core.gap.shrinkage import tried, written
-from cylforce.core.gap.unknown import UnknownTorque
-from cylforce.core.gap.verdict import CLEAR, STRONG, Verdict, judged
-from cylforce.core.simulated_effects import Imposed, imposed
-from cylforce.effects.backlash import Backlash
-from cylforce.effects.load_dependent_friction import LoadDependentFriction
-from cylforce.effects.presliding_hysteresis import PreslidingHysteresis
+from cylforce.diagnosis.answer import reason
+from cylforce.diagnosis.correction import FADED, UNSURE_S, Applied, aside, unsure
+from cylforce.diagnosis.diagnosis import asked, jumping, search
+from cylforce.diagnosis.evidence import Evidence, Term
+from cylforce.diagnosis.floor import noise_floor
+from cylforce.diagnosis.problem import RARE, Option, Problem, looked_at
+from cylforce.diagnosis.rank import ranking
+from cylforce.diagnosis.selection import together
+from cylforce.diagnosis.shrinkage import tried, written
+from cylforce.diagnosis.unknown import UnknownTorque
+from cylforce.diagnosis.verdict import CLEAR, STRONG, Verdict, judged
+from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
+from cylforce.effects.geometry.backlash import Backlash
+from cylforce.effects.imposed import Imposed, imposed
+from cylforce.effects.library import proposals
 from gap_scene import MACHINE, SERVICE, Reference, as_it_was, recordings
 
 SIGNALS = [signal.name for signal in MACHINE.signals]

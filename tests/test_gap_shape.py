@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cylforce.core.gap.shape import MOST, WORTH, lie, shapes
-from cylforce.core.gap.track import Track
+from cylforce.diagnosis.shape import MOST, WORTH, lie, shapes
+from cylforce.diagnosis.track import Track
 
 RATE_HZ, NOISE, SEED = 20.0, 50.0, 3
 

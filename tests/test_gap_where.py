@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cylforce.core.gap.where import EXCHANGES, chance
+from cylforce.diagnosis.where import EXCHANGES, chance
 
 SEED, CASES = 11, 1000
 FIELD, ORDER = 16, 40  # spans

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cylforce.core import coverage, reaches
-from cylforce.core.coverage import Pace, Way, missing
-from cylforce.core.guidance import Guide, follow
-from cylforce.core.identification import identify
-from cylforce.core.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
-from cylforce.edges.settings import load
+from cylforce.commissioning import coverage, reaches
+from cylforce.commissioning.coverage import Pace, Way, missing
+from cylforce.commissioning.guidance import Guide, follow
+from cylforce.commissioning.identification import identify
+from cylforce.commissioning.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
 from cylforce.programs.identify import model_of
+from cylforce.settings.machine_file import load
 from obedient import commissioned
 from scenarios import CONFIG, EXCAVATOR
 from spoilt import samples, touching

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import tomlkit
 
-from cylforce.core.identification import identify
-from cylforce.core.scenario import _begin
-from cylforce.core.sensing import run, sensors
-from cylforce.edges.files import RecordingError
-from cylforce.edges.identified import read_identified, write_identified
-from cylforce.edges.settings import SettingsError, load
-from cylforce.edges.tables import Table, write_table
-from cylforce.machine.machine import base_parameters
+from cylforce.commissioning.identification import identify
+from cylforce.files.atomic import RecordingError
+from cylforce.files.tables import Table, write_table
+from cylforce.mechanics.machine import base_parameters
 from cylforce.programs.identify import model_of, run_identify
+from cylforce.settings.identified import read_identified, write_identified
+from cylforce.settings.machine_file import SettingsError, load
+from cylforce.simulation.scenario import _begin
+from cylforce.simulation.sensing import run, sensors
 from scenarios import CONFIG, EXCAVATOR, identified, moved, scene, truth_of
 
 SLEWING = {f"{link}.{what}" for link in ("boom", "stick", "bucket") for what in ("D_excess", "E")}

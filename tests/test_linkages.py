@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from cylforce.edges.settings import load
-from cylforce.machine.chain import pose
-from cylforce.machine.linkages import FourBar, Triangle
-from cylforce.machine.machine import Machine
+from cylforce.mechanics.chain import pose
+from cylforce.mechanics.linkages import FourBar, Triangle
+from cylforce.mechanics.machine import Machine
+from cylforce.settings.machine_file import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 LENGTHS = np.array([5.7, 2.9, 1.5])

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cylforce.edges.candump import Sent, event_line, own_event, parsed
-from cylforce.edges.files import RecordingError
-from cylforce.edges.logfile import Header, LogWriter, file_sha256, mismatches, running_versions
-from cylforce.edges.logreader import read_events, with_ticks
-from cylforce.words.events import ERROR, EXTENDED, REMOTE, Frame, Tick
+from cylforce.files.atomic import RecordingError
+from cylforce.files.candump import Sent, event_line, own_event, parsed
+from cylforce.files.logfile import Header, LogWriter, file_sha256, mismatches, running_versions
+from cylforce.files.logreader import read_events, with_ticks
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 
 T0 = 1_700_000_000_123_456
 PERIOD_US = 10_000
@@ -107,8 +107,8 @@ def test_the_log_grows_while_it_is_written_and_is_kept_when_killed(tmp_path):
     script = f"""
 import os, signal, time
 from pathlib import Path
-from cylforce.edges.logfile import Header, LogWriter
-from cylforce.words.events import Tick
+from cylforce.files.logfile import Header, LogWriter
+from cylforce.signals.events import Tick
 log = LogWriter(Path({str(path)!r}), Header.model_validate({HEADER.model_dump()!r}), {T0}, "can0")
 for k in range(300):
     log.log(Tick({T0} + k * 10_000))
@@ -130,8 +130,8 @@ def test_a_full_disk_ends_the_log_not_the_caller():
 
 
 def test_a_stalled_disk_ends_the_log_before_memory_does(tmp_path, monkeypatch):
-    monkeypatch.setattr("cylforce.edges.logfile.BACKLOG_BYTES", 10_000)
-    monkeypatch.setattr("cylforce.edges.logfile.CLOSE_S", 0.05)
+    monkeypatch.setattr("cylforce.files.logfile.BACKLOG_BYTES", 10_000)
+    monkeypatch.setattr("cylforce.files.logfile.CLOSE_S", 0.05)
     told, stall = [], []
 
     def slow(self, block, events):

@@ -7,19 +7,19 @@ from random import Random
 
 import pytest
 
-from cylforce.core.codec import encode
-from cylforce.core.layout import Field, Pdo
-from cylforce.core.publication import publication
-from cylforce.core.service import SensorNode
-from cylforce.edges.devices import Derived, sensor_node
-from cylforce.edges.network import Network
-from cylforce.edges.node import Node
-from cylforce.edges.object_dictionary import own_objects, sensor_objects
-from cylforce.edges.object_table import Entry, Object, dictionary, group, variable
-from cylforce.edges.objects import Commands
-from cylforce.edges.sdo_client import AbortedError, Client, NoAnswerError
-from cylforce.words.estimate import Reason, Status
-from cylforce.words.events import ERROR, EXTENDED, REMOTE, Frame
+from cylforce.canopen.devices import Derived, sensor_node
+from cylforce.canopen.dictionary.object_dictionary import own_objects, sensor_objects
+from cylforce.canopen.dictionary.object_table import Entry, Object, dictionary, group, variable
+from cylforce.canopen.network import Network
+from cylforce.canopen.node import Node
+from cylforce.canopen.objects import Commands
+from cylforce.canopen.sdo_client import AbortedError, Client, NoAnswerError
+from cylforce.mechanics.installation import SensorNode
+from cylforce.service.publication import publication
+from cylforce.signals.codec import encode
+from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame
+from cylforce.signals.layout import Field, Pdo
 
 OURS = 64
 PUBLICATION = publication(OURS, 0.1, 1500.0, 300e3)

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import run, sensors
-from cylforce.core.simulated_effects import imposed
-from cylforce.core.simulator import draw_truth
-from cylforce.edges.settings import load
-from cylforce.edges.tables import Table, write_table
+from cylforce.effects.imposed import imposed
+from cylforce.files.tables import Table, write_table
+from cylforce.settings.machine_file import load
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.simulator import draw_truth
 
 ROOT = Path(__file__).resolve().parents[1]
 LOAD, SIZE = 1000.0, 0.03

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cylforce.machine.reading import followed
+from cylforce.mechanics.reading import followed
 
 
 @given(st.floats(0.005, 1.0), st.floats(-1e6, 1e6))

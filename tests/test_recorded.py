@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cylforce.core.gap.evidence import Evidence
-from cylforce.core.gap.library import proposals
-from cylforce.core.gap.problem import Problem, Seen
-from cylforce.core.gap.rows import Recorded, Viewer
-from cylforce.core.gap.spread import Kept, Spread
-from cylforce.core.gap.whitening import Floor
-from cylforce.core.model import FRICTION, Model
-from cylforce.core.segments import Part, parts, stretches
-from cylforce.edges.settings import load
-from cylforce.edges.tables import Table, write_table
+from cylforce.diagnosis.evidence import Evidence
+from cylforce.diagnosis.problem import Problem, Seen
+from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.diagnosis.spread import Kept, Spread
+from cylforce.diagnosis.whitening import Floor
+from cylforce.effects.library import proposals
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.segments import Part, parts, stretches
+from cylforce.files.tables import Table, write_table
 from cylforce.programs.recorded import PART_S, SHORTEST_S, chosen
+from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR, moved
 
 MOST, SIZE, LEAST, LONGEST = 6, 10, 4, 2

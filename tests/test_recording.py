@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from cylforce.core.codec import decode
-from cylforce.core.layout import Field, Pdo
-from cylforce.core.publication import publication
-from cylforce.core.service import Filters, Health, SensorNode, Service
-from cylforce.edges.candump import Sent
-from cylforce.edges.files import RecordingError
-from cylforce.edges.logfile import Header, LogWriter
-from cylforce.edges.recording import Events, as_frames, open_recording, own_ids, sensor_frames
-from cylforce.edges.tables import ColumnMap, Table, TableMap
-from cylforce.machine.machine import Machine
-from cylforce.words.events import EXTENDED, Frame, Tick
-from cylforce.words.signals import Kind, Signal
+from cylforce.files.atomic import RecordingError
+from cylforce.files.candump import Sent
+from cylforce.files.logfile import Header, LogWriter
+from cylforce.files.recording import Events, as_frames, open_recording, own_ids, sensor_frames
+from cylforce.files.tables import ColumnMap, Table, TableMap
+from cylforce.mechanics.installation import Filters, Health, SensorNode, Service
+from cylforce.mechanics.machine import Machine
+from cylforce.service.publication import publication
+from cylforce.signals.codec import decode
+from cylforce.signals.events import EXTENDED, Frame, Tick
+from cylforce.signals.kinds import Kind, Signal
+from cylforce.signals.layout import Field, Pdo
 
 NODE, T0 = 10, 1_700_000_000_000_000
 HEAD = Field("head", 0x7130, 1, "h", 1e4, 0.0, "Pa", -1e5, 4e7)

@@ -13,11 +13,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from cylforce.core.assembler import Assembler
-from cylforce.core.segments import samples
-from cylforce.edges.recording import open_recording
-from cylforce.edges.settings import load
-from cylforce.words.events import Frame, Tick
+from cylforce.files.recording import open_recording
+from cylforce.service.assembler import Assembler
+from cylforce.service.samples import samples
+from cylforce.settings.machine_file import load
+from cylforce.signals.events import Frame, Tick
 from reference_machine import draw
 from reference_machine.arm import GRAVITY, Arm, up_vector
 from reference_machine.datasheet import JOINTS

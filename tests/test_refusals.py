@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cylforce.core.identification import identify
-from cylforce.edges.settings import load
+from cylforce.commissioning.identification import identify
 from cylforce.programs.identify import model_of
+from cylforce.settings.machine_file import load
 from scenarios import CONFIG, EXCAVATOR
 from spoilt import exchanged, samples, touching, with_bore
 

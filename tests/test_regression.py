@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cylforce.regression import blocks, recursive
-from cylforce.regression.batch import Prior, best, least_squares
-from cylforce.regression.filters import first_order, second_order
+from cylforce.estimation import blocks, recursive
+from cylforce.estimation.batch import Prior, best, least_squares
+from cylforce.estimation.filters import first_order, second_order
 
 SEED = 20_261_121
 

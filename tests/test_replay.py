@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 import structlog
 
-from cylforce.core.codec import decode
-from cylforce.core.identification import identify
-from cylforce.core.publication import published
-from cylforce.core.step import Scale
-from cylforce.edges.bus import open_bus
-from cylforce.edges.candump import Sent, parsed
-from cylforce.edges.clock import now_us
-from cylforce.edges.identified import write_identified
-from cylforce.edges.logfile import LogWriter, file_sha256
-from cylforce.edges.logreader import log_header, read_events
-from cylforce.edges.settings import load
+from cylforce.can.bus import open_bus
+from cylforce.can.clock import now_us
+from cylforce.commissioning.identification import identify
+from cylforce.files.candump import Sent, parsed
+from cylforce.files.logfile import LogWriter, file_sha256
+from cylforce.files.logreader import log_header, read_events
 from cylforce.programs.identify import model_of
+from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.replay import header_of, make_core, run_replay, write_estimates
 from cylforce.programs.run import Daemon, configure_messages
 from cylforce.programs.sim import prepare, run_sim
-from cylforce.programs.sim_bus import play_until
-from cylforce.words.estimate import Status
-from cylforce.words.events import Frame, Tick
+from cylforce.service.publication import published
+from cylforce.service.step import Scale
+from cylforce.settings.identified import write_identified
+from cylforce.settings.machine_file import load
+from cylforce.signals.codec import decode
+from cylforce.signals.estimate import Status
+from cylforce.signals.events import Frame, Tick
 from scenarios import EXCAVATOR, moved
 
 SECONDS = 7.0

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cylforce.core import scenario
-from cylforce.core.model import Model
-from cylforce.edges.files import RecordingError
-from cylforce.edges.logfile import file_sha256
-from cylforce.edges.settings import load
-from cylforce.edges.tables import read_table, write_table
-from cylforce.programs import report
+from cylforce.estimation.model import Model
+from cylforce.files.atomic import RecordingError
+from cylforce.files.logfile import file_sha256
+from cylforce.files.tables import read_table, write_table
 from cylforce.programs.cli import app
 from cylforce.programs.identify import model_of, named_segments, run_identify
 from cylforce.programs.progress import progress_bar, watched
-from cylforce.programs.reporting import evidence as evidences
-from cylforce.programs.reporting.evidence import evidence, friction, push
-from cylforce.programs.reporting.findings import findings
+from cylforce.programs.reports import evidence as evidences
+from cylforce.programs.reports import report
+from cylforce.programs.reports.evidence import evidence, friction, push
+from cylforce.programs.reports.findings import findings
 from cylforce.programs.sim import run_sim
+from cylforce.settings.machine_file import load
+from cylforce.simulation import scenario
 from pages import Page, check_one_file
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"

@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.core.gap.bars import bars, measured
-from cylforce.core.gap.floor import fitted_tares
-from cylforce.core.gap.problem import Problem, Seen, looked_at
-from cylforce.core.gap.resimulation import Resimulation, read_blocks, undistorted
-from cylforce.core.gap.rows import Recorded, Viewer
-from cylforce.core.model import FRICTION, Model
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import run, sensors
-from cylforce.core.simulated_effects import distorted
-from cylforce.core.simulator import draw_truth
-from cylforce.edges.settings import load
+from cylforce.diagnosis.bars import bars, measured
+from cylforce.diagnosis.floor import fitted_tares
+from cylforce.diagnosis.problem import Problem, Seen, looked_at
+from cylforce.diagnosis.resimulation import Resimulation, read_blocks, undistorted
+from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.effects.imposed import distorted
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.settings.machine_file import load
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.simulator import draw_truth
 
 SERVICE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service
 MACHINE = SERVICE.machine

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.core.gap.returns import Returns
-from cylforce.core.gap.rows import RATE_HZ, Recorded, Rows
-from cylforce.edges.settings import load
-from cylforce.effects.pressure_drift import PressureDrift
-from cylforce.effects.pressure_offset import PressureOffset
+from cylforce.diagnosis.returns import Returns
+from cylforce.diagnosis.rows import RATE_HZ, Recorded, Rows
+from cylforce.effects.sensors.pressure_drift import PressureDrift
+from cylforce.effects.sensors.pressure_offset import PressureOffset
+from cylforce.settings.machine_file import load
 
 SERVICE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service
 MACHINE = SERVICE.machine

@@ -5,10 +5,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from cylforce.effects.rigid import Rigid
-from cylforce.machine.effect import Halves
-from cylforce.machine.machine import Link, Machine, base_parameters
-from cylforce.machine.motion import Attitude, motion
+from cylforce.effects.effect import Halves
+from cylforce.effects.loads.rigid import Rigid
+from cylforce.mechanics.machine import Link, Machine, base_parameters
+from cylforce.mechanics.motion import Attitude, motion
 
 
 def chain(rng: np.random.Generator, n: int) -> tuple[Link, ...]:

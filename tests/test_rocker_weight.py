@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cylforce.effects.rocker_weight import RockerWeight
-from cylforce.machine.linkages import FourBar
-from cylforce.machine.motion import Attitude, motion
+from cylforce.effects.loads.rocker_weight import RockerWeight
+from cylforce.mechanics.linkages import FourBar
+from cylforce.mechanics.motion import Attitude, motion
 from machines import excavator, stick_and_bucket
 from test_rigid import chain, machine
 

@@ -7,13 +7,13 @@ from math import radians
 import numpy as np
 import pytest
 
-from cylforce.core.gap.library import proposals
-from cylforce.core.gap.rows import Recorded, Viewer
-from cylforce.core.model import FRICTION, Model
-from cylforce.core.service import Filters
-from cylforce.machine.candidate import Alteration, Distortion
-from cylforce.regression.regressor import FilteredRegressor, Regressor
-from cylforce.words.signals import Kind, Signal
+from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.effects.fault import Alteration, Distortion
+from cylforce.effects.library import proposals
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.regressor import FilteredRegressor, Regressor
+from cylforce.mechanics.installation import Filters
+from cylforce.signals.kinds import Kind, Signal
 from machines import excavator, stick_and_bucket
 
 SECONDS, BEGINS = 8.0, 100.0

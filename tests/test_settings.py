@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cylforce.core.codec import decode, encode
-from cylforce.core.service import Filters
-from cylforce.edges.settings import SettingsError, default_filters, load
-from cylforce.edges.tables import ColumnMap
-from cylforce.machine.linkages import FourBar
-from cylforce.words.signals import Kind
-from cylforce.words.units import DEGREE
+from cylforce.files.tables import ColumnMap
+from cylforce.mechanics.installation import Filters
+from cylforce.mechanics.linkages import FourBar
+from cylforce.settings.machine_file import SettingsError, default_filters, load
+from cylforce.signals.codec import decode, encode
+from cylforce.signals.kinds import Kind
+from cylforce.signals.units import DEGREE
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 SHIPPED = (CONFIG / "excavator_20t.toml").read_text()

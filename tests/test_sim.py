@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.core.codec import decode
-from cylforce.core.sensor_bus import bus_events
-from cylforce.edges.candump import Sent
-from cylforce.edges.logreader import read_events
-from cylforce.edges.settings import SettingsError, load
-from cylforce.edges.tables import read_table
-from cylforce.edges.truth import read_truth
+from cylforce.files.candump import Sent
+from cylforce.files.logreader import read_events
+from cylforce.files.tables import read_table
+from cylforce.files.truth import read_truth
 from cylforce.programs.sim import START_US, prepare, run_sim
-from cylforce.words.events import Frame, Tick
+from cylforce.settings.machine_file import SettingsError, load
+from cylforce.signals.codec import decode
+from cylforce.signals.events import Frame, Tick
+from cylforce.simulation.sensor_bus import bus_events
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 MACHINES = sorted(CONFIG.glob("excavator*.toml"))

@@ -6,14 +6,14 @@ from itertools import count
 import numpy as np
 import pytest
 
-from cylforce.core.codec import decode
-from cylforce.edges.bus import open_bus
-from cylforce.edges.clock import now_us
-from cylforce.edges.settings import load
-from cylforce.edges.truth import TruthWriter, read_truth
+from cylforce.can.bus import open_bus
+from cylforce.can.clock import now_us
+from cylforce.files.truth import TruthWriter, read_truth
+from cylforce.programs.live.sim_bus import STILL_S, SensorNodes, Stage, play_until
 from cylforce.programs.sim import prepare
-from cylforce.programs.sim_bus import STILL_S, SensorNodes, Stage, play_until
-from cylforce.words.events import Frame
+from cylforce.settings.machine_file import load
+from cylforce.signals.codec import decode
+from cylforce.signals.events import Frame
 
 EXCAVATOR = "config/excavator_20t.toml"
 CHANNELS = count()

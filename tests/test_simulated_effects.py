@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.core.gap.library import LIBRARY
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import perfect, run
-from cylforce.core.simulated_effects import imposed, units
-from cylforce.core.simulator import draw_truth
-from cylforce.edges.settings import load
-from cylforce.machine.candidate import places
-from cylforce.machine.motion import joint_torque
+from cylforce.effects.fault import places
+from cylforce.effects.imposed import imposed, units
+from cylforce.effects.library import LIBRARY
+from cylforce.mechanics.motion import joint_torque
+from cylforce.settings.machine_file import load
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import perfect, run
+from cylforce.simulation.simulator import draw_truth
 
 MACHINE = load(Path(__file__).resolve().parents[1] / "config/excavator_20t.toml").service.machine
 SECONDS, LOAD = 30.0, 800.0

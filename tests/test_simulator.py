@@ -9,10 +9,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from cylforce.core.scenario import cycles, moves
-from cylforce.core.sensing import lag_filter, perfect, run, true_values
-from cylforce.core.simulated_effects import Imposed
-from cylforce.core.simulator import (
+from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.imposed import Imposed
+from cylforce.mechanics.linkages import FourBar, Triangle
+from cylforce.mechanics.machine import Cylinder, Link, Machine
+from cylforce.mechanics.motion import Attitude, joint_torque
+from cylforce.mechanics.workspace import working_range
+from cylforce.signals.kinds import Kind, Signal
+from cylforce.simulation.scenario import cycles, moves
+from cylforce.simulation.sensing import lag_filter, perfect, run, true_values
+from cylforce.simulation.simulator import (
     ROUNDING,
     Truth,
     base_values,
@@ -22,13 +28,8 @@ from cylforce.core.simulator import (
     simulate,
     standing,
 )
-from cylforce.core.soil import Load, load
-from cylforce.core.trajectory import Course, Kinematics, Phase, Scene, Step, follow, working_range
-from cylforce.effects.load_dependent_friction import LoadDependentFriction
-from cylforce.machine.linkages import FourBar, Triangle
-from cylforce.machine.machine import Cylinder, Link, Machine
-from cylforce.machine.motion import Attitude, joint_torque
-from cylforce.words.signals import Kind, Signal
+from cylforce.simulation.soil import Load, load
+from cylforce.simulation.trajectory import Course, Kinematics, Phase, Scene, Step, follow
 
 G = 9.80665
 KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.CYLINDER_LENGTH, Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)

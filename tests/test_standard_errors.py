@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from cylforce.core.identification import identify
-from cylforce.core.model import Model
-from cylforce.core.observation import noise_like
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import run, sensors
-from cylforce.edges.settings import load
-from cylforce.regression import blocks
-from cylforce.regression.batch import Prior, least_squares
+from cylforce.commissioning.identification import identify
+from cylforce.estimation import blocks
+from cylforce.estimation.batch import Prior, least_squares
+from cylforce.estimation.model import Model
+from cylforce.estimation.observation import noise_like
+from cylforce.settings.machine_file import load
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
 from scenarios import EXCAVATOR, truth_of
 
 SEED = 20_261_121

@@ -12,18 +12,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.core.codec import decode
-from cylforce.core.publication import published
-from cylforce.core.scenario import _begin
-from cylforce.core.segments import gapless, samples
-from cylforce.core.step import Core, Scale, step
-from cylforce.core.trajectory import Course, Step
-from cylforce.core.weighing import Residual
-from cylforce.edges.settings import load
+from cylforce.estimation.residual import Residual
+from cylforce.estimation.segments import gapless
 from cylforce.programs.identify import model_of
-from cylforce.words.estimate import Reason, Status
-from cylforce.words.events import ERROR, EXTENDED, REMOTE, Frame, Tick
-from cylforce.words.signals import Kind
+from cylforce.service.publication import published
+from cylforce.service.samples import samples
+from cylforce.service.step import Core, Scale, step
+from cylforce.settings.machine_file import load
+from cylforce.signals.codec import decode
+from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
+from cylforce.signals.kinds import Kind
+from cylforce.simulation.scenario import _begin
+from cylforce.simulation.trajectory import Course, Step
 from scenarios import (
     EXCAVATOR,
     cycles,

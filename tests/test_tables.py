@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cylforce.edges import cells
-from cylforce.edges.files import RecordingError, replacing
-from cylforce.edges.tables import (
+from cylforce.files import cells
+from cylforce.files.atomic import RecordingError, replacing
+from cylforce.files.tables import (
     ColumnMap,
     Table,
     TableMap,

@@ -6,11 +6,11 @@ import subprocess
 
 import pytest
 
-from cylforce.core.codec import encode
-from cylforce.core.publication import publication
-from cylforce.edges.candump import Sent
-from cylforce.edges.logfile import Header, LogWriter, running_versions
-from cylforce.words.events import ERROR, EXTENDED, REMOTE, Frame, Tick
+from cylforce.files.candump import Sent
+from cylforce.files.logfile import Header, LogWriter, running_versions
+from cylforce.service.publication import publication
+from cylforce.signals.codec import encode
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 
 NODE, SENSOR, T0 = 10, 5, 1_700_000_000_000_000
 

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from cylforce.edges.settings import SettingsError, load
-from cylforce.edges.vendor_eds import EdsError, default_mapping, mapped_code, profile, read
+from cylforce.canopen.dictionary.vendor_eds import EdsError, default_mapping, mapped_code, profile, read
+from cylforce.settings.machine_file import SettingsError, load
 
 # The number of the device profile; 0 where the file leaves the device type open. CiA 301's sample is no device: its
 # values carry inline comments, and it has no [DeviceInfo].

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cylforce.edges.settings import load
+from cylforce.settings.machine_file import load
 from reference_machine import draw
 from reference_machine.sensors import SIGNALS
 from trial.cases import sealed, simulated, write

@@ -19,19 +19,19 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.core import step as stepping
-from cylforce.core.assembler import Assembler
-from cylforce.core.force import ForceSensor
-from cylforce.core.identification import identify
-from cylforce.core.motion import Channels
-from cylforce.core.pipeline import Pipeline
-from cylforce.core.step import Core, step
-from cylforce.core.weighing import Weigher
-from cylforce.edges.recording import Events, open_recording
-from cylforce.edges.settings import Loaded, load
+from cylforce.commissioning.identification import identify
+from cylforce.estimation.channels import Channels
+from cylforce.files.recording import Events, open_recording
 from cylforce.programs.identify import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
-from cylforce.words.events import Event, Frame, Tick
+from cylforce.service import step as stepping
+from cylforce.service.assembler import Assembler
+from cylforce.service.force import ForceSensor
+from cylforce.service.pipeline import Pipeline
+from cylforce.service.step import Core, step
+from cylforce.service.weighing import Weigher
+from cylforce.settings.machine_file import Loaded, load
+from cylforce.signals.events import Event, Frame, Tick
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ("excavator_20t.toml", "excavator_stick_bucket.toml")

@@ -13,10 +13,10 @@ import time
 
 import pytest
 
-from cylforce.edges.bus import BusError, open_bus
-from cylforce.edges.clock import now_us
-from cylforce.edges.python_can import Relay
-from cylforce.words.events import ERROR, EXTENDED, REMOTE
+from cylforce.can.bus import BusError, open_bus
+from cylforce.can.clock import now_us
+from cylforce.can.python_can import Relay
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE
 
 numbers = itertools.count()
 

@@ -8,20 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from cylforce.core import commands
-from cylforce.core.codec import encode
-from cylforce.core.publication import publication
-from cylforce.core.step import Scale
-from cylforce.edges.bus import open_bus
-from cylforce.edges.clock import now_us
-from cylforce.edges.devices import Derived
-from cylforce.edges.eds import eds
-from cylforce.edges.network import Network
-from cylforce.edges.node import Node
-from cylforce.edges.object_dictionary import own_objects
-from cylforce.edges.object_table import dictionary
-from cylforce.edges.objects import Commands
-from cylforce.words.estimate import Quantity, Reason, Status
+from cylforce.can.bus import open_bus
+from cylforce.can.clock import now_us
+from cylforce.canopen.devices import Derived
+from cylforce.canopen.dictionary.eds import eds
+from cylforce.canopen.dictionary.object_dictionary import own_objects
+from cylforce.canopen.dictionary.object_table import dictionary
+from cylforce.canopen.network import Network
+from cylforce.canopen.node import Node
+from cylforce.canopen.objects import Commands
+from cylforce.service import commands
+from cylforce.service.publication import publication
+from cylforce.service.step import Scale
+from cylforce.signals.codec import encode
+from cylforce.signals.estimate import Quantity, Reason, Status
 
 PEER = Path(__file__).parent / "peer"
 OURS, THEIRS, RATED = 64, 5, 1500.0

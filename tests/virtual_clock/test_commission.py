@@ -9,17 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.core.sensing import run, sensors
-from cylforce.core.strokes import clear_range
-from cylforce.core.trajectory import Course, Phase, Scene
-from cylforce.edges.bus import open_bus
-from cylforce.edges.candump import Sent
-from cylforce.edges.identified import read_identified
-from cylforce.edges.logreader import read_events
-from cylforce.edges.settings import load
+from cylforce.can.bus import open_bus
+from cylforce.commissioning.strokes import clear_range
+from cylforce.files.candump import Sent
+from cylforce.files.logreader import read_events
 from cylforce.programs.identify import How, run_identify
+from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.sim import Play
-from cylforce.programs.sim_bus import play_until
+from cylforce.settings.identified import read_identified
+from cylforce.settings.machine_file import load
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.trajectory import Course, Phase, Scene
 from obedient import to_pose
 from scenarios import CONFIG, carried, truth_of
 

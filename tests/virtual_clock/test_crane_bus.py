@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import pytest
 
-from cylforce.core.publication import frames
-from cylforce.edges.candump import Sent
-from cylforce.edges.recording import open_recording
-from cylforce.edges.settings import load
+from cylforce.files.candump import Sent
+from cylforce.files.recording import open_recording
 from cylforce.programs.identify import run_identify
 from cylforce.programs.replay import make_core, run_replay
-from cylforce.words.estimate import Status
-from cylforce.words.events import Frame, Tick
+from cylforce.service.publication import frames
+from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Status
+from cylforce.signals.events import Frame, Tick
 
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "crane"
 SECONDS = 20

@@ -12,17 +12,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.core.codec import decode
-from cylforce.core.identification import identify
-from cylforce.edges.bus import open_bus
-from cylforce.edges.candump import Sent
-from cylforce.edges.identified import write_identified
-from cylforce.edges.logreader import read_events
-from cylforce.edges.settings import load
+from cylforce.can.bus import open_bus
+from cylforce.commissioning.identification import identify
+from cylforce.files.candump import Sent
+from cylforce.files.logreader import read_events
 from cylforce.programs.identify import model_of
 from cylforce.programs.replay import run_replay
-from cylforce.words.estimate import Reason, Status
-from cylforce.words.events import Frame, Tick
+from cylforce.settings.identified import write_identified
+from cylforce.settings.machine_file import load
+from cylforce.signals.codec import decode
+from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.events import Frame, Tick
 from scenarios import EXCAVATOR, moved
 
 BUS = "socketcan:vcan0"

@@ -16,11 +16,11 @@ from measure import Run, Weights, disagreement, measured, moments, unexplained, 
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.core.model import Model
-from cylforce.edges.files import RecordingError
-from cylforce.edges.settings import Loaded, load
+from cylforce.estimation.model import Model
+from cylforce.files.atomic import RecordingError
 from cylforce.programs.identify import recorded_segments, run_identify
 from cylforce.programs.replay import run_replay
+from cylforce.settings.machine_file import Loaded, load
 
 FITTED = "Dual1SineRun"
 DAY = "_230425"

@@ -17,14 +17,14 @@ from measure import Run, measured
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.core.gap.diagnosis import Cause, Search
-from cylforce.core.model import Model
-from cylforce.edges.files import RecordingError
-from cylforce.edges.settings import Loaded, load
-from cylforce.machine.candidate import Weight
+from cylforce.diagnosis.diagnosis import Cause, Search
+from cylforce.effects.fault import Weight
+from cylforce.estimation.model import Model
+from cylforce.files.atomic import RecordingError
 from cylforce.programs.gap import Diagnosed, Question, diagnose
 from cylforce.programs.gap_output import sentence
 from cylforce.programs.identify import run_identify
+from cylforce.settings.machine_file import Loaded, load
 
 USED = ("JibSineTest", FITTED, "Dual2SineTest", "Dual2SineTestFlowShare")
 PRESSURES = ("MainPaCyl", "MainPbDCV", "JibPaCyl", "JibPbCyl")

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from expressions import Expressions
 
-from cylforce.machine.linkages import FourBar
-from cylforce.machine.machine import Cylinder, Link, Machine
+from cylforce.mechanics.linkages import FourBar
+from cylforce.mechanics.machine import Cylinder, Link, Machine
 
 PARAMETERS, CURVES = "model_parameters.json", "stroke_to_angle_poly.json"
 SLACK = 0.01  # m: a stroke measured just beyond the end of the cylinder still has an angle

@@ -4,8 +4,8 @@ from string import Template
 
 from geometry import Crane, Lump, total
 
-from cylforce.machine.linkages import FourBar
-from cylforce.words.units import DEGREE
+from cylforce.mechanics.linkages import FourBar
+from cylforce.signals.units import DEGREE
 
 HEAD = Template("""\
 # Written by tools/hmf_crane from the crane's own parameters. Not to be passed on.

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
-from cylforce.core.model import Model
+from cylforce.estimation.filters import fours
+from cylforce.estimation.model import Model
 from cylforce.programs.replay import Replayed
-from cylforce.regression.filters import fours
-from cylforce.words.estimate import Array, Quantity, Status
+from cylforce.signals.estimate import Array, Quantity, Status
 
 CUTOFF_HZ = 2.0
 CUT_S = 1.0

@@ -20,12 +20,12 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from cylforce.core.identification import identify
-from cylforce.core.step import Core
-from cylforce.edges.settings import Loaded, load
+from cylforce.commissioning.identification import identify
 from cylforce.programs.identify import model_of, recorded_segments
 from cylforce.programs.replay import Replayed, replay_through
-from cylforce.words.estimate import Status
+from cylforce.service.step import Core
+from cylforce.settings.machine_file import Loaded, load
+from cylforce.signals.estimate import Status
 from reference_machine.machine import draw
 from reference_machine.recording import Recording
 

@@ -18,7 +18,7 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from cylforce.edges.settings import load
+from cylforce.settings.machine_file import load
 from trial.fault import Fault
 from trial.field import LOAD_KG, Lengths, Site, faulty, scene
 from trial.orders import machine_seed

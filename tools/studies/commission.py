@@ -21,14 +21,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from identification import weights
 
-from cylforce.core.guidance import Advice, Guide, follow
-from cylforce.core.identification import identify
-from cylforce.core.reaches import Reach
-from cylforce.core.strokes import Stroke
-from cylforce.edges.settings import Loaded, load
+from cylforce.commissioning.guidance import Advice, Guide, follow
+from cylforce.commissioning.identification import identify
+from cylforce.commissioning.reaches import Reach
+from cylforce.commissioning.strokes import Stroke
 from cylforce.programs.commission import LIMIT_S, THINK_S
 from cylforce.programs.identify import model_of, recorded_segments
-from cylforce.words.estimate import Array
+from cylforce.settings.machine_file import Loaded, load
+from cylforce.signals.estimate import Array
 from reference_machine.machine import Machine, draw
 from reference_machine.machinefile import machine_file
 from reference_machine.plan import Plan

@@ -19,17 +19,17 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-from cylforce.core.identification import identify, row_noise
-from cylforce.core.model import Model
-from cylforce.core.observation import observed_factors
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import Sensors, run, sensors
-from cylforce.core.simulator import Truth, draw_truth
-from cylforce.edges.settings import load
-from cylforce.effects.slew import slew_parameters
-from cylforce.machine.machine import base_parameters
-from cylforce.regression.blocks import chosen, stacked_triangle
-from cylforce.words.signals import Kind
+from cylforce.commissioning.identification import identify, row_noise
+from cylforce.effects.loads.slew import slew_parameters
+from cylforce.estimation.blocks import chosen, stacked_triangle
+from cylforce.estimation.model import Model
+from cylforce.estimation.observation import observed_factors
+from cylforce.mechanics.machine import base_parameters
+from cylforce.settings.machine_file import load
+from cylforce.signals.kinds import Kind
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import Sensors, run, sensors
+from cylforce.simulation.simulator import Truth, draw_truth
 
 ROOT = Path(__file__).resolve().parents[2]
 LAWS = ("coulomb", "viscous", "delay")

@@ -22,13 +22,13 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 
 import numpy as np  # noqa: E402
 
-from cylforce.core.scenario import moves  # noqa: E402
-from cylforce.core.sensing import Record, Sensors, run, sensors  # noqa: E402
-from cylforce.core.simulated_effects import imposed  # noqa: E402
-from cylforce.core.simulator import Truth, draw_truth  # noqa: E402
-from cylforce.edges.settings import Loaded, load  # noqa: E402
+from cylforce.effects.imposed import imposed  # noqa: E402
 from cylforce.programs.gap import Question, diagnose  # noqa: E402
 from cylforce.programs.sim import Play, write_files  # noqa: E402
+from cylforce.settings.machine_file import Loaded, load  # noqa: E402
+from cylforce.simulation.scenario import moves  # noqa: E402
+from cylforce.simulation.sensing import Record, Sensors, run, sensors  # noqa: E402
+from cylforce.simulation.simulator import Truth, draw_truth  # noqa: E402
 
 FAULT = ("angle_offset", "stick_angle", 0.02)  # rad
 LOADS = (0.0, 1000.0)  # kg

@@ -17,15 +17,15 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from cylforce.core.identification import Identification, identify
-from cylforce.core.model import Model, Tares
-from cylforce.core.observation import observe
-from cylforce.core.step import Core
-from cylforce.edges.settings import Loaded, load
+from cylforce.commissioning.identification import Identification, identify
+from cylforce.estimation.filters import fours
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.observation import observe
 from cylforce.programs.identify import model_of, recorded_segments
 from cylforce.programs.replay import calibrated, replay_through
-from cylforce.regression.filters import fours
-from cylforce.words.estimate import Array
+from cylforce.service.step import Core
+from cylforce.settings.machine_file import Loaded, load
+from cylforce.signals.estimate import Array
 from reference_machine.machine import Machine, draw
 from reference_machine.recording import Recording
 

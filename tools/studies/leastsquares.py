@@ -20,11 +20,11 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from cylforce.core.model import FRICTION, Model  # noqa: E402
-from cylforce.core.observation import BLOCK_SECONDS, MOST_BLOCKS  # noqa: E402
-from cylforce.edges.settings import load  # noqa: E402
-from cylforce.regression.batch import best  # noqa: E402
-from cylforce.regression.blocks import factors, joined  # noqa: E402
+from cylforce.estimation.batch import best  # noqa: E402
+from cylforce.estimation.blocks import factors, joined  # noqa: E402
+from cylforce.estimation.model import FRICTION, Model  # noqa: E402
+from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS  # noqa: E402
+from cylforce.settings.machine_file import load  # noqa: E402
 
 Array = NDArray[np.float64]
 RATE, MINUTE, MEASURED = 100, 6000, 3

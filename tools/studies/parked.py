@@ -22,14 +22,14 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from cylforce.core.adaptation import EVERY, MEMORY_SECONDS, Adapter
-from cylforce.core.identification import identify
-from cylforce.core.model import CERTAIN_SHARE, Tares
-from cylforce.core.observation import chunks
-from cylforce.core.weighing import residual
-from cylforce.edges.settings import Loaded, load
+from cylforce.commissioning.identification import identify
+from cylforce.estimation.model import CERTAIN_SHARE, Tares
+from cylforce.estimation.observation import chunks
+from cylforce.estimation.recursive import forget, known, solution, update
+from cylforce.estimation.residual import residual
 from cylforce.programs.identify import model_of, recorded_segments
-from cylforce.regression.recursive import forget, known, solution, update
+from cylforce.service.adaptation import EVERY, MEMORY_SECONDS, Adapter
+from cylforce.settings.machine_file import Loaded, load
 from reference_machine.machine import draw
 
 Array = NDArray[np.float64]

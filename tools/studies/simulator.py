@@ -15,12 +15,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.edges.settings import load
-from cylforce.edges.truth import read_truth
+from cylforce.files.truth import read_truth
 from cylforce.programs.identify import run_identify
 from cylforce.programs.replay import run_replay
 from cylforce.programs.score import score_cycles, score_force
 from cylforce.programs.sim import run_sim
+from cylforce.settings.machine_file import load
 
 ROOT = Path(__file__).resolve().parents[2]
 CYCLES = 10

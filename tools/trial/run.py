@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.edges.settings import load
+from cylforce.settings.machine_file import load
 
 from .cases import Case, sealed, simulated, write
 from .diagnosis import Diagnosis

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.core.model import Model
-from cylforce.core.observation import observe
-from cylforce.edges.settings import Loaded
+from cylforce.estimation.model import Model
+from cylforce.estimation.observation import observe
+from cylforce.settings.machine_file import Loaded
 
 Array = NDArray[np.float64]
 EVERY = 5  # rows of the filtered torques, which hold nothing above 10 Hz

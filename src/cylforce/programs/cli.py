@@ -43,8 +43,8 @@ def run(
     log: Annotated[Path | None, typer.Option(help="Write the event log (candump text) there.")] = None,
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
-    from cylforce.edges.settings import load
     from cylforce.programs.run import run_daemon
+    from cylforce.settings.machine_file import load
 
     run_daemon(load(machine), bus, identified, log)
 
@@ -65,11 +65,11 @@ def identify(
     ] = True,
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
-    from cylforce.edges.files import check_outputs
-    from cylforce.edges.settings import load
+    from cylforce.files.atomic import check_outputs
     from cylforce.programs.identify import How, machine_file_of, named_segments, run_identify, show
     from cylforce.programs.progress import progress_bar
-    from cylforce.programs.report import check_extra, write_report
+    from cylforce.programs.reports.report import check_extra, write_report
+    from cylforce.settings.machine_file import load
 
     if report is not None:
         check_extra()
@@ -92,8 +92,8 @@ def commission(
     known_kg: Annotated[float | None, typer.Option(help="A weight that is lifted afterwards: the scale.")] = None,
 ) -> None:
     """Guide whoever moves the empty machine until its tares can be identified, then identify them."""
-    from cylforce.edges.settings import load
     from cylforce.programs.commission import Order, run_commission
+    from cylforce.settings.machine_file import load
 
     order = Order(bus, output, log or output.with_suffix(".log"), known_kg)
     if not run_commission(load(machine), order, Console(highlight=False)):
@@ -111,14 +111,14 @@ def replay(
     ] = None,
 ) -> None:
     """Put a recording through the service, or play it onto a bus."""
-    from cylforce.edges.files import check_outputs
-    from cylforce.edges.settings import load
+    from cylforce.files.atomic import check_outputs
     from cylforce.programs.replay import run_replay, show, write_estimates
+    from cylforce.settings.machine_file import load
 
     check_outputs((output,), (machine, recording, identified))
     loaded = load(machine)
     if bus is not None:
-        from cylforce.programs.player import play
+        from cylforce.programs.live.player import play
 
         play(loaded, recording, bus)
         return
@@ -201,12 +201,12 @@ def gap(
     residuals: Annotated[Path | None, typer.Option(help="Write what is left before and after there (npz).")] = None,
 ) -> None:
     """Say why recordings differ from the model: where, which effect, how far the gap shrinks with it."""
-    from cylforce.edges.files import check_outputs
-    from cylforce.edges.settings import load as load_machine
+    from cylforce.files.atomic import check_outputs
     from cylforce.programs.gap import Question, diagnose, known_loads
     from cylforce.programs.gap_output import Outputs, show, write_all
     from cylforce.programs.progress import progress_bar
-    from cylforce.programs.report import check_extra, gap_report
+    from cylforce.programs.reports.report import check_extra, gap_report
+    from cylforce.settings.machine_file import load as load_machine
 
     if html is not None:
         check_extra()
@@ -234,9 +234,9 @@ def describe(
 
 def main() -> None:
     """Entry point of the ``cylforce`` command: what users can mend is one sentence, not a traceback."""
-    from cylforce.edges.bus import BusError
-    from cylforce.edges.files import RecordingError
-    from cylforce.edges.settings import SettingsError
+    from cylforce.can.bus import BusError
+    from cylforce.files.atomic import RecordingError
+    from cylforce.settings.machine_file import SettingsError
 
     try:
         app()

@@ -10,22 +10,22 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.text import Text
 
-from cylforce.core.guidance import Guide
-from cylforce.core.identification import MIN_SECONDS, Identification
-from cylforce.core.step import Core, Scale
-from cylforce.edges.bus import Bus, BusError, open_bus
-from cylforce.edges.clock import now_us
-from cylforce.edges.files import RecordingError, check_outputs
-from cylforce.edges.identified import write_identified
-from cylforce.edges.logfile import LogWriter, file_sha256
-from cylforce.edges.settings import Loaded
-from cylforce.programs.collector import Collector, View
+from cylforce.can.bus import Bus, BusError, open_bus
+from cylforce.can.clock import now_us
+from cylforce.commissioning.guidance import Guide
+from cylforce.commissioning.identification import MIN_SECONDS, Identification
+from cylforce.files.atomic import RecordingError, check_outputs
+from cylforce.files.logfile import LogWriter, file_sha256
 from cylforce.programs.identify import model_of, run_identify, show
-from cylforce.programs.picture import Screen, known, picture, summary
+from cylforce.programs.live.collector import Collector, View
+from cylforce.programs.live.picture import Screen, known, picture, summary
+from cylforce.programs.live.station import serve
 from cylforce.programs.progress import progress_bar
 from cylforce.programs.replay import calibrated, header_of
 from cylforce.programs.run import Daemon, configure_messages, status_line
-from cylforce.programs.station import serve
+from cylforce.service.step import Core, Scale
+from cylforce.settings.identified import write_identified
+from cylforce.settings.machine_file import Loaded
 
 LOOK_S = 0.25
 THINK_S = 5.0  # of samples between two judgements

@@ -17,16 +17,16 @@ from rich.console import Console
 from rich.table import Table
 
 import cylforce
-from cylforce.core.step import Scale
-from cylforce.edges.bus import open_bus
-from cylforce.edges.files import replacing
-from cylforce.edges.settings import Loaded, load
-from cylforce.edges.truth import read_truth
+from cylforce.can.bus import open_bus
+from cylforce.files.atomic import replacing
+from cylforce.files.truth import read_truth
+from cylforce.programs.live.station import Counts, serve
 from cylforce.programs.replay import make_core
 from cylforce.programs.run import Daemon, configure_messages, show_status
 from cylforce.programs.score import CycleScore, ForceScore, score_cycles, score_force
-from cylforce.programs.station import Counts, serve
-from cylforce.words.estimate import Booking, Estimate
+from cylforce.service.step import Scale
+from cylforce.settings.machine_file import Loaded, load
+from cylforce.signals.estimate import Booking, Estimate
 
 MOVES_S = 120.0
 RELAY = "remote:127.0.0.1"
@@ -100,7 +100,7 @@ def _relay(bus: str) -> Iterator[str]:
     if bus != RELAY:
         yield bus
         return
-    from cylforce.edges.python_can import Relay
+    from cylforce.can.python_can import Relay
 
     with Relay() as relay:
         yield relay.name

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cylforce.edges.dbc import dbc
-from cylforce.edges.eds import eds
-from cylforce.edges.files import check_outputs, replacing
-from cylforce.edges.settings import Loaded, load
+from cylforce.canopen.dictionary.dbc import dbc
+from cylforce.canopen.dictionary.eds import eds
+from cylforce.files.atomic import check_outputs, replacing
+from cylforce.settings.machine_file import Loaded, load
 
 
 def run_describe(machine: Path, eds_file: Path | None, dbc_file: Path | None) -> None:

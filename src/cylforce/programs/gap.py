@@ -6,29 +6,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.core.gap.answer import answer, apart, off_clock
-from cylforce.core.gap.clocks import Slip, slips
-from cylforce.core.gap.diagnosis import Search, search
-from cylforce.core.gap.floor import fitted_tares
-from cylforce.core.gap.forward import forward
-from cylforce.core.gap.library import LIBRARY, Group
-from cylforce.core.gap.reference import doubt, hidden, shifted
-from cylforce.core.gap.residuals import ends
-from cylforce.core.gap.rows import RATE_HZ, Recorded, Viewer
-from cylforce.core.gap.shape import confirm, told, unexplained
-from cylforce.core.gap.shrinkage import Gap, tried
-from cylforce.core.gap.verdict import Judged, Verdict, judged
-from cylforce.core.gap.where import where
-from cylforce.core.model import FRICTION, Model, Tares
-from cylforce.edges.files import RecordingError
-from cylforce.edges.identified import read_identified
-from cylforce.edges.settings import Loaded
-from cylforce.effects.clock_fault import ClockFault
-from cylforce.machine.candidate import places
-from cylforce.machine.machine import Machine
+from cylforce.diagnosis.answer import answer, apart, off_clock
+from cylforce.diagnosis.clocks import Slip, slips
+from cylforce.diagnosis.diagnosis import Search, search
+from cylforce.diagnosis.floor import fitted_tares
+from cylforce.diagnosis.forward import forward
+from cylforce.diagnosis.reference import doubt, hidden, shifted
+from cylforce.diagnosis.residuals import ends
+from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
+from cylforce.diagnosis.shape import confirm, told, unexplained
+from cylforce.diagnosis.shrinkage import Gap, tried
+from cylforce.diagnosis.verdict import Judged, Verdict, judged
+from cylforce.diagnosis.where import where
+from cylforce.effects.fault import places
+from cylforce.effects.incidents.clock_fault import ClockFault
+from cylforce.effects.library import LIBRARY, Group
+from cylforce.estimation.model import FRICTION, Model, Tares
+from cylforce.files.atomic import RecordingError
+from cylforce.mechanics.machine import Machine
 from cylforce.programs.progress import Watch, silent
 from cylforce.programs.recorded import SHORTEST_S, chosen
-from cylforce.words.estimate import Array
+from cylforce.settings.identified import read_identified
+from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import Array
 
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects

@@ -9,12 +9,12 @@ import tomlkit
 from rich.console import Console
 from rich.table import Table as Text
 
-from cylforce.core.gap.patch import patch
-from cylforce.core.gap.shrinkage import courses, written
-from cylforce.core.gap.verdict import Verdict
-from cylforce.edges.files import replacing
+from cylforce.diagnosis.patch import patch
+from cylforce.diagnosis.shrinkage import courses, written
+from cylforce.diagnosis.verdict import Verdict
+from cylforce.files.atomic import replacing
 from cylforce.programs.gap import Diagnosed
-from cylforce.words.estimate import Array
+from cylforce.signals.estimate import Array
 
 BESIDE = "\n# Too small or too uncertain to be named; but these and the sizes above were found together.\n\n"
 MOSTLY = 0.5  # of what is left

@@ -8,20 +8,21 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as Text
 
-from cylforce.core.assembler import Assembler
-from cylforce.core.identification import Identification, identify
-from cylforce.core.model import Model
-from cylforce.core.segments import gapless, samples
-from cylforce.edges.files import RecordingError
-from cylforce.edges.identified import write_identified
-from cylforce.edges.logfile import file_sha256
-from cylforce.edges.logreader import log_header
-from cylforce.edges.recording import open_recording
-from cylforce.edges.settings import Loaded
-from cylforce.edges.tables import Table
+from cylforce.commissioning.identification import Identification, identify
+from cylforce.estimation.model import Model
+from cylforce.estimation.segments import gapless
+from cylforce.files.atomic import RecordingError
+from cylforce.files.logfile import file_sha256
+from cylforce.files.logreader import log_header
+from cylforce.files.recording import open_recording
+from cylforce.files.tables import Table
 from cylforce.programs.progress import Watch, silent, watched
-from cylforce.words.estimate import Array
-from cylforce.words.events import Frame, Tick
+from cylforce.service.assembler import Assembler
+from cylforce.service.samples import samples
+from cylforce.settings.identified import write_identified
+from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import Array
+from cylforce.signals.events import Frame, Tick
 
 
 def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from cylforce.words.events import Event
+from cylforce.signals.events import Event
 
 Watch = Callable[[str, float | None], None]  # what is being done; its share done (0..1), None where nobody knows
 

@@ -5,18 +5,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cylforce.core.assembler import Assembler
-from cylforce.core.gap.rows import Recorded
-from cylforce.core.gap.spread import Kept, Spread
-from cylforce.core.segments import parts, samples
-from cylforce.edges.files import RecordingError, warn
-from cylforce.edges.logfile import Header
-from cylforce.edges.recording import Events, open_pieces
-from cylforce.edges.settings import Loaded
-from cylforce.edges.tables import Table
+from cylforce.diagnosis.rows import Recorded
+from cylforce.diagnosis.spread import Kept, Spread
+from cylforce.estimation.segments import parts
+from cylforce.files.atomic import RecordingError, warn
+from cylforce.files.logfile import Header
+from cylforce.files.recording import Events, open_pieces
+from cylforce.files.tables import Table
 from cylforce.programs.progress import Watch, silent, watched
-from cylforce.words.estimate import Array
-from cylforce.words.events import Frame, Tick
+from cylforce.service.assembler import Assembler
+from cylforce.service.samples import samples
+from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import Array
+from cylforce.signals.events import Frame, Tick
 
 SHORTEST_S = 20.0  # of a stretch
 PART_S = 60.0  # of what is kept or given up together

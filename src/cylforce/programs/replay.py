@@ -8,20 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
-from cylforce.core.identification import Identification
-from cylforce.core.known_load import with_known_load
-from cylforce.core.publication import published
-from cylforce.core.step import Core, State, step
-from cylforce.edges.candump import Sent
-from cylforce.edges.files import RecordingError, replacing, warn
-from cylforce.edges.identified import read_identified
-from cylforce.edges.logfile import Header, file_sha256, mismatches, running_versions
-from cylforce.edges.logreader import log_header, with_ticks
-from cylforce.edges.recording import Events, open_recording, sensor_frames
-from cylforce.edges.settings import Loaded
+from cylforce.commissioning.identification import Identification
+from cylforce.commissioning.known_load import with_known_load
+from cylforce.files.atomic import RecordingError, replacing, warn
+from cylforce.files.candump import Sent
+from cylforce.files.logfile import Header, file_sha256, mismatches, running_versions
+from cylforce.files.logreader import log_header, with_ticks
+from cylforce.files.recording import Events, open_recording, sensor_frames
 from cylforce.programs.identify import model_of, recorded_segments
-from cylforce.words.estimate import Array, Booking, Estimate, Status
-from cylforce.words.events import Event
+from cylforce.service.hanging import hanging
+from cylforce.service.publication import published
+from cylforce.service.step import Core, State, step
+from cylforce.settings.identified import read_identified
+from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import Array, Booking, Estimate, Status
+from cylforce.signals.events import Event
 
 
 class Replayed(NamedTuple):
@@ -43,7 +44,7 @@ def make_core(loaded: Loaded, identified: Path | None) -> Core:
 def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
     """The same with what a lift of a known weight tells. Raises RecordingError when the weight is not seen to hang."""
     try:
-        return with_known_load(found, recorded_segments(loaded, lift), known_kg)
+        return with_known_load(found, recorded_segments(loaded, lift), known_kg, hanging)
     except ValueError as error:
         raise RecordingError(f"{lift}: {error}") from error
 

@@ -10,16 +10,16 @@ from typing import NamedTuple, TextIO, cast
 
 import structlog
 
-from cylforce.core.step import Core, Output, Scale, State, step
-from cylforce.edges.bus import Bus, open_bus
-from cylforce.edges.clock import now_us
-from cylforce.edges.logfile import LogWriter
-from cylforce.edges.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
-from cylforce.edges.settings import Loaded
+from cylforce.can.bus import Bus, open_bus
+from cylforce.can.clock import now_us
+from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
+from cylforce.files.logfile import LogWriter
+from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.programs.replay import header_of, make_core
-from cylforce.programs.station import Counts, Station, serve
-from cylforce.words.estimate import Booking, Estimate, Quantity, Reason, Status
-from cylforce.words.events import Event, Frame, Tick
+from cylforce.service.step import Core, Output, Scale, State, step
+from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status
+from cylforce.signals.events import Event, Frame, Tick
 
 MISSING = 0x8250  # a sensor's PDOs stopped
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.core.service import Filters
-from cylforce.core.trajectory import Phase
-from cylforce.edges.truth import TruthTable
-from cylforce.regression.filters import first_order, second_order
-from cylforce.words.estimate import Array, Booking, Estimate
-from cylforce.words.units import STANDARD_GRAVITY
+from cylforce.estimation.filters import first_order, second_order
+from cylforce.files.truth import TruthTable
+from cylforce.mechanics.installation import Filters
+from cylforce.signals.estimate import Array, Booking, Estimate
+from cylforce.signals.units import STANDARD_GRAVITY
+from cylforce.simulation.trajectory import Phase
 
 SMALLEST_FORCE = 10e3  # N: below it a relative error says nothing
 

@@ -10,21 +10,21 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
-from cylforce.core.scenario import cycles as digging_cycles
-from cylforce.core.scenario import moves
-from cylforce.core.sensing import Record, Sensors, run, sensors
-from cylforce.core.sensor_bus import bus_events
-from cylforce.core.service import Service
-from cylforce.core.simulated_effects import Imposed, imposed
-from cylforce.core.simulator import Truth, draw_truth
-from cylforce.core.trajectory import Scene
-from cylforce.edges.candump import event_line
-from cylforce.edges.files import check_outputs, replacing
-from cylforce.edges.logfile import Header, header_lines, running_versions
-from cylforce.edges.settings import Loaded, SettingsError, load
-from cylforce.edges.tables import SUFFIXES, Table, write_table
-from cylforce.edges.truth import TruthWriter, describe, truth_columns
-from cylforce.words.signals import Kind
+from cylforce.effects.imposed import Imposed, imposed
+from cylforce.files.atomic import check_outputs, replacing
+from cylforce.files.candump import event_line
+from cylforce.files.logfile import Header, header_lines, running_versions
+from cylforce.files.tables import SUFFIXES, Table, write_table
+from cylforce.files.truth import TruthWriter, describe, truth_columns
+from cylforce.mechanics.installation import Service
+from cylforce.settings.machine_file import Loaded, SettingsError, load
+from cylforce.signals.kinds import Kind
+from cylforce.simulation.scenario import cycles as digging_cycles
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import Record, Sensors, run, sensors
+from cylforce.simulation.sensor_bus import bus_events
+from cylforce.simulation.simulator import Truth, draw_truth
+from cylforce.simulation.trajectory import Scene
 
 SCENARIOS = ("moves", "cycles")
 START_US = 1_767_225_600_000_000  # 2026-01-01: one seed gives one file, whenever it is written
@@ -128,7 +128,7 @@ def run_sim(
     _check_wanted(bus, truth, log, table)
     print(f"seed {seed}", flush=True)
     if bus is not None:
-        from cylforce.programs.sim_bus import play_on_bus
+        from cylforce.programs.live.sim_bus import play_on_bus
 
         play_on_bus(play, bus, truth)
     else:

@@ -1,0 +1,197 @@
+"""The buses for machines without SocketCAN, through python-can: `virtual` inside a process, `remote` between
+processes of this machine by a relay at 127.0.0.1. Neither arbitrates nor limits the rate."""
+
+import asyncio
+import queue
+import select
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import can
+from can.interfaces import virtual
+
+from cylforce.can.bus import BURST, Bus, BusError
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE
+
+if TYPE_CHECKING:
+    import can_remote
+
+HOST = "127.0.0.1"
+_QUEUE_FRAMES = 5000
+
+
+def _message(can_id: int, data: bytes) -> can.Message:
+    return can.Message(
+        arbitration_id=can_id & 0x1FFFFFFF,
+        is_extended_id=bool(can_id & EXTENDED),
+        is_remote_frame=bool(can_id & REMOTE),
+        is_error_frame=bool(can_id & ERROR),
+        data=None if can_id & REMOTE else data,
+    )
+
+
+def _can_id(message: can.Message) -> int:
+    flags = (message.is_extended_id and EXTENDED) | (message.is_remote_frame and REMOTE)
+    return message.arbitration_id | flags | (message.is_error_frame and ERROR)
+
+
+class _Mailbox(queue.Queue[can.Message]):
+    """A receive queue that tells when something has come, and never makes the sender wait."""
+
+    def __init__(self, arrived: Callable[[], None]) -> None:
+        super().__init__()
+        self.lost = 0
+        self._arrived = arrived
+
+    def put(self, item: can.Message, block: bool = True, timeout: float | None = None) -> None:
+        if self.qsize() >= _QUEUE_FRAMES:
+            self.lost += 1
+            return
+        super().put(item)
+        self._arrived()
+
+
+class Virtual(Bus):
+    """`virtual:NAME`: python-can's, so that anything that speaks python-can may join. Frames may come from
+    any thread."""
+
+    def __init__(self, channel: str, now: Callable[[], int]) -> None:
+        super().__init__(f"virtual:{channel}")
+        self._channel, self._now = channel, now
+        self._mailbox = _Mailbox(self._arrived)
+        self._woken = threading.Event()
+        self._open()
+
+    def _open(self) -> None:
+        self._bus: virtual.VirtualBus | None = virtual.VirtualBus(self._channel)
+        with virtual.channels_lock:
+            place = self._bus.channel.index(self._bus.queue)
+            self._bus.channel[place] = self._bus.queue = self._mailbox
+
+    def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
+        loop.call_soon(self._drain)
+
+    def _shut(self) -> None:
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+
+    def _arrived(self) -> None:
+        loop = self._loop
+        if loop is not None and not loop.is_closed() and not self._woken.is_set():
+            self._woken.set()
+            loop.call_soon_threadsafe(self._drain)
+
+    def _drain(self) -> None:
+        self._woken.clear()
+        t_us = self._now()
+        for _ in range(BURST):
+            try:
+                message = self._mailbox.get_nowait()
+            except queue.Empty:
+                return
+            self._frame(t_us, _can_id(message), bytes(message.data))
+        self._arrived()
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        """See Bus.send."""
+        if self._bus is None:
+            return self._drop()
+        self._bus.send(_message(can_id, data))
+        self.counters.sent += 1
+        return True
+
+    def overflow(self) -> int:
+        """See Bus.overflow."""
+        return self._mailbox.lost
+
+
+class Remote(Bus):
+    """`remote:127.0.0.1:PORT`: a client of the relay (`Relay`, or `python -m can_remote -H 127.0.0.1`)."""
+
+    def __init__(self, channel: str, now: Callable[[], int]) -> None:
+        super().__init__(f"remote:{channel}")
+        host, _, port = channel.rpartition(":")
+        if host != HOST:
+            raise BusError(f"{self.name}: frames stay on this machine, so the address must be {HOST}:PORT")
+        if not port.isdecimal():
+            raise BusError(f"{self.name}: {port!r} is no port number")
+        self._address, self._now = channel, now
+        self._bus: can_remote.RemoteBus | None = None
+        try:
+            self._open()
+        except OSError as error:
+            raise BusError(f"{self.name}: no relay answers there ({error})") from error
+
+    def _open(self) -> None:
+        try:
+            import can_remote
+        except ImportError as error:
+            raise BusError("remote buses need python-can-remote: pip install 'cylforce[remote]'") from error
+        self._bus = can_remote.RemoteBus(f"ws://{self._address}")
+        self._bus.socket.settimeout(1.0)  # between the bytes of one frame
+
+    def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
+        if self._bus is not None:
+            loop.add_reader(self._bus.fileno(), self._drain)
+
+    def _shut(self) -> None:
+        if self._bus is None:
+            return
+        if self._loop is not None:
+            self._loop.remove_reader(self._bus.socket)
+        can.BusABC.shutdown(self._bus)  # its own waits for the relay's answer, for ever if need be
+        self._bus.socket.close()
+        self._bus = None
+
+    def _drain(self) -> None:
+        t_us = self._now()
+        for _ in range(BURST):
+            if self._bus is None or not select.select([self._bus.socket], [], [], 0.0)[0]:
+                return
+            try:
+                message = self._bus.recv(0.0)
+            except Exception:  # noqa: BLE001 - the client raises what its parser happens to raise when the relay goes
+                self._lost()
+                return
+            if message is not None:
+                self._frame(t_us, _can_id(message), bytes(message.data))
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        """See Bus.send."""
+        if self._bus is None or not select.select([], [self._bus.socket], [], 0.0)[1]:
+            return self._drop()
+        try:
+            self._bus.send(_message(can_id, data))
+        except OSError:
+            self._lost()
+            return self._drop()
+        self.counters.sent += 1
+        return True
+
+
+class Relay:
+    """The relay between `remote` buses, in threads of this process: `with Relay() as relay:
+    open_bus(relay.name)`."""
+
+    def __init__(self, port: int = 0) -> None:
+        import can_remote
+
+        self._server = can_remote.RemoteServer(HOST, port, interface="virtual", channel=f"relay {id(self)}")
+        self.name = f"remote:{HOST}:{self._server.server_port}"
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.shutdown()
+        for client in tuple(self._server.clients):
+            client.running = False
+        self._server.server_close()
+        self._thread.join()

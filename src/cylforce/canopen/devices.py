@@ -1,0 +1,104 @@
+"""Whole devices: our own node and simulated sensors, each with its object dictionary."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from canopen.objectdictionary import ODVariable
+
+from cylforce.canopen.dictionary.object_dictionary import (
+    INT16,
+    INT32,
+    STATUS,
+    TARE,
+    TARE_VALUE,
+    ZERO,
+    channels,
+    own_objects,
+    sensor_objects,
+)
+from cylforce.canopen.dictionary.object_table import dictionary
+from cylforce.canopen.heartbeat import OnPeer
+from cylforce.canopen.node import Node
+from cylforce.canopen.objects import Commands
+from cylforce.mechanics.installation import SensorNode, Service
+from cylforce.service.publication import FORCE_QUALITY, GROSS, NET, PAYLOAD_QUALITY
+from cylforce.signals.estimate import Status
+from cylforce.signals.layout import CODES, Field, Pdo, not_available
+
+CONSUMER_FACTOR = 3  # a node is lost after three heartbeats that did not come
+
+Address = tuple[int, int]
+
+
+def own_node(service: Service, verdict: Callable[[], int | None], on_peer: OnPeer) -> Node:
+    """Our node: `publish` sends what the core encoded; zero and tare are answered by `verdict()`, see Commands; the
+    sensors' heartbeats are watched, see Heartbeats. Operational after `boot()`.
+
+    Raises ValueError if there are more sensors with a heartbeat than entries in 1016h."""
+    watched = [
+        sensor.node_id << 16 | round(1e3 * CONSUMER_FACTOR * sensor.heartbeat_s)
+        for sensor in service.nodes
+        if sensor.heartbeat_s > 0.0
+    ]
+    sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0
+    objects = own_objects(service.publication, round(1e3 * service.heartbeat_s), sync_us, watched)
+    commands = Commands(frozenset({(ZERO, 1), (TARE, 1)}), verdict)
+    node = Node(
+        service.node_id,
+        dictionary(objects, service.node_id),
+        service.publication,
+        commands=commands,
+        autostart=True,
+        on_peer=on_peer,
+    )
+    node.add_read_callback(Derived(node, service.publication).read)
+    return node
+
+
+def sensor_node(sensor: SensorNode) -> Node:
+    """A simulated sensor: `store` sets what it measures, SYNC or its event timer sends it once it is commissioned."""
+    return Node(sensor.node_id, dictionary(sensor_objects(sensor), sensor.node_id), sensor.pdos, timers=True)
+
+
+class Derived:
+    """Objects of our node whose values follow from what was published last: CiA 404's status, tare, and each process
+    value in the other integer type."""
+
+    def __init__(self, node: Node, pdos: Sequence[Pdo]) -> None:
+        self._store = node.data_store
+        self._fields = {field.signal: field for pdo in pdos for field in pdo.fields}
+        self._reads: dict[Address, Callable[[], int]] = {(TARE_VALUE, 1): self._tare}
+        for number, field in channels(self._fields.values()).items():
+            code, index = ("i", INT32) if field.index == INT16 else ("h", INT16)
+            self._reads[index, number] = partial(self._converted, field, code)
+            self._reads[STATUS, number] = partial(self._status, field)
+
+    def read(self, index: int, subindex: int, od: ODVariable) -> int | None:
+        """The value, None if the object is not derived."""
+        found = self._reads.get((index, subindex))
+        return None if found is None else found()
+
+    def _raw(self, field: Field) -> int:
+        data = self._store[field.index][field.sub]
+        return int.from_bytes(data, "little", signed=field.code.islower())
+
+    def _converted(self, field: Field, code: str) -> int:
+        raw, largest = self._raw(field), (1 << 8 * CODES[code] - 1) - 1
+        if raw == not_available(field.code):
+            return int(not_available(code))
+        return max(-largest, min(largest, raw))
+
+    def _tare(self) -> int:
+        gross, net = self._fields[GROSS], self._fields[NET]
+        if self._raw(gross) == not_available(gross.code) or self._raw(net) == not_available(net.code):
+            return int(not_available("i"))
+        return self._raw(gross) - self._raw(net)
+
+    def _status(self, field: Field) -> int:
+        """Bit 0: not valid, 1: positive, 2: negative overload."""
+        quality = self._raw(self._fields[PAYLOAD_QUALITY if field.signal == GROSS else FORCE_QUALITY])
+        raw = self._raw(field)
+        if quality & 3 == Status.INVALID or raw == not_available(field.code):
+            return 1
+        value = raw * field.scale + field.offset
+        return (value >= field.high) << 1 | (value <= field.low and field.low < 0.0) << 2

@@ -1,0 +1,219 @@
+"""The object dictionaries of our own node, from what it publishes, and of a sensor, from what it is asked to
+send.
+
+Objects 1000h-1FFFh: CiA 301; 6xxxh-9xxxh: the device profiles CiA 404, 406, 410; 2xxxh: ours.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from math import log10, pi
+
+from cylforce import __version__
+from cylforce.canopen.dictionary.object_table import (
+    ARRAY,
+    RECORD,
+    TEXT,
+    VARIABLE,
+    Entry,
+    Object,
+    first_entry,
+    group,
+    merged,
+    variable,
+)
+from cylforce.canopen.emergency import HISTORY
+from cylforce.mechanics.installation import SensorNode
+from cylforce.signals.layout import CODES, Field, Pdo, not_available
+from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
+
+CONSUMERS = 16  # entries of 1016h
+PRODUCT, REVISION = 1, 1  # in 1018h; vendor 0: nobody has given us a number
+ZERO, TARE = 0x6125, 0x6139  # commands, at sub-index 1
+UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
+INT16, INT32 = 0x7130, 0x9130  # process values
+ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperature and wear, and its states
+
+_SLOTS = 8  # entries of a mapping that can be written
+_SYNC = 0x80
+# SI unit -> code of CiA 303-2 for the unit in which we tell it, that unit's size in SI
+_UNITS = {
+    "kg": (0x00020000, 1.0),
+    "N": (0x03210000, 1e3),
+    "rad": (0x00410000, DEGREE),
+    "Pa": (0x004E0000, BAR),
+    "m": (0xFD010000, MILLIMETRE),
+    "rad/s": (0x00410300, DEGREE),
+    "K": (0x002D0000, 1.0),
+    "1": (0x00000000, 1.0),
+}
+_NAMES = {
+    404: {0x6130: "AI input PV", INT16: "AI input PV", INT32: "AI input PV", 0x9140: "AI net PV"},
+    406: {0x6004: "Position value", 0x6030: "Speed value"},
+    410: {0x6010: "Slope long16", 0x6020: "Slope lateral16", 0x6110: "Slope long32", 0x6120: "Slope lateral32"},
+}
+_OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload"}
+
+
+def own_objects(
+    pdos: Sequence[Pdo], heartbeat_ms: int = 500, sync_us: int = 0, watched: Sequence[int] = ()
+) -> tuple[Object, ...]:
+    """Our node, which sends `pdos`. `sync_us`: period of the SYNC that it produces; 0: somebody else does. `watched`:
+    entries of 1016h. Raises ValueError if these are more than there is room for."""
+    if len(watched) > CONSUMERS:
+        raise ValueError(f"{len(watched)} nodes have a heartbeat, {CONSUMERS} can be watched: set heartbeat_ms = 0")
+    entries = [*watched, *[0] * (CONSUMERS - len(watched))]
+    produces = 1 << 30 if sync_us else 0
+    consumers = (Entry(k, f"Consumer {k}", "I", "rw", entry) for k, entry in enumerate(entries, 1))
+    fields = [field for pdo in pdos for field in pdo.fields]
+    return merged(
+        [
+            *_communication(404, "cylforce", (0, PRODUCT, REVISION, 0), heartbeat_ms, _SYNC | produces),
+            variable(0x1006, "Communication cycle period", "I", "ro", sync_us),
+            group(0x1016, "Consumer heartbeat time", ARRAY, consumers),
+            *(made for pdo in pdos for made in _tpdo(pdo, "ro", len(pdo.fields))),
+            *(_carried(field, _NAMES[404] | _OURS) for field in fields),
+            *_own_channels(channels(fields)),
+            group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
+        ]
+    )
+
+
+def _adaptation() -> tuple[Entry, ...]:
+    drift = Entry(1, "Adaptation drift, in 0.1 kg of payload", "i", "ro", 0)
+    return drift, Entry(2, "Adaptation state: 0 off, 1 frozen, 2 following", "B", "ro", OFF)
+
+
+def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
+    """A sensor that sends what `node` is asked to send; where that can be written, it has yet to be told."""
+    identity = tuple(0 if number is None else number for number in node.identity)
+    fields = [field for pdo in node.pdos for field in pdo.fields]
+    tpdos = (_as_delivered(pdo) if node.writable_mapping else _tpdo(pdo, "ro", len(pdo.fields)) for pdo in node.pdos)
+    return merged(
+        [
+            *_communication(node.profile, node.name, identity, 0, _SYNC),
+            *(made for tpdo in tpdos for made in tpdo),
+            *(_carried(field, _NAMES.get(node.profile, {})) for field in fields),
+            *_profile(node.profile, fields),
+        ]
+    )
+
+
+def channels(fields: Iterable[Field]) -> dict[int, Field]:
+    """CiA 404's channels: number -> the field that carries the process value."""
+    return {field.sub: field for field in fields if field.index in (INT16, INT32)}
+
+
+def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_ms: int, sync: int) -> list[Object]:
+    analog_inputs = 0x00020000 if profile == 404 else 0
+    numbers = zip(("Vendor-ID", "Product code", "Revision number", "Serial number"), identity, strict=True)
+    errors = (Entry(k, f"Standard error field {k}", "I", "ro", 0) for k in range(1, HISTORY + 1))
+    server = (
+        Entry(1, "COB-ID client to server", "I", "ro", 0x600, relative=True),
+        Entry(2, "COB-ID server to client", "I", "ro", 0x580, relative=True),
+    )
+    return [
+        variable(0x1000, "Device type", "I", "ro", analog_inputs | profile),
+        variable(0x1001, "Error register", "B", "ro", 0),
+        first_entry(
+            group(0x1003, "Pre-defined error field", ARRAY, errors),
+            Entry(0, "Number of errors", "B", "rw", 0),
+        ),
+        variable(0x1005, "COB-ID SYNC", "I", "ro", sync),
+        variable(0x1008, "Manufacturer device name", TEXT, "const", name),
+        variable(0x100A, "Manufacturer software version", TEXT, "const", __version__),
+        Object(0x1014, "COB-ID EMCY", VARIABLE, (Entry(0, "COB-ID EMCY", "I", "ro", 0x80, relative=True),)),
+        variable(0x1017, "Producer heartbeat time", "H", "rw", heartbeat_ms),
+        group(0x1018, "Identity object", RECORD, (Entry(k, n, "I", "ro", v) for k, (n, v) in enumerate(numbers, 1))),
+        group(0x1200, "SDO server parameter", RECORD, server),
+    ]
+
+
+def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
+    """Communication and mapping parameters; `mapped`: how many of the entries are in use."""
+    entries = [f.index << 16 | f.sub << 8 | 8 * CODES[f.code] for f in pdo.fields]
+    slots = entries + [0] * (_SLOTS - len(entries)) if access == "rw" else entries
+    relative = pdo.can_id == 0x100 * pdo.number + 0x80 + pdo.node_id
+    parameter = (
+        Entry(1, "COB-ID used by TPDO", "I", "rw", pdo.can_id - relative * pdo.node_id, relative),
+        Entry(2, "Transmission type", "B", access, max(pdo.sync, 1) if pdo.synchronous else 255),
+        Entry(5, "Event timer", "H", access, 0 if pdo.synchronous else round(1e3 * pdo.period_s)),
+    )
+    name = f"TPDO {pdo.number}"
+    objects = (Entry(k, f"Application object {k}", "I", access, entry) for k, entry in enumerate(slots, 1))
+    return [
+        group(0x17FF + pdo.number, f"{name} communication parameter", RECORD, parameter),
+        first_entry(
+            group(0x19FF + pdo.number, f"{name} mapping parameter", RECORD, objects),
+            Entry(0, "Number of mapped objects", "B", access, mapped),
+        ),
+    ]
+
+
+def _as_delivered(pdo: Pdo) -> list[Object]:
+    """What its maker put in: one object mapped, the default identifier, nothing sent by itself."""
+    default = 0x100 * pdo.number + 0x80 + pdo.node_id if pdo.number <= 4 else 0x80000000
+    return _tpdo(pdo._replace(can_id=default, synchronous=False, period_s=0.0), "rw", 1)
+
+
+def _carried(field: Field, names: dict[int, str]) -> Object:
+    """A mapped object, "no value" to begin with."""
+    name = names.get(field.index, f"Object {field.index:04X}")
+    what = name if field.sub == 0 else f"{name} {field.signal or field.sub}"
+    entry = Entry(field.sub, what, field.code, "ro", not_available(field.code), mappable=True)
+    if field.sub == 0:
+        return Object(field.index, name, VARIABLE, (entry,))
+    return group(field.index, name, RECORD if field.index in _OURS else ARRAY, (entry,))
+
+
+def unit_and_digits(field: Field) -> tuple[int, int]:
+    """Unit (6131h) and decimal digits (6132h) of a field's integers: value = integer / 10^digits units."""
+    code, size = _UNITS[field.unit]
+    return code, max(0, round(-log10(abs(field.scale) / size)))
+
+
+def _channel_objects(found: dict[int, Field]) -> list[Object]:
+    units = {number: unit_and_digits(field) for number, field in found.items()}
+    return [
+        group(
+            UNIT,
+            "AI physical unit PV",
+            ARRAY,
+            (Entry(k, f"Unit of channel {k}", "I", "ro", u) for k, (u, _) in units.items()),
+        ),
+        group(
+            DIGITS,
+            "AI decimal digits PV",
+            ARRAY,
+            (Entry(k, f"Digits of channel {k}", "B", "ro", d) for k, (_, d) in units.items()),
+        ),
+    ]
+
+
+def _own_channels(found: dict[int, Field]) -> list[Object]:
+    """What CiA 404 has beside the process values, and each of these in both integer types."""
+    return [
+        *_channel_objects(found),
+        group(ZERO, "AI autozero", ARRAY, [Entry(1, "Autozero of channel 1", "I", "wo")]),
+        group(TARE, "AI autotare", ARRAY, [Entry(1, "Autotare of channel 1", "I", "wo")]),
+        group(TARE_VALUE, "AI tare zero", ARRAY, [Entry(1, "Tare of channel 1", "i", "ro", not_available("i"))]),
+        group(STATUS, "AI status", ARRAY, (Entry(k, f"Status of channel {k}", "B", "ro", 1) for k in sorted(found))),
+        *(_carried(replace(f, index=INT16, code="h"), _NAMES[404]) for f in found.values() if f.index != INT16),
+        *(_carried(replace(f, index=INT32, code="i"), _NAMES[404]) for f in found.values() if f.index != INT32),
+    ]
+
+
+def _profile(profile: int, fields: Sequence[Field]) -> list[Object]:
+    """The objects by which a device of a profile tells what its integers mean."""
+    if profile == 404:
+        found = {f.sub: f for f in fields if f.index in (0x6130, INT16, INT32)}
+        return _channel_objects(found) if found else []
+    angle = next((f for f in fields if f.unit in ("rad", "m")), None)
+    if profile == 410 and angle is not None:
+        return [variable(0x6000, "Resolution", "H", "ro", round(1e3 * angle.scale / DEGREE))]
+    if profile == 406 and angle is not None:
+        turn = round(2.0 * pi / abs(angle.scale)) if angle.unit == "rad" else 0
+        return [
+            variable(0x6000, "Operating parameters", "H", "ro", 0),
+            variable(0x6001, "Measuring units per revolution", "I", "ro", turn),
+        ]
+    return []

@@ -1,0 +1,218 @@
+"""A CANopen device on our own loop: NMT states, PDOs, SYNC, heartbeats, emergencies around canopen's
+LocalNode.
+
+The daemon's node and the simulated sensors are both such nodes. Time is an argument of `Network.poll` and of
+the frames.
+"""
+
+from collections.abc import Iterable
+
+import canopen.network
+from canopen.nmt import NmtSlave
+from canopen.objectdictionary import ObjectDictionary
+from canopen.sdo.exceptions import SdoAbortedError
+
+from cylforce.canopen.emergency import Emergencies
+from cylforce.canopen.heartbeat import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Heartbeats, OnPeer
+from cylforce.canopen.network import Network
+from cylforce.canopen.objects import NO_COMMANDS, RANGE, Commands, Objects
+from cylforce.canopen.sdo_server import SdoServer
+from cylforce.canopen.tpdo import Tpdo
+from cylforce.signals.layout import CODES, Pdo
+
+SILENT = 0x8130  # EMCY: heartbeat of another node lost
+COMMUNICATION = 0x10  # bit of 1001h
+
+_STATES = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}
+_NAMES = {OPERATIONAL: "OPERATIONAL", STOPPED: "STOPPED", PRE_OPERATIONAL: "PRE-OPERATIONAL"}
+_RESET_NODE, _RESET_COMMUNICATION = 129, 130
+_SYNC = 0x80
+
+
+class _Nmt(NmtSlave):
+    """NMT slave that boots again after each reset and is not upset by malformed commands."""
+
+    def __init__(self, node: "Node") -> None:
+        super().__init__(node.node_id, node)
+        self._node = node
+
+    def on_command(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        if len(data) != 2 or data[1] not in (0, self.id):
+            return
+        if data[0] in (_RESET_NODE, _RESET_COMMUNICATION):
+            self._node.reset(application=data[0] == _RESET_NODE)
+        elif data[0] in _STATES:
+            self._node.change_state(_STATES[data[0]])
+
+    def on_write(self, index: int, data: bytes, **kwargs: object) -> None:
+        if self._node.state:  # before boot-up there is no heartbeat
+            super().on_write(index, data, **kwargs)
+
+
+def _nobody(node_id: int, state: int | None) -> None:
+    """Other nodes do not matter."""
+
+
+class Node(Objects):
+    """A CANopen node. `pdos`: what each of its TPDOs carries, for `publish` and `store`. `timers`: it sends
+    its event-driven TPDOs by itself; without, `publish` sends them. `autostart`: operational right after
+    boot-up. `on_peer`: see Heartbeats. `state` is the NMT state, 0 before boot-up."""
+
+    def __init__(
+        self,
+        node_id: int,
+        dictionary: ObjectDictionary,
+        pdos: Iterable[Pdo] = (),
+        *,
+        commands: Commands = NO_COMMANDS,
+        timers: bool = False,
+        autostart: bool = False,
+        on_peer: OnPeer = _nobody,
+    ) -> None:
+        self.state = 0
+        self._tpdos: dict[int, Tpdo] = {}
+        super().__init__(node_id, dictionary, commands)
+        self._ours: Network | None = None
+        self.sdo = SdoServer(self)
+        self._write_callbacks.clear()
+        self.nmt = _Nmt(self)
+        self.add_write_callback(self.nmt.on_write)
+        self._timers, self._autostart, self._on_peer = timers, autostart, on_peer
+        self._slices = {pdo.number: tuple(_slices(pdo)) for pdo in pdos}
+        self.heartbeats = Heartbeats(self._peer)
+        self.emergencies = Emergencies(self._send_emergency, self.set_value)
+        numbers = [index - 0x17FF for index in dictionary if 0x1800 <= index < 0x1A00]
+        self._tpdos = {number: Tpdo(self, number) for number in numbers}
+
+    @property
+    def operational(self) -> bool:
+        """May send PDOs."""
+        return self.state == OPERATIONAL
+
+    @property
+    def answers(self) -> bool:
+        """Has booted and is not stopped: SDO, SYNC and EMCY work."""
+        return self.state in (OPERATIONAL, PRE_OPERATIONAL)
+
+    @property
+    def t_us(self) -> int:
+        """The network's time; 0 without one."""
+        return 0 if self._ours is None else self._ours.t_us
+
+    def associate_network(self, network: canopen.network.Network) -> None:
+        """See canopen; `network` must be ours."""
+        if not isinstance(network, Network):
+            raise TypeError("a Node needs a cylforce.canopen.network.Network, which feeds it frames and time")
+        super().associate_network(network)
+        self._ours = network
+        network.subscribe(_SYNC, self._on_sync)
+        network.every_poll(self._poll)
+
+    def boot(self) -> None:
+        """Say that the node is there (boot-up message), then enter pre-operational or, by `autostart`,
+        operational."""
+        self.state = 0
+        self.nmt.state = "INITIALISING"  # sends the boot-up message
+        self.change_state(PRE_OPERATIONAL)
+        self._watch()
+        if self._autostart:
+            self.change_state(OPERATIONAL)
+
+    def reset(self, application: bool = True) -> None:
+        """Reset node, or communication only: default values again, then boot."""
+        self.nmt.stop_heartbeat()
+        self.restore(0x1000, 0x10000 if application else 0x2000)
+        for tpdo in self._tpdos.values():
+            tpdo.reload()
+        self.boot()
+
+    def change_state(self, state: int) -> None:
+        """Enter an NMT state: 4 stopped, 5 operational, 127 pre-operational."""
+        self.state = state
+        self.nmt.state = _NAMES[state]
+
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        """See canopen; takes over what it changes."""
+        super().set_data(index, subindex, data, check_writable)
+        if 0x1800 <= index < 0x1C00:
+            self._tpdos[(index & 0x1FF) + 1].reload()
+        elif index == 0x1016:
+            self._watch()
+
+    def write(self, index: int, sub: int, data: bytes) -> None:
+        """See Objects; PDO parameters have rules of their own, 1003h is cleared."""
+        if 0x1800 <= index < 0x1C00:
+            self._tpdos[(index & 0x1FF) + 1].check(index, sub, int.from_bytes(data, "little"))
+        if index != 0x1003:
+            super().write(index, sub, data)
+        elif data == b"\0":
+            self.emergencies.clear()
+        else:
+            raise SdoAbortedError(RANGE)
+
+    def store(self, number: int, data: bytes) -> None:
+        """Write a TPDO's data into the objects that it carries by its layout."""
+        for (index, sub), part in self._slices[number]:
+            self.data_store[index][sub] = data[part]
+
+    def publish(self, number: int, data: bytes) -> bool:
+        """New data of TPDO `number`: kept in the object dictionary, sent if event-driven, operational and
+        enabled."""
+        self.store(number, data)
+        tpdo = self._tpdos[number]
+        return tpdo.event_driven and tpdo.send()
+
+    def transmit(self, number: int) -> bool:
+        """Send TPDO `number` now, whatever its trigger, if operational and enabled."""
+        return self._tpdos[number].send()
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        """Send a frame; False: dropped, or there is no network."""
+        return self._ours is not None and self._ours.send(can_id, data)
+
+    def produce_sync(self) -> None:
+        """Send SYNC, if 1005h says that this node does, and act on it."""
+        if self.answers and self.raw(0x1005, 0) & 1 << 30:
+            self.send(_SYNC, b"")
+            self._on_sync(_SYNC, b"", 0.0)
+
+    def _on_sync(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:
+        if self.operational:
+            for tpdo in self._tpdos.values():
+                tpdo.on_sync()
+
+    def _poll(self, t_us: int) -> None:
+        self.heartbeats.poll(t_us)
+        if self._timers:
+            for tpdo in self._tpdos.values():
+                tpdo.poll(t_us)
+
+    def _send_emergency(self, data: bytes) -> None:
+        if self.answers:
+            self.send(0x80 + self.node_id, data)
+
+    def _watch(self) -> None:
+        if 0x1016 not in self.data_store or self._ours is None:
+            return
+        entries = [self.raw(0x1016, sub) for sub in self.data_store[0x1016] if sub]
+        self.heartbeats.watch((entry >> 16 & 0x7F, 1000 * (entry & 0xFFFF)) for entry in entries)
+        for entry in entries:
+            if entry:
+                self._ours.subscribe(0x700 + (entry >> 16 & 0x7F), self._on_heartbeat)
+
+    def _on_heartbeat(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        self.heartbeats.on_heartbeat(can_id, data, self.t_us)
+
+    def _peer(self, node_id: int, state: int | None) -> None:
+        if state is None:
+            self.emergencies.occur(SILENT, COMMUNICATION, bytes([node_id]))
+        elif not self.heartbeats.silent:
+            self.emergencies.repair(SILENT)
+        self._on_peer(node_id, state)
+
+
+def _slices(pdo: Pdo) -> Iterable[tuple[tuple[int, int], slice]]:
+    at = 0
+    for field in pdo.fields:
+        yield (field.index, field.sub), slice(at, at + CODES[field.code])
+        at += CODES[field.code]

@@ -1,0 +1,141 @@
+"""A small SDO client on the loop: expedited and segmented transfers, one at a time per server, nothing
+blocks."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from struct import Struct, pack, unpack
+from typing import TypeVar
+
+from canopen.sdo.exceptions import SdoAbortedError
+
+from cylforce.canopen.network import Network
+from cylforce.signals.layout import CODES
+
+TIMEOUT_S = 0.5
+LARGEST = 65536  # bytes of an upload; a server that sends more has lost its mind
+
+_WAITING = 16  # answers not yet looked at
+_HEAD = Struct("<BHB")
+_TOGGLE, _TIMED_OUT, _MEMORY, _COMMAND = 0x05030000, 0x05040000, 0x05040005, 0x05040001
+_Result = TypeVar("_Result")
+
+
+class SdoError(Exception):
+    """A transfer that failed; the text is a sentence."""
+
+
+class NoAnswerError(SdoError):
+    """The server does not answer."""
+
+
+class AbortedError(SdoError):
+    """The server, or we, aborted with CiA 301's `code`."""
+
+    def __init__(self, where: str, code: int) -> None:
+        super().__init__(f"{where}: {SdoAbortedError.CODES.get(code, 'aborted')} (SDO abort {code:08X}h)")
+        self.code = code
+
+
+class Client:
+    """Client of the default SDO of one node. Close it when it is no longer needed.
+
+    All transfers raise AbortedError or NoAnswerError after `timeout_s` without an answer; they may be called
+    by several tasks at once and then take turns."""
+
+    def __init__(self, network: Network, node_id: int, timeout_s: float = TIMEOUT_S) -> None:
+        self._network, self._node_id, self._timeout_s = network, node_id, timeout_s
+        self._turn = asyncio.Lock()
+        self._answers: asyncio.Queue[bytes] = asyncio.Queue(_WAITING)
+        network.subscribe(0x580 + node_id, self._on_answer)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._network.unsubscribe(0x580 + self._node_id, self._on_answer)
+
+    async def upload(self, index: int, sub: int) -> bytes:
+        """Read an object."""
+        return await self._transfer(index, sub, self._upload)
+
+    async def download(self, index: int, sub: int, data: bytes) -> None:
+        """Write an object."""
+        await self._transfer(index, sub, lambda index, sub: self._download(index, sub, data))
+
+    async def read(self, index: int, sub: int, code: str) -> int:
+        """Read an integer of a struct code. Raises SdoError also when it has another length."""
+        data = await self.upload(index, sub)
+        if len(data) != CODES[code]:
+            raise SdoError(f"{self._where(index, sub)} has {len(data)} bytes, {CODES[code]} were expected")
+        return int(unpack(f"<{code}", data)[0])
+
+    async def write(self, index: int, sub: int, code: str, value: float) -> None:
+        """Write a number of a struct code."""
+        await self.download(index, sub, pack(f"<{code}", value))
+
+    def _where(self, index: int, sub: int) -> str:
+        return f"object {index:04X}h:{sub} of node {self._node_id}"
+
+    async def _transfer(self, index: int, sub: int, transfer: Callable[[int, int], Awaitable[_Result]]) -> _Result:
+        async with self._turn:
+            try:
+                return await transfer(index, sub)
+            except SdoAbortedError as error:
+                raise AbortedError(self._where(index, sub), error.code) from None
+            except TimeoutError:
+                self._abort(index, sub, _TIMED_OUT)
+                raise NoAnswerError(f"{self._where(index, sub)}: no answer") from None
+
+    async def _upload(self, index: int, sub: int) -> bytes:
+        answer = await self._ask(_HEAD.pack(0x40, index, sub) + bytes(4), 0x40)
+        if answer[0] & 2:
+            return answer[4 : 8 - (answer[0] >> 2 & 3) if answer[0] & 1 else 8]
+        data, toggle = b"", 0
+        while len(data) <= LARGEST:
+            answer = await self._ask(bytes([0x60 | toggle]) + bytes(7), 0x00)
+            self._check_toggle(answer, toggle, index, sub)
+            data += answer[1 : 8 - (answer[0] >> 1 & 7)]
+            if answer[0] & 1:
+                return data
+            toggle ^= 0x10
+        self._abort(index, sub, _MEMORY)
+        raise SdoAbortedError(_MEMORY)
+
+    async def _download(self, index: int, sub: int, data: bytes) -> None:
+        if 0 < len(data) <= 4:
+            command = 0x23 | (4 - len(data)) << 2
+            await self._ask(_HEAD.pack(command, index, sub) + data.ljust(4, b"\0"), 0x60)
+            return
+        await self._ask(_HEAD.pack(0x21, index, sub) + pack("<I", len(data)), 0x60)
+        toggle = 0
+        for at in range(0, max(len(data), 1), 7):
+            part, last = data[at : at + 7], at + 7 >= len(data)
+            request = bytes([toggle | (7 - len(part)) << 1 | last]) + part.ljust(7, b"\0")
+            self._check_toggle(await self._ask(request, 0x20), toggle, index, sub)
+            toggle ^= 0x10
+
+    def _check_toggle(self, answer: bytes, toggle: int, index: int, sub: int) -> None:
+        if answer[0] & 0x10 != toggle:
+            self._abort(index, sub, _TOGGLE)
+            raise SdoAbortedError(_TOGGLE)
+
+    async def _ask(self, request: bytes, expected: int) -> bytes:
+        """The answer to a request; `expected`: its command specifier. Answers to other questions are passed
+        over."""
+        while not self._answers.empty():
+            self._answers.get_nowait()
+        self._network.send(0x600 + self._node_id, request)
+        async with asyncio.timeout(self._timeout_s):
+            while True:
+                answer = await self._answers.get()
+                if request[0] & 0xE0 in (0x20, 0x40) and answer[1:4] != request[1:4]:
+                    continue
+                if answer[0] == 0x80:
+                    raise SdoAbortedError(int.from_bytes(answer[4:8], "little"))
+                if answer[0] & 0xE0 == expected:
+                    return answer
+
+    def _on_answer(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        if len(data) == 8 and self._turn.locked() and not self._answers.full():
+            self._answers.put_nowait(bytes(data))
+
+    def _abort(self, index: int, sub: int, code: int) -> None:
+        self._network.send(0x600 + self._node_id, _HEAD.pack(0x80, index, sub) + pack("<I", code))

@@ -1,0 +1,247 @@
+"""Makes the sensors send what the machine file says: identity, PDO mapping, heartbeat and start, over SDO,
+per node.
+
+Each node has a task of its own, so one that is silent or refuses holds nobody up; a node that boots again is
+done again.
+"""
+
+import asyncio
+from collections.abc import Callable, Iterable
+from enum import StrEnum
+from typing import NamedTuple
+
+from cylforce.canopen.heartbeat import BOOTED, OPERATIONAL, PRE_OPERATIONAL, STOPPED
+from cylforce.canopen.network import Network
+from cylforce.canopen.sdo_client import TIMEOUT_S, AbortedError, Client, NoAnswerError, SdoError
+from cylforce.mechanics.installation import SensorNode
+from cylforce.signals.layout import CODES, Pdo
+
+FIRST_DELAY_S, LAST_DELAY_S = 0.25, 5.0  # between attempts
+STARTS = 3  # NMT start commands to a node that stays pre-operational
+
+_START, _ENTER_PRE_OPERATIONAL = 1, 128
+_IDENTITY = ("vendor", "product", "revision", "serial number")
+_NO_SUB = 0x06090011
+_DISABLED = 1 << 31
+_NO_REMOTE = 1 << 30  # of a COB-ID
+_EVENT_DRIVEN = (254, 255)
+_CYCLIC_TIMER = (0x6200, 0)  # CiA 406: older encoders have this instead of the event timer
+
+
+class Stage(StrEnum):
+    """How far a node has come."""
+
+    OPERATIONAL = "operational"
+    SILENT = "silent"
+    REFUSED = "refused"  # another device than the one described; it sends nothing until it boots again
+    FAILED = "failed"  # will be tried again
+
+
+class Outcome(NamedTuple):
+    """What has become of a node; `reason` is a sentence unless it is operational."""
+
+    node: SensorNode
+    stage: Stage
+    reason: str
+
+
+class ForeignNodeError(Exception):
+    """Another device than the one described; the text is a sentence."""
+
+
+Tell = Callable[[Outcome], None]
+StateOf = Callable[[int], int | None]
+
+
+class Commissioner:
+    """Commissions nodes as tasks on the running loop. `state_of(node_id)`: NMT state last heard
+    (Heartbeats.state); `tell` is called when a node's outcome changes."""
+
+    def __init__(self, nodes: Iterable[SensorNode], network: Network, state_of: StateOf, tell: Tell) -> None:
+        self._nodes = {node.node_id: node for node in nodes}
+        self._network, self._state_of, self._tell = network, state_of, tell
+        self._tasks: dict[int, asyncio.Task[None]] = {}
+        self._told: dict[int, Outcome] = {}
+        self._lost: set[int] = set()
+
+    def start(self) -> None:
+        """Begin with all nodes."""
+        for node_id in self._nodes:
+            self.begin(node_id)
+
+    def begin(self, node_id: int) -> None:
+        """Begin (again) with a node: it has booted. Not one of ours: nothing happens."""
+        node = self._nodes.get(node_id)
+        if node is None:
+            return
+        before = self._tasks.pop(node_id, None)
+        if before is not None:
+            before.cancel()
+        self._tasks[node_id] = asyncio.get_running_loop().create_task(self._until_done(node))
+
+    def on_peer(self, node_id: int, state: int | None) -> None:
+        """What Heartbeats tells. A node that has booted is done again, and so is one whose boot-up message may have
+        been
+        missed: it was silent, or fell back to pre-operational (unless it has been refused)."""
+        told, task = self._told.get(node_id), self._tasks.get(node_id)
+        if state is None:
+            self._lost.add(node_id)
+            return
+        idle = (task is None or task.done()) and (told is None or told.stage is not Stage.REFUSED)
+        fell_back = state in (PRE_OPERATIONAL, STOPPED) and idle
+        if state == BOOTED or node_id in self._lost or fell_back:
+            self._lost.discard(node_id)
+            self._told.pop(node_id, None)
+            self.begin(node_id)
+
+    async def close(self) -> None:
+        """Stop all tasks."""
+        for task in self._tasks.values():
+            task.cancel()
+        await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+        self._tasks.clear()
+
+    async def _until_done(self, node: SensorNode) -> None:
+        delay_s = FIRST_DELAY_S
+        while True:
+            outcome = await self._attempt(node)
+            if outcome != self._told.get(node.node_id):
+                self._told[node.node_id] = outcome
+                self._tell(outcome)
+            if outcome.stage in (Stage.OPERATIONAL, Stage.REFUSED):
+                return
+            await asyncio.sleep(delay_s)
+            delay_s = min(2.0 * delay_s, LAST_DELAY_S)
+
+    async def _attempt(self, node: SensorNode) -> Outcome:
+        client = Client(self._network, node.node_id, TIMEOUT_S)
+        try:
+            await commission(node, client)
+            return await self._started(node)
+        except ForeignNodeError as error:
+            self._command(_ENTER_PRE_OPERATIONAL, node)  # what it sends would be believed
+            return Outcome(node, Stage.REFUSED, str(error))
+        except NoAnswerError as error:
+            if self._state_of(node.node_id) == STOPPED:
+                self._command(_ENTER_PRE_OPERATIONAL, node)
+            return Outcome(node, Stage.SILENT, f"{node.name}: {error}")
+        except SdoError as error:
+            return Outcome(node, Stage.FAILED, f"{node.name}: {error}")
+        finally:
+            client.close()
+
+    def _command(self, command: int, node: SensorNode) -> None:
+        self._network.send(0, bytes([command, node.node_id]))
+
+    async def _started(self, node: SensorNode) -> Outcome:
+        """NMT start, until its heartbeat says so; a node without heartbeat is believed."""
+        for _ in range(STARTS):
+            self._command(_START, node)
+            if node.heartbeat_s <= 0.0:
+                return Outcome(node, Stage.OPERATIONAL, "")
+            deadline = asyncio.get_running_loop().time() + 2.5 * node.heartbeat_s
+            while asyncio.get_running_loop().time() < deadline:
+                if self._state_of(node.node_id) == OPERATIONAL:
+                    return Outcome(node, Stage.OPERATIONAL, "")
+                await asyncio.sleep(min(0.02, node.heartbeat_s))
+        return Outcome(node, Stage.FAILED, f"{node.name}: node {node.node_id} does not start: no heartbeat says so")
+
+
+async def commission(node: SensorNode, client: Client) -> None:
+    """Check the identity, write what differs: heartbeat, TPDO parameters, mappings. Does not start the node.
+
+    Raises ForeignNodeError if it is another device or maps other objects for good, SdoError if a transfer
+    fails."""
+    await client.upload(0x1000, 0)
+    await _check_identity(node, client)
+    await _settle(client, 0x1017, 0, "H", round(1e3 * node.heartbeat_s))
+    for pdo in node.pdos:
+        await _settle_pdo(node, pdo, client)
+
+
+async def _check_identity(node: SensorNode, client: Client) -> None:
+    for sub, (what, wanted) in enumerate(zip(_IDENTITY, node.identity, strict=True), 1):
+        if wanted is None:
+            continue
+        found = await client.read(0x1018, sub, "I")
+        if found != wanted:
+            raise ForeignNodeError(
+                f"{node.name}: node {node.node_id} has {what} {found:#x}, not {wanted:#x}: it is another device "
+                "(swapped node ids?), or correct its identity in the machine file"
+            )
+
+
+async def _settle(client: Client, index: int, sub: int, code: str, value: int) -> bool:
+    """Write unless it is so already; whether it was written."""
+    if await client.read(index, sub, code) == value:
+        return False
+    await client.write(index, sub, code, value)
+    return True
+
+
+async def _settle_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
+    index = 0x17FF + pdo.number
+    cob_id = await client.read(index, 1, "I")
+    mapped = await _mapping(pdo, client)
+    wanted = [field.index << 16 | field.sub << 8 | 8 * CODES[field.code] for field in pdo.fields]
+    if mapped != wanted and not node.writable_mapping:
+        raise ForeignNodeError(
+            f"{node.name}: TPDO {pdo.number} of node {node.node_id} maps {_shown(mapped)} for good, not "
+            f"{_shown(wanted)}: describe its sensors in that order"
+        )
+    trigger = await _trigger(pdo, client)
+    settled = cob_id & ~_NO_REMOTE == pdo.can_id
+    if settled and mapped == wanted and not trigger:
+        return
+    await client.write(index, 1, "I", cob_id | _DISABLED)
+    if mapped != wanted:
+        await _map(pdo, wanted, client)
+    for address, code, value in trigger:
+        await client.write(*address, code, value)
+    await client.write(index, 1, "I", cob_id & _NO_REMOTE | pdo.can_id)
+
+
+async def _mapping(pdo: Pdo, client: Client) -> list[int]:
+    index = 0x19FF + pdo.number
+    count = await client.read(index, 0, "B")
+    return [await client.read(index, sub, "I") for sub in range(1, min(count, 64) + 1)]
+
+
+async def _map(pdo: Pdo, wanted: list[int], client: Client) -> None:
+    index = 0x19FF + pdo.number
+    await client.write(index, 0, "B", 0)
+    for sub, entry in enumerate(wanted, 1):
+        await client.write(index, sub, "I", entry)
+    await client.write(index, 0, "B", len(wanted))
+    if await _mapping(pdo, client) != wanted:
+        raise SdoError(f"the mapping of TPDO {pdo.number} was taken, but is not what was written")
+
+
+async def _trigger(pdo: Pdo, client: Client) -> list[tuple[tuple[int, int], str, int]]:
+    """What has to be written, and where, for the PDO to be sent when it should."""
+    index = 0x17FF + pdo.number
+    kind = await client.read(index, 2, "B")
+    if pdo.synchronous:
+        wanted = max(pdo.sync, 1)
+        return [] if kind == wanted else [((index, 2), "B", wanted)]
+    found: list[tuple[tuple[int, int], str, int]] = []
+    if kind not in _EVENT_DRIVEN:
+        found.append(((index, 2), "B", _EVENT_DRIVEN[0]))
+    address, period_ms = await _event_timer(index, client)
+    if period_ms != round(1e3 * pdo.period_s):
+        found.append((address, "H", round(1e3 * pdo.period_s)))
+    return found
+
+
+async def _event_timer(index: int, client: Client) -> tuple[tuple[int, int], int]:
+    """Where a node has the event timer of a TPDO, and what it says [ms]."""
+    try:
+        return (index, 5), await client.read(index, 5, "H")
+    except AbortedError as error:
+        if error.code != _NO_SUB:
+            raise
+        return _CYCLIC_TIMER, await client.read(*_CYCLIC_TIMER, "H")
+
+
+def _shown(mapped: list[int]) -> str:
+    return ", ".join(f"{entry >> 16:04X}h:{entry >> 8 & 0xFF}" for entry in mapped) or "nothing"

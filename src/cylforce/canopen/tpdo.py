@@ -1,0 +1,112 @@
+"""A transmit PDO of a node: its parameters (1800h + n), its mapping (1A00h + n), when it is sent and with
+what."""
+
+from typing import TYPE_CHECKING
+
+from canopen.sdo.exceptions import SdoAbortedError
+
+if TYPE_CHECKING:
+    from cylforce.canopen.node import Node
+
+DISABLED = 1 << 31  # of a COB-ID
+NO_REMOTE = 1 << 30
+
+VALUE_RANGE = 0x06090030
+NOT_MAPPABLE = 0x06040041
+TOO_LONG = 0x06040042
+DEVICE_STATE = 0x08000022
+
+_MOST = 8  # objects of one byte
+
+
+class Tpdo:
+    """TPDO `number` of `node`, as the object dictionary describes it now."""
+
+    def __init__(self, node: "Node", number: int) -> None:
+        self._node = node
+        self._communication, self._mapping = 0x17FF + number, 0x19FF + number
+        self._syncs = 0
+        self._sent: bytes | None = None
+        self._due_us: int | None = None
+        self.reload()
+
+    def reload(self) -> None:
+        """Take over what was written into the object dictionary."""
+        raw, index = self._node.raw, self._communication
+        self._cob_id, self._type = raw(index, 1), raw(index, 2)
+        self._event_us = 1000 * raw(index, 5)
+        entries = [raw(self._mapping, sub) for sub in range(1, raw(self._mapping, 0) + 1)]
+        self._objects = [(entry >> 16, entry >> 8 & 0xFF) for entry in entries]
+        self._due_us = None
+
+    @property
+    def event_driven(self) -> bool:
+        """Not by SYNC."""
+        return self._type > 240
+
+    def data(self) -> bytes:
+        """The mapped objects' bytes."""
+        store = self._node.data_store
+        return b"".join([store[index][sub] for index, sub in self._objects])
+
+    def send(self) -> bool:
+        """Send now, if the node is operational and the PDO enabled."""
+        if not self._node.operational or self._cob_id & DISABLED:
+            return False
+        self._sent = self.data()
+        return self._node.send(self._cob_id & 0x7FF, self._sent)
+
+    def on_sync(self) -> None:
+        """Type n: sent after every n-th SYNC; type 0: after a SYNC if something has changed."""
+        if self.event_driven:
+            return
+        self._syncs += 1
+        if (self._type == 0 and self.data() != self._sent) or 0 < self._type <= self._syncs:
+            self._syncs = 0
+            self.send()
+
+    def poll(self, t_us: int) -> None:
+        """The event timer."""
+        if not self._event_us or not self.event_driven or not self._node.operational:
+            self._due_us = None
+        elif self._due_us is None:
+            self._due_us = t_us + self._event_us
+        elif t_us >= self._due_us:
+            self._due_us += self._event_us * ((t_us - self._due_us) // self._event_us + 1)
+            self.send()
+
+    def check(self, index: int, sub: int, value: int) -> None:
+        """Refuse by SdoAbortedError what CiA 301 does not allow to be written, or not now."""
+        if index == self._communication:
+            if sub == 1:
+                self._check_cob_id(value)
+            if sub == 2 and 240 < value < 254:
+                raise SdoAbortedError(VALUE_RANGE)
+        else:
+            self._check_mapping(sub, value)
+
+    def _check_cob_id(self, value: int) -> None:
+        can_id = value & 0x3FFFFFFF
+        if not (0x181 <= can_id <= 0x57F or 0x680 <= can_id <= 0x6DF):
+            raise SdoAbortedError(VALUE_RANGE)
+        if not (self._cob_id | value) & DISABLED and can_id != self._cob_id & 0x3FFFFFFF:
+            raise SdoAbortedError(DEVICE_STATE)
+
+    def _check_mapping(self, sub: int, value: int) -> None:
+        if not self._cob_id & DISABLED or (sub and self._node.raw(self._mapping, 0)):
+            raise SdoAbortedError(DEVICE_STATE)
+        if sub:
+            self._check_mapped(value)
+            return
+        if value > _MOST:
+            raise SdoAbortedError(TOO_LONG)
+        entries = [self._node.raw(self._mapping, k) for k in range(1, value + 1)]
+        for entry in entries:
+            self._check_mapped(entry)
+        if sum(entry & 0xFF for entry in entries) > 64:
+            raise SdoAbortedError(TOO_LONG)
+
+    def _check_mapped(self, entry: int) -> None:
+        variable = self._node.variable(entry >> 16, entry >> 8 & 0xFF)
+        if variable is None or not variable.pdo_mappable or len(variable) != entry & 0xFF:
+            raise SdoAbortedError(NOT_MAPPABLE)

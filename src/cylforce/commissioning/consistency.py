@@ -1,0 +1,84 @@
+"""Physical consistency of tares: what no body and no friction can do, and the nearest tares that obey.
+
+A planar body of mass m has a positive pseudo-inertia exactly when J m >= X^2 + Z^2 (its centre's distance cannot exceed
+its radius of gyration about the pin); masses beyond a link are lumped at its outer pin, which keeps the law."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy import optimize
+
+from cylforce.estimation.model import Model, Tares
+from cylforce.signals.estimate import Array
+
+MASS_BOUND = 3.0  # standard errors above the data sheet's: no link is heavier
+INSIDE = 1e-6  # of the scaled margins: what is enforced holds after rounding
+SURE = 3.0  # standard errors
+NEVER_NEGATIVE = (".coulomb", ".viscous", ".load_dependent")
+
+
+class Law(NamedTuple):
+    """A sentence, and the number that must not be negative (scaled: about 1 for a usual machine)."""
+
+    sentence: str
+    margin: Callable[[Array], float]
+
+
+def laws(model: Model) -> list[Law]:
+    """What the tares of any machine obey."""
+    place = {p.name: k for k, p in enumerate(model.parameters)}
+    heaviest = np.cumsum([k.mass + MASS_BOUND * k.mass_error for k in model.machine.links[::-1]])[::-1]
+    bodies = [_body(link.name, place, float(m)) for link, m in zip(model.machine.links, heaviest, strict=True)]
+    spread = np.sqrt(np.diag(model.prior.covariance))
+    frictions = [
+        _friction(p.name, k, float(spread[k]))
+        for k, p in enumerate(model.parameters)
+        if p.name.endswith(NEVER_NEGATIVE)
+    ]
+    return [*bodies, *frictions]
+
+
+def _body(name: str, place: dict[str, int], mass: float) -> Law:
+    j, x, z = (place[f"{name}.{symbol}"] for symbol in ("J", "X", "Z"))
+
+    def margin(values: Array) -> float:
+        first = float(np.hypot(values[x], values[z]))
+        return float(values[j] * mass - first**2) / (first**2 + 1.0)
+
+    return Law(f"{name}: J is too small for its first moments (J m < X^2 + Z^2 with m = {mass:.0f} kg)", margin)
+
+
+def _friction(name: str, k: int, scale: float) -> Law:
+    return Law(f"{name}: friction cannot push", lambda values: float(values[k]) / scale)
+
+
+def violations(model: Model, values: Array, error: Array | None = None) -> tuple[str, ...]:
+    """Sentences for the laws that `values` (P,) break; with their standard errors `error` (P,): for sure, for a
+    friction that is found a little below zero may be none."""
+    if error is not None:
+        friction = np.array([p.name.endswith(NEVER_NEGATIVE) for p in model.parameters])
+        values = np.where(friction & (values < 0.0), np.minimum(values + SURE * error, 0.0), values)
+    return tuple(law.sentence for law in laws(model) if law.margin(values) < 0.0)
+
+
+def consistent(model: Model, tares: Tares) -> Tares:
+    """The tares nearest by their own covariance that break no law; the same when none is broken."""
+    if not violations(model, tares.values):
+        return tares
+    scale = np.sqrt(np.diag(tares.covariance))
+    root = np.linalg.cholesky(np.linalg.inv(tares.covariance / np.outer(scale, scale))).T
+
+    def distance(moved: Array) -> float:
+        return float(np.sum((root @ moved) ** 2))
+
+    obeyed = laws(model)
+
+    def margins(moved: Array) -> Array:
+        return np.array([law.margin(tares.values + scale * moved) for law in obeyed])
+
+    limit = optimize.NonlinearConstraint(margins, INSIDE, np.inf)
+    found = optimize.minimize(distance, np.zeros_like(scale), method="SLSQP", constraints=limit)
+    if not found.success:
+        raise ValueError(f"no physically consistent tares were found near the fit: {found.message}")
+    return tares._replace(values=tares.values + scale * found.x)

@@ -1,0 +1,174 @@
+"""From what a commissioning still lacks to the next stroke of one joint, and the sentence that asks for it."""
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.commissioning.coverage import BINS, Gap, Pace, Plan, Way, missing
+from cylforce.commissioning.reaches import Reach
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.workspace import driven, working_range
+from cylforce.signals.estimate import Array
+
+CLEAR = 0.5  # of its range: below it a lifting joint is asked for nothing, for the tool may stand on the ground
+AT = (0.15, 0.5, 0.85)  # of their ranges: where the other joints may wait
+SPEED = {
+    Pace.SLOW: 0.7,
+    Pace.FAST: 2.0,
+}  # times the speed from which on motion is fast: the mean, levers are not square
+RUN_UP = 0.4  # of a bin: so far before the stroke's part that counts, and behind it
+OTHER_JOINT = 0.5  # of a range: a stroke of another joint must be so much nearer to come first
+AGAIN = 1.0  # of a range: so much nearer one that was just made
+BEGUN, ENDED = 0.15, 0.95  # of a stroke
+
+
+class Stroke(NamedTuple):
+    """`joint` from the angle `begin` to `end` [rad] in `seconds`, its cylinder moving `way` and `pace`; meanwhile the
+    other joints hold the posture `hold` (N,) [rad]. `begun`: it is under way."""
+
+    joint: int
+    way: Way
+    pace: Pace
+    begin: float
+    end: float
+    seconds: float
+    hold: Array
+    begun: bool = False
+
+    @property
+    def kind(self) -> tuple[int, Way, Pace]:
+        """What it covers."""
+        return self.joint, self.way, self.pace
+
+
+def clear_range(machine: Machine) -> Array:
+    """Joint angles (N, 2) [rad] in which a commissioning moves: those that can be driven, of the joints that lift the
+    stick only the upper half."""
+    ranges = working_range(machine)
+    lifting = [j for j in driven(machine) if j < machine.size - 2]
+    ranges[lifting, 0] += CLEAR * (ranges[lifting, 1] - ranges[lifting, 0])
+    return ranges
+
+
+def next_stroke(machine: Machine, plan: Plan, seconds: Array, posture: Array, last: Stroke | None) -> Stroke | None:
+    """The stroke to make next after the `last`, with the joints at `posture` (N,) [rad] (NaN: nobody knows), when
+    `seconds` of `coverage` are there; None when nothing is missing."""
+    wanted = _together(missing(plan, seconds))
+    going_on = _under_way(last, float(posture[last.joint])) if last is not None and last.kind in wanted else None
+    if going_on is not None:
+        return going_on
+    strokes = [_ends(machine, plan, gap) for gap in wanted.values()]
+    if not strokes:
+        return None
+    nearest = min(strokes, key=lambda s: _distance(plan, s, posture, last))
+    hold = _hold(machine, nearest)
+    return nearest._replace(hold=hold, seconds=_seconds(machine, plan, nearest, hold))
+
+
+def _under_way(stroke: Stroke, here: float) -> Stroke | None:
+    """The stroke while its joint is at the angle `here`; None when it has been made."""
+    progress = (here - stroke.begin) / (stroke.end - stroke.begin)
+    begun = stroke.begun or abs(progress) < BEGUN
+    return None if begun and progress > ENDED else stroke._replace(begun=begun)
+
+
+def _together(gaps: tuple[Gap, ...]) -> dict[tuple[int, Way, Pace], Gap]:
+    """The gaps of one joint, way and pace as one."""
+    found: dict[tuple[int, Way, Pace], Gap] = {}
+    for gap in gaps:
+        there = found.setdefault((gap.joint, gap.way, gap.pace), gap)
+        both = there._replace(low=min(there.low, gap.low), high=max(there.high, gap.high))
+        found[gap.joint, gap.way, gap.pace] = both
+    return found
+
+
+def _ends(machine: Machine, plan: Plan, gap: Gap) -> Stroke:
+    """The stroke that fills a gap, with a run-up as far as there is room."""
+    k = plan.joints.index(gap.joint)
+    edges = plan.edges[k]
+    room = RUN_UP * (edges[-1] - edges[0]) / BINS
+    low, high = max(gap.low - room, edges[0]), min(gap.high + room, edges[-1])
+    middle = clear_range(machine).mean(axis=1)
+    middle[gap.joint] = (low + high) / 2.0
+    rising = (machine.geometry(middle).lever[plan.cylinders[k], gap.joint] > 0.0) == (gap.way is Way.EXTENDING)
+    begin, end = (low, high) if rising else (high, low)
+    return Stroke(gap.joint, gap.way, gap.pace, float(begin), float(end), 0.0, middle)
+
+
+def _distance(plan: Plan, stroke: Stroke, posture: Array, last: Stroke | None) -> float:
+    """How far it is to where a stroke begins, in ranges; slow strokes first, the same joint rather than another, and
+    not the same stroke again."""
+    edges = plan.edges[plan.joints.index(stroke.joint)]
+    here = posture[stroke.joint]
+    way = 0.0 if np.isnan(here) else abs(float(here) - stroke.begin) / float(edges[-1] - edges[0])
+    if last is not None:
+        way += AGAIN * (last.kind == stroke.kind) + OTHER_JOINT * (last.joint != stroke.joint)
+    return way + 2.0 * OTHER_JOINT * stroke.pace
+
+
+def _hold(machine: Machine, stroke: Stroke) -> Array:
+    """Where the other joints wait: so that the tool stays as high as possible all along the stroke."""
+    ranges = clear_range(machine)
+    others = [j for j in driven(machine) if j != stroke.joint]
+    posts = np.array(list(product(AT, repeat=len(others))))
+    theta = np.tile(ranges.mean(axis=1), (len(posts), 5, 1))
+    for column, j in enumerate(others):
+        theta[..., j] = (ranges[j, 0] + posts[:, column] * (ranges[j, 1] - ranges[j, 0]))[:, None]
+    theta[..., stroke.joint] = np.linspace(stroke.begin, stroke.end, 5)
+    height = np.min(machine.tool_point(theta).place.imag, axis=1)
+    return np.asarray(theta[int(np.argmax(height)), 0])
+
+
+def _seconds(machine: Machine, plan: Plan, stroke: Stroke, hold: Array) -> float:
+    k = plan.joints.index(stroke.joint)
+    begin, end = _lengths(machine, plan.cylinders[k], stroke, hold)
+    return abs(end - begin) / (SPEED[stroke.pace] * float(plan.fast[k]))
+
+
+def _lengths(machine: Machine, c: int, stroke: Stroke, hold: Array) -> tuple[float, float]:
+    """The cylinder's length at the stroke's ends [m]."""
+    theta = np.array([hold, hold])
+    theta[:, stroke.joint] = stroke.begin, stroke.end
+    begin, end = machine.geometry(theta).length[:, c]
+    return float(begin), float(end)
+
+
+def sentence(machine: Machine, plan: Plan, stroke: Stroke) -> str:
+    """What to do, for whoever holds the levers."""
+    c = plan.cylinders[plan.joints.index(stroke.joint)]
+    begin, end = (_share(machine, c, length) for length in _lengths(machine, c, stroke, stroke.hold))
+    pace = "slowly" if stroke.pace is Pace.SLOW else "fast"
+    way = "out" if stroke.way is Way.EXTENDING else "in"
+    return (
+        f"move the {machine.links[stroke.joint].name} {pace}: its cylinder {way} from {begin} to {end}, in about "
+        f"{max(stroke.seconds, 1.0):.0f} s{_waiting(machine, plan, stroke)}"
+    )
+
+
+def _share(machine: Machine, c: int, length: float) -> str:
+    cylinder = machine.cylinders[c]
+    share = (length - cylinder.length_low) / (cylinder.length_high - cylinder.length_low)
+    if share < 0.05:
+        return "the inner end"
+    return "the outer end" if share > 0.95 else f"{100 * share:.0f} %"
+
+
+def reach_sentence(machine: Machine, plan: Plan, reach: Reach) -> str:
+    """The same for a move of all joints."""
+    lengths = machine.geometry(reach.target).length
+    places = [
+        f"the {machine.links[j].name}'s cylinder to {_share(machine, c, float(lengths[c]))}"
+        for j, c in zip(plan.joints, plan.cylinders, strict=True)
+    ]
+    return f"move all joints at once, in about {reach.seconds:.0f} s: {', '.join(places)}"
+
+
+def _waiting(machine: Machine, plan: Plan, stroke: Stroke) -> str:
+    lengths = machine.geometry(stroke.hold).length
+    others = [
+        f"the {machine.links[j].name}'s at {_share(machine, c, float(lengths[c]))}"
+        for j, c in zip(plan.joints, plan.cylinders, strict=True)
+        if j != stroke.joint
+    ]
+    return f"; {', '.join(others)}" if others else ""

@@ -1,0 +1,173 @@
+"""Is every sensor where the machine file says, and alive? Read from raw samples: a value that repeats itself while it
+must change, and exchanges of two sensors after which all fits."""
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.estimation.batch import least_squares
+from cylforce.estimation.blocks import Factors, chosen
+from cylforce.estimation.model import Model
+from cylforce.estimation.observation import observed_factors
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+KEPT_S = 40.0  # of samples, for trying exchanges
+SHORT_S = 8.0  # of samples, with which nothing is tried
+FROZEN_S = 1.0  # in which a pressure of a moving cylinder never changes
+STILL_S = 5.0  # in which an angle shows not even its noise
+TURNING = 0.01  # rad/s: the joint moves
+WINDOW_S = 0.25  # over which that is seen
+MISFIT = 0.03  # of its torque that a row may leave unexplained before a sensor is suspected
+BETTER = 0.25  # of the misfit that the true exchange may leave
+AS_MANY = 0.8  # of the usable samples that it must leave
+
+PLACES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
+PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
+Exchange = tuple[tuple[int, ...], tuple[int, ...]]
+
+
+class Evidence(NamedTuple):
+    """The last samples `kept` (K, S); per signal (S,) for how many samples it has `repeated` itself while it ought to
+    change, at most `longest`, and its smallest `step`."""
+
+    kept: Array
+    repeated: NDArray[np.intp]
+    longest: NDArray[np.intp]
+    step: Array
+
+
+def nothing(machine: Machine) -> Evidence:
+    """No samples yet."""
+    size = len(machine.signals)
+    none = np.zeros(size, dtype=np.intp)
+    return Evidence(np.zeros((0, size)), none, none, np.full(size, np.inf))
+
+
+def gathered(model: Model, before: Evidence, values: Array, *, joins: bool) -> Evidence:
+    """With the samples (T, S) too; `joins`: they follow the last ones without a gap."""
+    most = int(KEPT_S * model.filters.rate_hz)
+    kept = (np.concatenate([before.kept, values]) if joins else values)[-most:]
+    last = before.kept[-1:] if joins else before.kept[:0]
+    change = np.abs(np.diff(np.concatenate([last, values]), axis=0))
+    equal = np.logical_and(change == 0.0, _ought_to_change(model, values)[-len(change) :])
+    repeated, longest = _runs(equal, before.repeated if joins else np.zeros_like(before.repeated))
+    step = np.min(np.where(change > 0.0, change, np.inf), axis=0, initial=np.inf)
+    return Evidence(kept, repeated, np.maximum(before.longest, longest), np.minimum(before.step, step))
+
+
+def _runs(equal: NDArray[np.bool_], carried: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Length (S,) of the run of true values (T, S) at the end, and of the longest; `carried` (S,) went before."""
+    if not len(equal):
+        return carried, carried
+    count = np.arange(1, len(equal) + 1)[:, None]
+    broken = np.maximum.accumulate(np.where(equal, 0, count), axis=0)
+    run = count - broken + np.where(broken == 0, carried, 0)
+    return run[-1], run.max(axis=0)
+
+
+def _ought_to_change(model: Model, values: Array) -> NDArray[np.bool_]:
+    """(T, S): a pressure while its own cylinder moves, a place while any joint does."""
+    machine, window = model.machine, int(WINDOW_S * model.filters.rate_hz)
+    angle = model.channels.read(values)[:, : machine.size]
+    turns = np.zeros(angle.shape, dtype=bool)
+    turns[window:] = np.abs(angle[window:] - angle[:-window]) > TURNING * WINDOW_S
+    ought = np.zeros(values.shape, dtype=bool)
+    for k, signal in enumerate(machine.signals):
+        if signal.kind in PRESSURES:
+            ought[:, k] = np.any(turns[:, list(machine.spans[signal.index])], axis=1)
+        elif signal.kind in PLACES:
+            ought[:, k] = np.any(turns, axis=1)
+    return ought
+
+
+def frozen_pressure(model: Model, evidence: Evidence) -> str | None:
+    """A sentence when a pressure has stood still while its cylinder moved."""
+    for k, signal in enumerate(model.machine.signals):
+        seconds = evidence.longest[k] / model.filters.rate_hz
+        if signal.kind in PRESSURES and seconds >= FROZEN_S:
+            return (
+                f"{signal.name} repeated one value for {seconds:.1f} s while its cylinder moved: the sensor is frozen; "
+                "check it and its cable, then start again"
+            )
+    return None
+
+
+def misfit(held: Factors, row_error: Array) -> float:
+    """What a fit with `row_error` (R,) leaves of the torque: rms over the rows that were observed."""
+    samples = np.sum(held.samples, axis=0)
+    told = samples > 0
+    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2))[told] / samples[told])
+    return float(np.sqrt(np.mean((row_error[told] / np.maximum(size, 1e-9)) ** 2))) if np.any(told) else np.inf
+
+
+def miswired(model: Model, evidence: Evidence) -> str | None:
+    """For a recording that does not fit: a sentence when an exchange of two sensors makes it fit, or when a place has
+    stood still."""
+    if len(evidence.kept) < SHORT_S * model.filters.rate_hz:
+        return None
+    return _exchanged(model, evidence.kept) or _frozen_place(model, evidence)
+
+
+def _exchanged(model: Model, kept: Array) -> str | None:
+    there, samples = _misfit_of(model, kept)
+    if there < MISFIT:
+        return None
+    tried = [(*_misfit_of(model, _swapped(kept, pair)), pair) for pair in _exchanges(model.machine)]
+    fitting = [(left, pair) for left, told, pair in tried if told > AS_MANY * samples and left < BETTER * there]
+    if not fitting:
+        return None
+    left, pair = min(fitting)
+    first, second = (" and ".join(model.machine.signals[k].name for k in part) for part in pair)
+    return (
+        f"{first} must change places with {second}: the other way round, the unexplained torque falls from "
+        f"{100 * there:.0f} to {100 * left:.1f} %; exchange their cables, or their entries in the machine file"
+    )
+
+
+def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
+    """(misfit, number of usable samples) of a stretch alone."""
+    held = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
+    samples = np.sum(held.samples, axis=0)
+    if not np.any(samples):
+        return np.inf, 0.0
+    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
+    left = misfit(held, least_squares(held, MISFIT * size + 1.0, model.prior).row_error)
+    return left, float(np.sum(samples))
+
+
+def _swapped(values: Array, pair: Exchange) -> Array:
+    first, second = (list(part) for part in pair)
+    exchanged = values.copy()
+    exchanged[:, first + second] = values[:, second + first]
+    return exchanged
+
+
+def _exchanges(machine: Machine) -> Iterator[Exchange]:
+    """Head and rod side of a cylinder, the places of two joints, all pressures of two cylinders."""
+    where = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
+    for c in range(len(machine.cylinders)):
+        if all((kind, c) in where for kind in PRESSURES):
+            yield (where[PRESSURES[0], c],), (where[PRESSURES[1], c],)
+    places = [k for k, s in enumerate(machine.signals) if s.kind in PLACES]
+    yield from (((a,), (b,)) for a, b in combinations(places, 2))
+    cylinders = [
+        tuple(where[kind, c] for kind in PRESSURES if (kind, c) in where) for c in range(len(machine.cylinders))
+    ]
+    yield from ((a, b) for a, b in combinations(cylinders, 2) if len(a) == len(b) > 0)
+
+
+def _frozen_place(model: Model, evidence: Evidence) -> str | None:
+    for k, signal in enumerate(model.machine.signals):
+        seconds = evidence.longest[k] / model.filters.rate_hz
+        shaky = signal.standard_error >= 0.5 * evidence.step[k] or not np.isfinite(evidence.step[k])
+        if signal.kind in PLACES and shaky and seconds >= STILL_S:
+            return (
+                f"{signal.name} showed exactly one value for {seconds:.0f} s of motion, and the forces do not fit it: "
+                "the sensor is frozen; check it and its cable, then start again"
+            )
+    return None

@@ -1,1 +1,0 @@
-"""Floor 4: the service as a pure function of events, the simulator, identification."""

@@ -1,0 +1,234 @@
+"""The answer as plain values, stable and documented: what `cylforce gap --json` writes."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cylforce.diagnosis.bars import measured
+from cylforce.diagnosis.baselines import baselines
+from cylforce.diagnosis.clocks import Slip
+from cylforce.diagnosis.diagnosis import Cause, Search
+from cylforce.diagnosis.evidence import Evidence
+from cylforce.diagnosis.forward import Forward
+from cylforce.diagnosis.problem import TEMPER
+from cylforce.diagnosis.rank import Ranked
+from cylforce.diagnosis.residuals import Ends
+from cylforce.diagnosis.shrinkage import Gap, written
+from cylforce.diagnosis.verdict import Judged, Named, Verdict, quiet
+from cylforce.diagnosis.where import Spot
+from cylforce.effects.incidents.clock_fault import ClockFault
+from cylforce.effects.library import Proposal
+from cylforce.signals.units import DEGREE
+
+CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
+SUREST = 0.99
+FEW = 3  # causes of which none stands out, that are told
+SIGMAS = 5.0  # from which on an effect is detectable
+WIDE = 1.6449  # standard errors of a 90 % interval
+
+
+def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spot], ahead: Forward) -> dict[str, Any]:
+    """The whole answer; SI units."""
+    model = search.original.model
+    joints = [model.machine.links[j].name for j in model.machine.rows]
+    hidden = _hidden(search)
+    return {
+        "verdict": str(judged.verdict),
+        "gap": {
+            "units": "N m",
+            "fixed": _total(gap.fixed),
+            "refit": _total(gap.refit),
+            "floor": _total(gap.floor),
+            "after": _total(gap.after),
+            "parameter_shift": _shifts(search, gap),
+            "joints": {
+                name: {"fixed": a, "refit": b, "after": c, "floor": d}
+                for name, a, b, c, d in zip(
+                    joints, *(x.tolist() for x in (gap.fixed, gap.refit, gap.after, gap.floor)), strict=True
+                )
+            },
+            "bar": _bars(search, gap),
+            "simulated": [_place(cause, judged) for cause in written(search, judged)],
+        },
+        "where": [
+            {"channel": s.channel, "regime": s.regime, "share": s.share, "p": s.p, "found": s.found}
+            | {"rms_faulty": s.faulty, "rms_clean": s.clean}
+            for s in spots
+        ],
+        "effects": [_effect(n, gap) for n in judged.named],
+        **({"reason": reason(search)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
+        "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
+        "explained": judged.explained,
+        "end_quantities": {
+            "payload_kg": {"before": ends.payload[0], "after": ends.payload[1]},
+            "tip_force_n": {"before": ends.force[0], "after": ends.force[1]},
+        },
+        "forward": {
+            "horizon_s": ahead.horizon_s,
+            "before_deg": _known(ahead.before / DEGREE),
+            "after_deg": _known(ahead.after / DEGREE),
+        },
+        "not_observable": hidden,
+        "next_experiment": _next(judged, hidden),
+        "evidence": [_candidate(r) for r in search.first[:20]],
+        "baselines": {method: {"name": p.name, "at": p.at} for method, p in baselines(search).items()},
+    }
+
+
+def _bars(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
+    """Per measured cylinder."""
+    machine = search.original.model.machine
+    names = [machine.cylinders[c].name for c in measured(machine)]
+    return {
+        name: {"fixed": a, "after": b, "floor": c}
+        for name, a, b, c in zip(names, *(x.tolist() for x in gap.bar), strict=True)
+    }
+
+
+def _place(cause: Cause, judged: Judged) -> dict[str, Any]:
+    name, at = cause.ranked.key
+    return {"name": name, "at": at, "named": _is_named(cause, judged)}
+
+
+def _is_named(cause: Cause, judged: Judged) -> bool:
+    return any(n.cause is cause for n in judged.named)
+
+
+def reason(search: Search) -> str:
+    """Why no cause can be named, where none is observable."""
+    if quiet(search):
+        return (
+            "these recordings leave less than the references do: they move otherwise, and what is usual there is not "
+            "known. Record the same moves as in the references"
+        )
+    told = ["{} at {}".format(*c.ranked.key) for c in sorted(search.causes, key=lambda c: -c.score) if c.known]
+    listed = [*told[:FEW], f"{len(told) - FEW} more"] if len(told) > FEW else told
+    return f"small causes add up, and none stands out: {', '.join(listed)}"
+
+
+def _small(cause: Cause) -> dict[str, Any]:
+    name, at = cause.ranked.key
+    share = cause.size / cause.ranked.option.proposal.about.low
+    return {"name": name, "at": at, "of_least_plausible": share, "evidence_nats": cause.score}
+
+
+def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
+    """The verdict and the answer where pressures and angles are not on one clock, the largest lag first: nothing else
+    can be concluded from what does not belong together."""
+    worst = slips[0]
+    verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
+    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(worst)]
+    cure = [ClockFault().about.confirm]
+    return verdict, {"verdict": str(verdict), "effects": effects, "reason": apart(slips), "next_experiment": cure}
+
+
+def apart(slips: Sequence[Slip]) -> str:
+    """The sentence that pressures and angles are not on one clock, the largest lag first."""
+    worst, names = slips[0], ", ".join(dict.fromkeys(slip.name for slip in slips))
+    return (
+        f"pressures and angles are not on one clock in {names}: in {worst.name} the pressures are "
+        f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s. Pair them "
+        "by the time at which they were measured, not by their number, and record again"
+    )
+
+
+def _late(lag: float) -> str:
+    return f"{abs(lag):.2f} s {'late' if lag >= 0.0 else 'early'}"
+
+
+def _clock_fault(slip: Slip) -> dict[str, Any]:
+    value, error = slip.largest
+    about = ClockFault().about
+    size = {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}
+    return {
+        "name": about.name,
+        "at": "machine",
+        "when": f"{slip.first:.2f} s at {slip.begins:.0f} s, {slip.last:.2f} s at {slip.ends:.0f} s of {slip.name}",
+        "parameters": {"size": size},
+        "shape": {},
+        "confidence": float(min(slip.closed, SUREST)),
+        "confused_with": [],
+    }
+
+
+def _total(rms: "np.ndarray[Any, np.dtype[np.float64]]") -> float:
+    return float(np.sqrt(np.mean(rms**2)))
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _shifts(search: Search, gap: Gap) -> list[dict[str, Any]]:
+    names = [p.name for p in search.original.model.parameters]
+    order = np.argsort(-np.abs(gap.shift))[:5]
+    return [{"name": names[k], "standard_errors": float(gap.shift[k])} for k in order.tolist()]
+
+
+def _effect(named: Named, gap: Gap) -> dict[str, Any]:
+    cause = named.cause
+    proposal = cause.ranked.option.proposal
+    share = named.share
+    return {
+        "name": proposal.name,
+        "at": proposal.at,
+        "when": cause.ranked.option.when,
+        "parameters": parameters(cause),
+        "shape": shape(proposal),
+        "confidence": named.confidence,
+        "confused_with": [{"name": r.key[0], "at": r.key[1]} for r in named.confused],
+        "closure": {"value": _known(gap.closure), "low": _known(gap.low), "high": _known(gap.high)},
+        "share": share,
+        "removed_nm": gap.removed * float(np.sqrt(share)),
+        "evidence_nats": cause.score,
+        "inflation": cause.inflation,
+    }
+
+
+def parameters(cause: Cause) -> dict[str, dict[str, Any]]:
+    """Sizes with their 90 % intervals."""
+    about = cause.ranked.option.proposal.about
+    error = float(np.sqrt(np.mean(cause.errors[: about.axes] ** 2)))
+    value = cause.size if about.axes > 1 or len(cause.sizes) > len(set(cause.ranked.option.term.columns)) else None
+    value = float(cause.sizes[0]) if value is None else value
+    return {"size": {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}}
+
+
+def shape(proposal: Proposal) -> dict[str, Any]:
+    """Numbers that the form of the effect has besides its size."""
+    effect = proposal.group[0]
+    fields = getattr(effect, "__dataclass_fields__", {})
+    return {name: getattr(effect, name) for name in fields}
+
+
+def _hidden(search: Search) -> list[dict[str, Any]]:
+    """Effects that would have to be implausibly large to be seen on these recordings."""
+    evidence = Evidence(search.original.blocks(search.floor))
+    found: dict[tuple[str, str], float] = {}
+    largest: dict[tuple[str, str], float] = {}
+    for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
+        if proposal.course:
+            continue
+        key, column = (proposal.name, proposal.at), places[0]
+        size = SIGMAS * evidence.blind(column, TEMPER)
+        found[key] = min(size, found.get(key, np.inf))
+        largest[key] = proposal.about.high
+    return [
+        {"name": name, "at": at, "smallest_detectable": size if np.isfinite(size) else None}
+        for (name, at), size in found.items()
+        if size > largest[name, at] / 2.0
+    ]
+
+
+def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
+    wanted = [n.cause.ranked.option.proposal.about.confirm for n in judged.named]
+    wanted += [r.option.proposal.about.confirm for n in judged.named for r in n.confused]
+    if hidden and not wanted:
+        wanted = ["a longer recording that moves every joint both ways, slowly and fast, empty and with a known load"]
+    return list(dict.fromkeys(wanted))
+
+
+def _candidate(ranked: Ranked) -> dict[str, Any]:
+    name, at = ranked.key
+    return {"name": name, "at": at, "nats": ranked.score}

@@ -1,0 +1,83 @@
+"""What the machine always was, and the noise floor: what least squares of clean recordings tell, and leave."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cylforce.diagnosis.problem import Problem, looked_at
+from cylforce.diagnosis.rows import BLOCK, Recorded, Viewer
+from cylforce.diagnosis.whitening import Floor, floor_of
+from cylforce.estimation.model import Model
+from cylforce.signals.estimate import Array
+
+FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
+
+
+def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
+    """Parameters (P,) by least squares of clean recordings, the data sheet as prior; what is not known of a load is
+    fitted beside them, every row counted by what the first round leaves."""
+    viewer, count = Viewer(model, np.zeros(len(model.parameters))), len(model.parameters)
+    spread = np.sqrt(np.diag(model.prior.covariance))
+    problem = Problem(model, spread, (), looked_at(viewer, clean, ()), ())
+    columns, size = [problem.columns(seen) for seen in problem.clean], problem.lasting
+    prior, mean = np.diag(problem.spread[:size] ** -2.0), np.zeros(size)
+    prior[:count, :count], mean[:count] = np.linalg.inv(model.prior.covariance), model.prior.mean
+    scale, values = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9, mean
+    for _ in range(2):
+        floor = Floor(scale, np.zeros((len(scale), 1)), scale)
+        gram = np.sum([_normal(c, floor, size) for c in columns], axis=0)
+        values = np.linalg.solve(gram[:, :-1] + prior, gram[:, -1] + prior @ mean)
+        left = np.concatenate([c[..., -1] - c[..., :size] @ values for c in columns])
+        scale = np.sqrt(_mean(left**2)) + 1e-9
+    return np.asarray(values[:count])
+
+
+def noise_floor(problem: Problem) -> Floor:
+    """From the clean recordings' residual, all lasting columns fitted. Without clean ones the faulty ones' is all there
+    is: what every fifth of them leaves when it is predicted from the others."""
+    held = problem.clean or problem.faulty
+    columns = [problem.columns(seen) for seen in held]
+    scale = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9
+    size = problem.lasting
+    floor = Floor(scale, np.zeros((len(scale), 1)), scale)
+    for _ in range(2):
+        whole = np.sum([_normal(c, floor, size) for c in columns], axis=0)
+        values = _ridge(problem, whole)
+        left = [c[..., -1] - c[..., :size] @ values for c in columns]
+        if not problem.clean:
+            left = [_predicted(problem, c, whole, floor) for c in columns]
+        floor = floor_of(left)
+    return floor
+
+
+def _mean(x: Array) -> Array:
+    """Mean (R,) over time of what is known; 1 where nothing is."""
+    good = np.isfinite(x)
+    count = np.sum(good, axis=0)
+    return np.asarray(np.where(count > 0, np.sum(np.where(good, x, 0.0), axis=0) / np.maximum(count, 1), 1.0))
+
+
+def _ridge(problem: Problem, gram: Array) -> Array:
+    size = problem.lasting
+    return np.asarray(np.linalg.solve(gram[:, :-1] + np.diag(problem.always[:size] ** -2.0), gram[:, -1]))
+
+
+def _predicted(problem: Problem, columns: Array, whole: Array, floor: Floor) -> Array:
+    """Residual (T, R) of every fifth part of a recording, predicted from all else."""
+    found, size = np.full(columns.shape[:2], np.nan), problem.lasting
+    part = np.arange(len(columns)) // (5 * BLOCK) % 5
+    for k in range(5):
+        here = columns[part == k]
+        values = _ridge(problem, whole - _normal(here, floor, size))
+        found[part == k] = here[..., -1] - here[..., :size] @ values
+    return found
+
+
+def _normal(columns: Array, floor: Floor, size: int) -> Array:
+    chosen = np.concatenate([columns[..., :size], columns[..., -1:]], axis=-1)
+    found = np.zeros((size + 1, size + 1))
+    for r in range(columns.shape[1]):
+        good = np.all(np.isfinite(chosen[:, r]), axis=1)
+        part = chosen[good, r] / floor.rms[r]
+        found += part.T @ part
+    return found[:-1]

@@ -1,0 +1,418 @@
+"""The question put to the evidence: recordings, clean and faulty, as blocks of columns, and every term that might be in
+the faulty ones alone."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.diagnosis.evidence import Blocks, Evidence, Term, grams, own_blocks
+from cylforce.diagnosis.returns import Returns
+from cylforce.diagnosis.riding import Riding, riding
+from cylforce.diagnosis.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows, Viewer
+from cylforce.diagnosis.unknown import NAME
+from cylforce.diagnosis.whitening import Floor
+from cylforce.effects.fault import (
+    INCIDENTAL,
+    SHAPES,
+    TORQUES,
+    Alteration,
+    BaseMotion,
+    Course,
+    Distortion,
+    Fault,
+    Incident,
+    Part,
+    Weight,
+)
+from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.library import Proposal
+from cylforce.effects.loads.rocker_weight import RockerWeight
+from cylforce.estimation.model import Model
+from cylforce.signals.estimate import Array
+
+WAVES = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)  # usual level, slope, bend, ... of what an incident changes within a block
+UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(w * x for w in WAVES for x in (8e3, 8e3, 0.3)))  # usual sizes of those
+TORQUE = 5e3  # N m, the same of a torque of which nothing is known
+SHEET = 0.01  # of that, where only a data sheet is known: beyond it, its errors count as effects
+TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
+NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
+RARE = 0.4  # of all blocks: what happens more often is no incident
+MOSTLY = 0.8  # of an incident's evidence: where it has a sign that it can have
+FEW = 0.05  # of all that blocks gain: what those beyond RARE may, if an effect tells the others
+CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
+FREEDOM = 3  # rows, below which a force at the teeth would explain anything
+STILL = 1e-4  # of a usual motion of the base, of a least plausible size: none
+EACH = "growing in each recording"
+GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
+INSTANTS = 60.0  # blocks of a recording, any of which could have been the one
+
+
+class Seen(NamedTuple):
+    """A recording and its rows."""
+
+    recorded: Recorded
+    rows: Rows
+
+
+def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
+    """Recordings with their rows; those that have them keep them, if they were computed for the same proposals."""
+    return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted)) for r in group)
+
+
+class Option(NamedTuple):
+    """A term that may explain the gap: the proposal, its course in words, the term, what its freedom costs [nats], the
+    largest plausible size on this machine."""
+
+    proposal: Proposal
+    when: str
+    term: Term
+    cost: float
+    most: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Recordings seen by one model, whose parameters are known to `known` (P,) standard errors, with one library."""
+
+    model: Model
+    known: Array
+    proposals: tuple[Proposal, ...]
+    clean: tuple[Seen, ...]
+    faulty: tuple[Seen, ...]
+    only: tuple[str, str] | None = None  # name and place ("": any) of the one effect that may be a cause
+    tares: Array | None = None  # (P,) values of the model's parameters, if it was identified
+    same: "Problem | None" = None  # another one with the same clean recordings, whose Gram matrices both share
+
+    @property
+    def from_sheet(self) -> bool:
+        """Whether nobody identified the machine: a data sheet knows masses roughly and friction not at all."""
+        return not self.model.friction
+
+    def of_load(self, seen: Seen) -> int | None:
+        """The first of the columns of a recording's load beyond its mass; None for an empty one."""
+        place = self._loaded.index(self._recording(seen)) if seen.recorded.load else None
+        return None if place is None else len(self.model.parameters) + len(CENTRE) * place
+
+    def fixed(self, blocks: Blocks, fitted: Array) -> Array:
+        """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang, and how
+        a base that always moved goes (clean ones, on another slope, tell little of that); `fitted` (N+H,) tells both
+        best: there the causes are taken out."""
+        weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
+        values = Evidence(blocks, weight=weight).fitted
+        loads = [self.of_load(seen) for seen in self.faulty]
+        own = [k + i for k in dict.fromkeys(loads) if k is not None for i in range(len(CENTRE))]
+        own += range(self.first - len(self._ridden), self.first) if not self._riding.more else ()
+        values[own] = fitted[own]
+        return values
+
+    @cached_property
+    def _ridden(self) -> list[tuple[int, float]]:
+        """The columns of motions of the base, counted from the first effect's, and their usual sizes."""
+        each = [(e, s) for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
+        return [(k, size) for k, (effect, size) in enumerate(each) if isinstance(effect, BaseMotion)]
+
+    @cached_property
+    def _riding(self) -> Riding:
+        return riding(*([seen.rows.turning for seen in group] for group in (self.clean, self.faulty)))
+
+    def _base_moves(self, seen: Seen) -> tuple[float, float]:
+        """By what the columns of how the base always moved, and those of its motion as an effect, are multiplied: in
+        faulty recordings it is either the one or the other."""
+        clean = any(seen.recorded is other.recorded for other in self.clean)
+        own = self._riding.always and (clean or not self._riding.more)
+        return float(own), float(self._riding.more and not clean)
+
+    @cached_property
+    def _loaded(self) -> list[tuple[bool, str]]:
+        """Recordings with a load: it hangs in all stretches of one alike."""
+        return list(dict.fromkeys(self._recording(seen) for seen in (*self.clean, *self.faulty) if seen.recorded.load))
+
+    def _recording(self, seen: Seen) -> tuple[bool, str]:
+        """Of which recording a stretch is: whether of a clean one, and its name."""
+        return any(seen is other for other in self.clean), seen.recorded.name
+
+    @cached_property
+    def spread(self) -> Array:
+        """Standard errors (K,) of all columns' sizes beforehand."""
+        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
+        return np.concatenate([self.known, self._own, effects, self.unusual])
+
+    @cached_property
+    def _own(self) -> Array:
+        """Of what loads, linkages' bars and the base's usual motion have."""
+        bars = len(RockerWeight().parameters(self.model.machine))
+        loads, rides = np.tile(CENTRE, len(self._loaded)), [size for _, size in self._ridden]
+        return np.concatenate([loads, np.full(bars, ROCKER * (SHEET if self.from_sheet else 1.0)), rides])
+
+    @cached_property
+    def always(self) -> Array:
+        """The same of what the machine always was: of effects, what goes unnoticed."""
+        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _small(e)]
+        return np.concatenate([self.known, self._own, effects, self.unusual])
+
+    @cached_property
+    def first(self) -> int:
+        """The number of the first effect's column."""
+        return len(self.model.parameters) + len(self._own)
+
+    @cached_property
+    def lasting(self) -> int:
+        """Number of columns before those of incidents."""
+        return len(self.spread) - len(self.unusual)
+
+    @cached_property
+    def unusual(self) -> Array:
+        """Usual sizes (I,) of what incidents change."""
+        return np.concatenate([UNUSUAL, np.tile(TORQUE * np.array(WAVES), len(self.model.machine.rows))])
+
+    @cached_property
+    def places(self) -> tuple[tuple[int, ...], ...]:
+        """The columns of every proposal."""
+        found, k = [], self.first
+        for p in self.proposals:
+            if isinstance(p.group[0], Incident):
+                found.append(self._incidental(p.group[0], p.where))
+                continue
+            m = sum(len(_sizes(e)) for e in p.group)
+            found.append(tuple(range(k, k + m)))
+            k += m
+        return tuple(found)
+
+    def _incidental(self, effect: Incident, where: int) -> tuple[int, ...]:
+        if effect.columns == TORQUES:
+            first = self.lasting + len(INCIDENTAL) + SHAPES * self.model.machine.rows.index(where)
+            return tuple(range(first, first + SHAPES))
+        return tuple(self.lasting + INCIDENTAL.index(name) for name in effect.columns)
+
+    def columns(self, seen: Seen) -> Array:
+        """[base | loads | bars | base's motion | effects | incidents | left] (T, R, K+1) of a recording; a known load
+        is taken off."""
+        rows, own = seen.rows, np.zeros((*seen.rows.left.shape, len(CENTRE) * len(self._loaded)))
+        left = rows.left
+        first = self.of_load(seen)
+        if first is not None:
+            each = rows.base @ self.model.load
+            left = left - each[..., 0] * seen.recorded.load
+            k = first - len(self.model.parameters)
+            own[..., k : k + len(CENTRE)] = each[..., 1:]
+        chosen = [k for k, _ in self._ridden]
+        rides = rows.effects[..., chosen]
+        parts = (rows.base, own, rows.rockers, rides, rows.effects, rows.incidental, left[..., None])
+        found = np.concatenate(parts, axis=-1)
+        always, more = self._base_moves(seen)
+        found[..., self.first - len(chosen) : self.first] *= always
+        found[..., [self.first + k for k in chosen]] *= more
+        return found
+
+    @cached_property
+    def returns(self) -> Returns:
+        """What return pressures say."""
+        return Returns(self.model.machine, self.clean, self.faulty, self.model.filters.rate_hz)
+
+    @cached_property
+    def _made(self) -> list[tuple[Floor, Blocks]]:
+        return []
+
+    def blocks(self, floor: Floor) -> Blocks:
+        """All recordings as blocks, made once; with clean ones, the library itself is part of what the machine always
+        was."""
+        if not any(floor is known for known, _ in self._made):
+            self._made[:] = [(floor, self._blocks(floor))]
+        return self._made[0][1]
+
+    def _blocks(self, floor: Floor) -> Blocks:
+        shared = self.lasting if self.clean else self.first
+        if self.same is None:
+            a, m = self._grams(self.clean, floor)
+        else:
+            a, m = (getattr(self.same.blocks(floor), name) for name in ("clean", "clean_rows"))
+        b, n = self._grams(self.faulty, floor)
+        return Blocks(a, b, m, n, self.spread, self.always, tuple(range(shared)))
+
+    def _grams(self, group: Sequence[Seen], floor: Floor) -> tuple[Array, Array]:
+        ends, size = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in group]).tolist(), len(self.spread) + 1
+        found, rows = np.zeros((ends[-1], size, size)), np.zeros(ends[-1])
+        for seen, (first, last) in zip(group, pairwise(ends), strict=True):
+            found[first:last], rows[first:last] = grams(self.columns(seen), floor)
+        return found, rows
+
+    @cached_property
+    def spans(self) -> list[tuple[int, int]]:
+        """First block and the one after the last, of every faulty recording."""
+        ends = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in self.faulty]).tolist()
+        return list(pairwise(ends))
+
+    @cached_property
+    def begins(self) -> list[float]:
+        """When the faulty recordings begin [s]."""
+        return [seen.recorded.begins for seen in self.faulty]
+
+    @cached_property
+    def times(self) -> Array:
+        """Time (B,) [s] of the middle of every faulty block."""
+        return np.concatenate([seen.rows.t[::BLOCK] + _half(seen.rows.t) for seen in self.faulty])
+
+    def options(self, evidence: Evidence, wanted: Sequence[Proposal] | None = None) -> Iterator[Option]:
+        """Every term of every proposal (of `wanted`)."""
+        for p, places in zip(self.proposals, self.places, strict=True):
+            if (wanted is not None and p not in wanted) or not self._asked(p):
+                continue
+            if p.about.of_its_own:
+                yield self._option(p, "in each recording", self._of_each(places))
+            elif p.course is None:
+                yield self._option(p, "", Term(places, np.ones((len(places), len(self.times)))))
+            elif p.course is Course.AFTER:
+                yield from self._after(p, places)
+            elif p.course is Course.CLOCK:
+                yield from self._clocks(p, places)
+            else:
+                yield from self._windows(p, places, evidence)
+
+    def _asked(self, p: Proposal) -> bool:
+        return self.only is None or (p.name == self.only[0] and self.only[1] in ("", p.at))
+
+    def _of_each(self, places: tuple[int, ...]) -> Term:
+        """The columns for every recording by itself."""
+        course = np.zeros((len(self.spans), len(self.times)))
+        for own, (first, last) in zip(course, self.spans, strict=True):
+            own[first:last] = 1.0
+        return Term(places * len(course), np.repeat(course, len(places), axis=0))
+
+    def _after(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
+        end = {self._recording(seen): last for (_, last), seen in zip(self.spans, self.faulty, strict=True)}
+        for (first, last), seen in zip(self.spans, self.faulty, strict=True):
+            for k in range(first + 1, last - 2) if seen.recorded.load else ():
+                yield self._from(p, places, k, end[self._recording(seen)])
+
+    def _from(self, p: Proposal, places: tuple[int, ...], k: int, last: int) -> Option:
+        """The columns in blocks k + 1 to last - 1, and with sizes of their own in block k, in which it begins."""
+        course, number = np.zeros((2, len(self.times))), np.arange(len(self.times))
+        course[0], course[1] = (number > k) & (number < last), number == k
+        term = Term(places * 2, np.repeat(course, len(places), axis=0))
+        return self._option(p, f"from {self.times[k]:.0f} s on", term, float(np.log(INSTANTS)))
+
+    def _clocks(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
+        one = np.ones_like(self.times)
+        yield self._option(p, "always", Term(places, one[None]))
+        yield self._option(p, "growing", Term(places * 2, np.stack([one, self.times / GROWTH_S])))
+        since = np.concatenate([self.times[a:b] - begin for (a, b), begin in zip(self.spans, self.begins, strict=True)])
+        if len(self.spans) > 1:
+            yield self._option(p, EACH, Term(places * 2, np.stack([one, since / GROWTH_S])))
+        for k in range(1, len(one) - 2, 2):
+            yield self._from(p, places, k, len(one))
+
+    def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
+        most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
+        few = 0.0 if p.name == NAME else FEW
+        hit = self._rightly(p, places, evidence, self._hits(places, evidence, most, few))
+        if 0 < len(hit) <= most and not self._free(p):
+            cost = len(hit) * float(np.log(len(self.times)))
+            yield self._option(p, f"{len(hit)} times", self.each_of(places, hit), cost)
+
+    def _option(self, p: Proposal, when: str, term: Term, cost: float = 0.0) -> Option:
+        effect, dry = p.group[0], self._dry
+        most = min(effect.of_dry * dry[p.where], p.about.high) if isinstance(effect, Part) and dry else p.about.high
+        return Option(p, when, term, cost, most)
+
+    @cached_property
+    def _dry(self) -> tuple[float, ...]:
+        """Known dry friction [N] of every cylinder in the faulty recordings; none where nobody identified it."""
+        if self.tares is None or "coulomb" not in self.model.friction:
+            return ()
+        sizes = {q.name: size for q, size in zip(self.model.parameters, self.tares.tolist(), strict=True)}
+        load = np.nanmean(np.abs(np.concatenate([seen.rows.force for seen in self.faulty])), axis=0)
+        each = zip(self.model.machine.cylinders, load.tolist(), strict=True)
+        dry = (sizes.get(f"{c.name}.coulomb", 0.0) + sizes.get(f"{c.name}.load_dependent", 0.0) * f for c, f in each)
+        return tuple(max(force, 0.0) for force in dry)
+
+    def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float, few: float) -> list[int]:
+        """Blocks in which something happens. The most conspicuous are taken out before the others are asked again: what
+        happens in one block bends the fit of all. Those beyond `most` do not count if they gain less than `few` of all:
+        something else is there."""
+        hit, taken, told = list[int](), self._taken(places, evidence), 0.0
+        known = evidence
+        while len(hit) <= most:
+            gains = self._local(places, known)
+            gains[[*hit, *taken]] = 0.0
+            more = np.flatnonzero(gains > max(NOTICED, CONSPICUOUS * float(np.max(gains))))
+            told += float(np.sum(gains[more]))
+            if not more.size or (len(hit) + len(more) > most and float(np.sum(gains[gains > NOTICED])) < few * told):
+                break
+            hit = sorted([*hit, *more.tolist()])
+            known = Evidence(evidence.blocks, [*evidence.held, self.each_of(places, hit)], evidence.weight)
+        return hit
+
+    def _taken(self, places: tuple[int, ...], evidence: Evidence) -> list[int]:
+        """Blocks that are held by an effect with fewer sizes there: with more, another one would follow it."""
+        fewer = [own for own in self.momentary if len(own) < len(places)]
+        held = [h for h in evidence.held if any(set(h.columns) == set(own) for own in fewer)]
+        return [int(k) for k in own_blocks(held)]
+
+    @cached_property
+    def momentary(self) -> list[tuple[int, ...]]:
+        """The columns of each effect that is free at any instant."""
+        each = zip(self.proposals, self.places, strict=True)
+        return [own for p, own in each if p.name != NAME and p.course is Course.WINDOWS and not self._free(p)]
+
+    def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
+        """Of the blocks hit those in which the size has a sign that the effect can have: in others something else
+        happens, which must be little."""
+        if not p.about.sign or not hit:
+            return hit
+        all_of_them = evidence.of(self.each_of(places, hit), TEMPER)
+        sizes = all_of_them.value.reshape(len(hit), -1)[:, 0]
+        right = [k for k, size in zip(hit, sizes.tolist(), strict=True) if p.about.sign * size > 0.0]
+        told = evidence.of(self.each_of(places, right), TEMPER).evidence if right else 0.0
+        return right if told > MOSTLY * all_of_them.evidence else []
+
+    def each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
+        """The columns in each of some blocks by itself."""
+        return Term(places * len(hit), np.repeat(np.eye(len(self.times))[hit], len(places), axis=0))
+
+    def _free(self, p: Proposal) -> bool:
+        """Whether the effect has as many freedoms as there are rows."""
+        return p.about.axes >= SHAPES * (FREEDOM - 1) and len(self.model.machine.rows) < FREEDOM
+
+    def _local(self, places: tuple[int, ...], evidence: Evidence) -> Array:
+        """Evidence (B,) [nats] for the columns in each faulty block by itself."""
+        _, left = evidence.left(evidence.held, evidence.fitted)
+        faulty, unit = evidence.blocks.faulty, self.spread[list(places)]
+        score = np.einsum("bij,bj->bi", faulty[:, list(places)], left) * unit / TEMPER
+        information = faulty[:, list(places)][:, :, list(places)] * np.outer(unit, unit) / TEMPER
+        precision = information + np.eye(len(places))
+        gain = np.einsum("bi,bi->b", score, np.linalg.solve(precision, score[..., None])[..., 0])
+        return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(precision)[1])
+
+
+def _sizes(effect: Fault) -> tuple[float, ...]:
+    """Usual sizes of an effect's columns."""
+    if isinstance(effect, Weight | BaseMotion):
+        return effect.usual
+    return (effect.about.high / 2.0,)
+
+
+def _half(t: Array) -> float:
+    return float(t[1] - t[0]) * BLOCK / 2.0 if len(t) > 1 else 0.0
+
+
+def bent(effect: Fault) -> bool:
+    """Whether it is friction that bends with the load."""
+    return isinstance(effect, LoadDependentFriction) and effect.easing > 0.0
+
+
+def _small(effect: Fault) -> tuple[float, ...]:
+    """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
+    proportion; friction is never quite of the model's form, but one that bends with the load would be anything under
+    loads that no clean recording has; how a base always moved has columns of its own."""
+    about = effect.about
+    if bent(effect):
+        return (STILL * about.low,)
+    if isinstance(effect, BaseMotion):
+        return tuple(STILL * size for size in effect.usual)
+    if isinstance(effect, Weight):
+        return tuple(size * about.low / effect.usual[0] for size in effect.usual)
+    return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)

@@ -1,0 +1,142 @@
+"""How what the model leaves of a recording changes with its readings, or with the machine: the difference of two
+variants, of which only that is computed in which they differ. All filters are linear: they see differences alone."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.effects.effect import Effect
+from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
+from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.friction.friction import Friction
+from cylforce.effects.friction.viscous_friction import ViscousFriction
+from cylforce.effects.loads.rigid import Rigid
+from cylforce.effects.loads.slew import Slew
+from cylforce.estimation.channels import Channels
+from cylforce.estimation.filters import Filter, fours, mean, slope
+from cylforce.estimation.model import Model
+from cylforce.estimation.regressor import FilteredRegressor, Regressor
+from cylforce.mechanics.machine import Geometry, Link, Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+# What of a motion these effects, or laws of friction, depend on; all others may depend on anything.
+NEEDED: dict[type, tuple[str, ...]] = {Rigid: ("q", "qd", "g"), Slew: ("a", "slew")}
+NEEDED |= dict.fromkeys((CoulombFriction, ViscousFriction, AsymmetricFriction), ("speed", "lever"))
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """A recording of samples `values` (T, S) seen by a model with `tares` (P,) at a rate of its own: every `thin`-th
+    sample after the low-pass `low`."""
+
+    model: Model
+    tares: Array
+    values: Array
+    low: Filter
+    thin: int
+
+    def of_readings(self, more: Array, less: Array) -> Array:
+        """What is left of samples `more` (T, S) less what is left of `less` (T', R)."""
+        if more is less:
+            return self._nothing
+        machine = self.model.machine
+        return self._difference(*((machine, self._motion(self._course(each))) for each in (more, less)))
+
+    def of_machines(self, more: Machine, less: Machine) -> Array:
+        """What is left by the machine `more` less what is left by `less` (T', R)."""
+        if more is less:
+            return self._nothing
+        return self._difference(*((machine, self._altered(machine)) for machine in (more, less)))
+
+    @property
+    def _nothing(self) -> Array:
+        return np.zeros((len(self.thinned) - 1, len(self.model.machine.rows)))
+
+    @cached_property
+    def thinned(self) -> Array:
+        """Samples (T', S)."""
+        return self._thinned(self.values)
+
+    def _thinned(self, values: Array) -> Array:
+        return np.asarray(self.low.run(self.low.steady(values[0]), values)[1][:: self.thin])
+
+    def _course(self, values: Array) -> Array:
+        """Channels (T', D) of samples (T, S)."""
+        other, found = _changed(values, self.values), self.thinned.copy()
+        found[:, other] = self._thinned(values[:, other])
+        return self.model.channels.course(found)
+
+    @cached_property
+    def _plain(self) -> Array:
+        return self.model.channels.course(self.thinned)
+
+    @cached_property
+    def _means(self) -> tuple[Array, Array]:
+        """Channels in the middle of four samples, and their rates."""
+        return self._between(self._plain)
+
+    def _between(self, channels: Array) -> tuple[Array, Array]:
+        four = fours(self.model.channels.smoothed(channels))
+        return mean(four), slope(four, self.model.channels.dt)
+
+    @cached_property
+    def _geometry(self) -> Geometry:
+        return self.model.machine.geometry(self._means[0][:, : self.model.machine.size])
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The recording's own."""
+        return self.model.channels.moved(*self._means, self._geometry).motion
+
+    def _motion(self, channels: Array) -> Motion:
+        """From channels that differ from the recording's in some."""
+        other, forces = _changed(channels, self._plain), self.model.channels.forces
+        middle, rate = (each.copy() for each in self._means)
+        middle[:, other], rate[:, other] = self._between(channels[:, other])
+        if not np.any(np.delete(other, forces)):
+            return self.motion._replace(force=middle[:, forces], force_rate=rate[:, forces])
+        known = None if np.any(other[: forces.start]) else self._geometry
+        return self.model.channels.moved(middle, rate, known).motion
+
+    def _altered(self, machine: Machine) -> Motion:
+        channels = Channels(machine, self.model.filters)
+        course = channels.course(self.thinned)
+        means = self._means if np.array_equal(course, self._plain) else self._between(course)
+        return channels.moved(*means).motion
+
+    def _difference(self, more: tuple[Machine, Motion], less: tuple[Machine, Motion]) -> Array:
+        same = _linked(more[0]) == _linked(less[0])
+        alike = [e for e in self.model.empty.effects if same and _alike(e, more[1], less[1])]
+        one, two = (self._unfiltered(*each, alike) for each in (more, less))
+        return self._filter.filtered(*(a - b for a, b in zip(one, two, strict=True)))
+
+    def _unfiltered(self, machine: Machine, moving: Motion, alike: list[Effect]) -> tuple[Array, Array]:
+        """What the columns of momentum, and the static ones, leave of the torque, each (T', R); some are left out."""
+        empty = self.model.empty
+        whole = empty if machine is empty.machine else Regressor(machine, empty.effects)
+        momentum, static = whole.products(moving, self.tares, alike)
+        return -momentum, whole.torque(moving) - static
+
+    @cached_property
+    def _filter(self) -> FilteredRegressor:
+        f = self.model.filters
+        return FilteredRegressor(self.model.empty, 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+
+
+def _linked(machine: Machine) -> tuple[tuple[Link, ...], float]:
+    """All of a machine but its cylinders."""
+    return machine.links, machine.slew_axis
+
+
+def _changed(values: Array, plain: Array) -> NDArray[np.bool_]:
+    """The columns (S,) in which values (T, S) differ."""
+    count = values.shape[1]
+    return np.bincount(np.flatnonzero(values != plain) % count, minlength=count) > 0
+
+
+def _alike(effect: Effect, one: Motion, other: Motion) -> bool:
+    needed = NEEDED.get(type(effect.law if isinstance(effect, Friction) else effect))
+    return needed is not None and all(np.array_equal(getattr(one, k), getattr(other, k)) for k in needed)

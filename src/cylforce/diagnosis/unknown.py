@@ -1,0 +1,131 @@
+"""What is no effect of the library, but what one must be better than before it is believed: torques at one joint of
+which nothing is known but that they last some seconds, or go with its angle, or with what other sensors say."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.legendre import legval
+
+from cylforce.effects.fault import SHAPES, TORQUES, About, Course, Place
+from cylforce.effects.library import Group
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.reading import joint_angles
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+NAME = "unknown"
+BENDS = 5  # of a torque over a joint's range
+OTHERS = 4  # pressures of other cylinders
+LEVER = 0.02  # m, below which a cylinder has none
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownTorque:
+    """A torque at one joint, for some seconds at a time."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            NAME,
+            "N m",
+            100.0,
+            1e6,
+            Place.LINK,
+            "for some seconds at a time, at one joint",
+            "the same moves again: does it come back with posture, speed, load or time?",
+            axes=SHAPES,
+        )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns whose sizes change."""
+        return TORQUES
+
+    @property
+    def course(self) -> Course:
+        """How they change."""
+        return Course.WINDOWS
+
+
+@dataclass(frozen=True, slots=True)
+class PostureTorque:
+    """A torque at one joint that goes with its angle: one of Legendre's polynomials over its range."""
+
+    bend: int = 0
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            NAME,
+            "N m",
+            100.0,
+            2e4,
+            Place.LINK,
+            "at the same angles again and again",
+            "the joint alone, slowly, thrice through its range: does it come back?",
+            axes=BENDS,
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """The pressure on the joint's cylinder that makes the torque."""
+        link, angle = machine.links[where], joint_angles(machine, values)[:, where]
+        share = 2.0 * (angle - link.angle_low) / (link.angle_high - link.angle_low) - 1.0
+        own = _cylinder(machine, where)
+        if own is None:
+            return values
+        lever = machine.cylinders[own].linkage.stretch(machine.pose(joint_angles(machine, values))).gradient[:, where]
+        torque = size * legval(share, np.eye(BENDS)[self.bend])
+        return _pushed(machine, values, own, torque / np.where(np.abs(lever) > LEVER, lever, LEVER))
+
+
+@dataclass(frozen=True, slots=True)
+class OthersPressure:
+    """A force in one joint's cylinder that goes with what the sensor of another one says."""
+
+    other: int = 0
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            NAME,
+            "of pressure",
+            0.005,
+            0.05,
+            Place.LINK,
+            "where another cylinder is under load",
+            "the other joint against its stop, this one at rest",
+            axes=OTHERS,
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """The cylinder's force with a share of another pressure on its head side."""
+        kinds, spans, own = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), machine.spans, _cylinder(machine, where)
+        others = [k for k, s in enumerate(machine.signals) if s.kind in kinds and where not in spans[s.index]]
+        if own is None or self.other >= len(others):
+            return values
+        return _pushed(machine, values, own, size * machine.cylinders[own].area_head * values[:, others[self.other]])
+
+
+def _cylinder(machine: Machine, where: int) -> int | None:
+    """The first cylinder that turns a joint."""
+    return next((c for c, span in enumerate(machine.spans) if where in span), None)
+
+
+def _pushed(machine: Machine, values: Array, cylinder: int, push: Array) -> Array:
+    """Values (T, S) with a force (T,) [N] more of a cylinder."""
+    signal, found = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}, values.copy()
+    if (Kind.FORCE_PIN, cylinder) in signal:
+        found[:, signal[Kind.FORCE_PIN, cylinder]] += push
+    elif (Kind.HEAD_PRESSURE, cylinder) in signal:
+        found[:, signal[Kind.HEAD_PRESSURE, cylinder]] += push / machine.cylinders[cylinder].area_head
+    return found
+
+
+UNKNOWN: tuple[Group, ...] = (
+    (UnknownTorque(),),
+    tuple(PostureTorque(bend) for bend in range(BENDS)),
+    tuple(OthersPressure(other) for other in range(OTHERS)),
+)

@@ -1,0 +1,37 @@
+"""Friction that is larger one way than the other: f |sgn(v)|."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class AsymmetricFriction:
+    """Friction that is larger one way than the other: f |sgn(v)|."""
+
+    rounding: float = 0.0005  # m/s
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "asymmetric_friction",
+            "N",
+            100.0,
+            1.8e3,
+            Place.CYLINDER,
+            "in motion either way, the same sign; nothing at rest",
+            "slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
+        )
+
+    @property
+    def of_dry(self) -> float:
+        """Half of the difference between both ways, which is up to 60 % of dry friction."""
+        return 0.3
+
+    def force(self, speed: Array, force: Array, t: Array) -> Array:
+        """|sgn(v)|."""
+        return np.asarray(np.abs(np.tanh(speed / self.rounding)))

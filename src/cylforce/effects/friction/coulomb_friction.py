@@ -1,0 +1,32 @@
+"""Dry friction of a cylinder that the model lacks or has too much of: f sgn(v)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class CoulombFriction:
+    """Dry friction of a cylinder that the model lacks or has too much of: f sgn(v)."""
+
+    rounding: float = 0.002  # m/s
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "coulomb_friction",
+            "N",
+            200.0,
+            2e4,
+            Place.CYLINDER,
+            "in motion, reversing with the direction, whatever the speed",
+            "slow strokes both ways at one speed, then at twice that speed: the jump at reversal stays",
+        )
+
+    def force(self, speed: Array, force: Array, t: Array) -> Array:
+        """sgn(v), rounded as tanh(v / rounding)."""
+        return np.asarray(np.tanh(speed / self.rounding))

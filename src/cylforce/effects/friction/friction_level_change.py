@@ -1,0 +1,35 @@
+"""All friction of a cylinder, larger or smaller by one share than it was: wear, new seals, other grease."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionLevelChange:
+    """All friction of a cylinder, larger or smaller by one share than it was."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "friction_level_change",
+            "1",
+            0.08,
+            2.0,
+            Place.CYLINDER,
+            "in motion, as the known friction of that cylinder",
+            "the same slow and fast strokes as at commissioning",
+        )
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """The known laws that change together."""
+        return ("coulomb", "viscous", "load_dependent")
+
+    def course(self, t: Array) -> Array:
+        """One and the same (T,)."""
+        return np.ones_like(t)

@@ -1,0 +1,37 @@
+"""Friction that falls as the oil warms while it works: f (1 + size t / hour), to first order in time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionTemperatureDrift:
+    """Friction of a cylinder that falls as its oil warms: of the known friction all, or only what is `viscous`."""
+
+    viscous: bool = False
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "friction_temperature_drift",
+            "1/h",
+            0.5,
+            40.0,
+            Place.CYLINDER,
+            "in motion, more and more (or less) as the recording goes on",
+            "the same strokes at the start and the end of a shift, oil temperature noted",
+        )
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """The known laws that change together."""
+        return ("viscous",) if self.viscous else ("coulomb", "viscous", "load_dependent")
+
+    def course(self, t: Array) -> Array:
+        """t (T,), in hours."""
+        return np.asarray(t / 3600.0)

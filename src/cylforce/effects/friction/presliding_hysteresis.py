@@ -1,0 +1,44 @@
+"""Friction that builds up over a short way after each reversal (Dahl, 1968)."""
+
+from dataclasses import dataclass
+from math import copysign, exp
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PreslidingHysteresis:
+    """What the friction f z lacks of f sgn(v): z' = v / way (1 - z sgn(v)), a bristle that bends over `way` [m]."""
+
+    way: float = 0.001  # m
+    slack: float = 0.0002  # m that a sensor's noise may turn to and fro, at rest above all
+    rounding: float = 0.0005  # m/s
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "presliding_hysteresis",
+            "N",
+            300.0,
+            1e4,
+            Place.CYLINDER,
+            "within millimetres after a reversal, gone after them",
+            "many short strokes of 2 to 20 mm both ways",
+            1,
+            form=0.2,  # widths, ways and powers differ from machine to machine
+        )
+
+    def force(self, speed: Array, force: Array, t: Array) -> Array:
+        """z - sgn(v); z is integrated exactly along the way that exceeds the `slack`."""
+        bent, z, lag = np.empty_like(speed), 0.0, 0.0
+        for k, step in enumerate((speed * np.gradient(t)).tolist()):
+            lag += step
+            moved = copysign(max(abs(lag) - self.slack, 0.0), lag)
+            lag -= moved
+            sign = copysign(1.0, moved)
+            bent[k] = z = sign + (z - sign) * exp(-abs(moved) / self.way)
+        return np.asarray(bent - np.tanh(speed / self.rounding))

@@ -1,0 +1,28 @@
+"""Friction that grows with the cylinder's speed: f v."""
+
+from dataclasses import dataclass
+
+from cylforce.effects.fault import About, Place
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class ViscousFriction:
+    """Friction that grows with the cylinder's speed: f v."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "viscous_friction",
+            "N s/m",
+            1e3,
+            1e5,
+            Place.CYLINDER,
+            "at speed, nothing at creep",
+            "the same stroke at three speeds: the difference grows in proportion",
+        )
+
+    def force(self, speed: Array, force: Array, t: Array) -> Array:
+        """v."""
+        return speed

@@ -1,0 +1,77 @@
+"""What carries the first link moves, and the model takes it for a chassis that stands still."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.effect import Halves
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.chain import Complex
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class BoomMotion:
+    """The first pin goes on a circle, (Rx, Rz) in the chassis' own frame from its foot, as the measured pitch phi
+    turns with rate w: velocity V = i w R exp(i phi). All links turn with w besides, of which `spin` (1) is a share."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "boom_motion",
+            "m",
+            0.5,
+            8.0,
+            Place.MACHINE,
+            "while the measured pitch changes, with the acceleration of the first pin",
+            "the same moves with the boom, or whatever carries the first link, held still",
+            axes=2,
+            form=0.05,
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of its sizes."""
+        return ("m", "m", "1")
+
+    @property
+    def usual(self) -> tuple[float, ...]:
+        """Usual sizes."""
+        return (4.0, 4.0, 1.0)
+
+    def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
+        """Columns (..., N, 3): both parts of the pin's way at the true rates, and what the rates lack."""
+        turned, w = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0])), turning[..., None]
+        bodies = _Bodies(machine, np.exp(1j * moving.q), base)
+        still = np.zeros(1, dtype=np.complex128)
+        own, true = bodies.halves(moving.qd, still), bodies.halves(moving.qd + w, still)
+        ways = [bodies.halves(moving.qd + w, 1j * w * (way * turned)[..., None]) for way in (1.0, 1j)]
+        pairs = [(ways[0], true), (ways[1], true), (true, own)]
+        momentum, static = (
+            machine.sum_outward @ np.stack([more[k] - less[k] for more, less in pairs], axis=-1) for k in (0, 1)
+        )
+        return Halves(momentum, static)
+
+
+@dataclass(frozen=True, slots=True)
+class _Bodies:
+    """Links at angles exp(i q) (..., N) with base parameters (..., N, 3), hung on a pin that moves with V.
+
+    With r_j = (X_j + i Z_j) exp(i q_j), arms l_j exp(i q_j), pins that go at P_j = V + sum_{i<j} i qd_i l_i exp(i q_i),
+    what the links beyond add, B_j = sum_{k>j} i qd_k r_k, and U_j = r_j* P_j + l_j exp(-i q_j) B_j:
+    p_j = J_j qd_j + Im(U_j), -dT/dq_j = qd_j Re(U_j)."""
+
+    machine: Machine
+    turn: Complex
+    base: Array
+
+    def halves(self, qd: Array, velocity: Complex) -> tuple[Array, Array]:
+        """p and -dT/dq of every absolute angle (..., N)."""
+        r, arms = (self.base[..., 1] + 1j * self.base[..., 2]) * self.turn, self.machine.lengths * self.turn
+        pins = velocity + (1j * qd * arms) @ self.machine.outward
+        beyond = (1j * qd * r) @ self.machine.outward.T
+        pull = np.conj(r) * pins + np.conj(arms) * beyond
+        return self.base[..., 0] * qd + pull.imag, qd * pull.real

@@ -1,0 +1,56 @@
+"""A pin or bar of a linkage that is not where the drawing has it."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.linkages import Linkage
+from cylforce.mechanics.machine import Machine
+
+
+@dataclass(frozen=True, slots=True)
+class LinkageGeometry:
+    """The `part`-th of the pins and bars of the linkage that drives a joint is not as the drawing has it: the pin off
+    by size along its link, or `across` it; the bar longer by size."""
+
+    part: int = 0
+    across: bool = False
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "linkage_geometry",
+            "m",
+            0.003,
+            0.04,
+            Place.LINK,
+            "with the posture, in proportion to the cylinder's force",
+            "survey the pins of that linkage",
+            axes=2,
+        )
+
+    def altered(self, machine: Machine, where: int, size: float) -> Machine:
+        """The machine with that part changed, where the joint's linkage has it."""
+        driving = [c for c, span in enumerate(machine.spans) if span == (where,)]
+        if not driving:
+            return machine
+        c = driving[0]
+        linkage = _moved(machine.cylinders[c].linkage, self.part, 1j * size if self.across else size)
+        if linkage is None:
+            return machine
+        cylinders = list(machine.cylinders)
+        cylinders[c] = replace(cylinders[c], linkage=linkage)
+        return replace(machine, cylinders=tuple(cylinders))
+
+
+def _moved(linkage: Linkage, part: int, step: complex) -> Linkage | None:
+    """The linkage with one part changed; None where it has no such part."""
+    holder: Any = linkage
+    parts = [(f.name, value) for f in fields(holder) if isinstance(value := getattr(holder, f.name), tuple | float)]
+    if part >= len(parts) or (isinstance(parts[part][1], float) and step.imag):
+        return None
+    name, value = parts[part]
+    new = value + step.real if isinstance(value, float) else (value[0], value[1] + step)
+    found: Linkage = replace(holder, **{name: new})
+    return found

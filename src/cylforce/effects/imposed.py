@@ -1,0 +1,253 @@
+"""Effects of the diagnosis' library, switched on in the simulated machine: the same methods, at a place, with sizes,
+for a time."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from math import hypot, inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cylforce.effects.fault import (
+    PRESSURES,
+    Alteration,
+    BaseMotion,
+    Course,
+    Distortion,
+    Fault,
+    ForceLaw,
+    Incident,
+    Share,
+    Weight,
+    places,
+)
+from cylforce.effects.library import LIBRARY, Group
+from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+# What incidents change, and its unit: load, force at the teeth, square of the slew rate, time of all pressures.
+CHANGED = {
+    "load.mass": "kg",
+    "load.X": "kg m",
+    "load.Z": "kg m",
+    "tip.x": "N",
+    "tip.z": "N",
+    "slew": "rad^2/s^2",
+    "clock": "s",
+}
+
+
+class Imposed(NamedTuple):
+    """A group of effects of one name at the place `at`, number `where`, with its `sizes`, from `begin` to `end` [s] of
+    the run."""
+
+    group: Group
+    at: str
+    where: int
+    sizes: tuple[float, ...]
+    begin: float = 0.0
+    end: float = inf
+
+    def during(self, t: Array) -> Array:
+        """1 while it is there (T,), else 0."""
+        return np.where((t >= self.begin) & (t < self.end), 1.0, 0.0)
+
+    def members(self) -> list[tuple[Fault, float]]:
+        """Effects with one size each."""
+        return list(zip(self.group, self.sizes, strict=False))
+
+
+def imposed(
+    machine: Machine,
+    name: str,
+    at: str,
+    value: float | Sequence[float],
+    *,
+    shape: Mapping[str, float] | None = None,
+    begin: float = 0.0,
+    end: float = inf,
+    library: tuple[Group, ...] = LIBRARY,
+) -> Imposed:
+    """The effect `name` of the library at a place of the machine; `value`: its size (SI), or a list where it has
+    several; `shape`: its other parameters, by name. Raises ValueError, in a sentence."""
+    group = _shaped(_named(name, library), shape or {})
+    about = group[0].about
+    where = dict(places(machine, about.place))
+    if at not in where:
+        known = ", ".join(where) or "none on this machine"
+        raise ValueError(f"effect {name!r} sits at {at!r}, which is no {about.place}: choose one of {known}")
+    sizes = tuple(map(float, value if isinstance(value, Sequence) else (value,)))
+    found = Imposed(group, at, where[at], sizes, begin, end)
+    _check(found)
+    _check_part(machine, found)
+    return found
+
+
+def units(group: Group) -> tuple[str, ...]:
+    """Units of all sizes of a group; a clock is late by the first, and every second by the second more."""
+    first = group[0]
+    if isinstance(first, Weight | BaseMotion):
+        return first.units
+    if isinstance(first, Incident):
+        each = tuple(CHANGED[what] for what in _changed(first))
+        return (*each, "s/s") if first.course is Course.CLOCK else each
+    return tuple(effect.about.unit for effect in group)
+
+
+def _named(name: str, library: tuple[Group, ...]) -> Group:
+    found = [group for group in library if group[0].about.name == name]
+    if not found:
+        known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
+        raise ValueError(f"effect {name!r} is not known: choose one of {known}")
+    return found[0]
+
+
+def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
+    """The group with the shape's parameters in place of those that its members share."""
+    if not shape:
+        return group
+    first: Any = group[0]
+    wrong = [key for key in shape if key not in {f.name for f in fields(first)}]
+    if wrong:
+        known = ", ".join(f.name for f in fields(first)) or "it has none"
+        raise ValueError(f"effect {first.about.name!r} has no parameter {wrong[0]!r} of its shape: {known}")
+    typed = {key: type(getattr(first, key))(value) for key, value in shape.items()}
+    shared = {key: value for key, value in typed.items() if all(getattr(e, key) == getattr(first, key) for e in group)}
+    rest: tuple[Any, ...] = group[1:]
+    return (replace(first, **typed), *(replace(effect, **shared) for effect in rest))
+
+
+def _check(found: Imposed) -> None:
+    """Raises ValueError unless there are as many sizes as the effect has, of a plausible magnitude and sign."""
+    about, wanted, sizes = found.group[0].about, units(found.group), found.sizes
+    name = about.name
+    if not 0.0 <= found.begin < found.end:
+        raise ValueError(f"effect {name!r} from {found.begin:g} s until {found.end:g} s: it must begin before it ends")
+    if len(sizes) != len(wanted):
+        raise ValueError(f"effect {name!r} wants {len(wanted)} value(s) ({', '.join(wanted)}), not {len(sizes)}")
+    if not hypot(*sizes[: about.axes]) <= about.high:
+        raise ValueError(f"effect {name!r} of {sizes[0]:g} {about.unit}: plausible is up to {about.high:g}")
+    if about.sign * sizes[0] < 0.0:
+        raise ValueError(f"effect {name!r} of {sizes[0]:g} {about.unit}: only the other sign can be")
+
+
+def _check_part(machine: Machine, found: Imposed) -> None:
+    """Raises ValueError where the machine has no such part, or no sensor that would show the error."""
+    effect, values = found.group[0], np.zeros((2, len(machine.signals)))
+    t = np.array([0.0, 1.0])
+    nothing = (isinstance(effect, Alteration) and effect.altered(machine, found.where, 1e-3) is machine) or (
+        isinstance(effect, Distortion) and effect.distorted(machine, values, t, found.where, 1e-3) is values
+    )
+    if nothing:
+        raise ValueError(f"effect {effect.about.name!r} cannot be at {found.at!r}: this machine has no such part there")
+
+
+def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
+    """The machine as it really is."""
+    for each in effects:
+        for effect, size in each.members():
+            if isinstance(effect, Alteration):
+                machine = effect.altered(machine, each.where, size)
+    return machine
+
+
+def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
+    """What every cylinder must push in excess (T, C) [N] at times (T,) [s] of the run."""
+    force = np.zeros_like(moving.speed)
+    for each in effects:
+        for law, size in each.members():
+            if isinstance(law, ForceLaw):
+                c = each.where
+                force[:, c] += each.during(t) * size * law.force(moving.speed[:, c], moving.force[:, c], t)
+    return force
+
+
+def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: str) -> Array:
+    """By which factor (T, C) the usual friction of a cylinder that goes by a `law` is larger; what changes dry friction
+    changes it all."""
+    level = np.ones((len(t), cylinders))
+    for each in effects:
+        for share, size in each.members():
+            if isinstance(share, Share) and ("coulomb" in share.laws or law in share.laws):
+                level[:, each.where] += size * each.during(t) * share.course(t)
+    return level
+
+
+def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> Array:
+    """Base parameters (J, X, Z) (T, N, 3) that the links have in excess."""
+    found = np.zeros((len(t), machine.size, 3))
+    for each in effects:
+        weight = each.group[0]
+        if isinstance(weight, Weight):
+            change = (weight.change(machine, each.where) @ np.array(each.sizes)).reshape(machine.size, 3)
+            found += each.during(t)[:, None, None] * change
+    return found
+
+
+def _changed(effect: Incident) -> list[str]:
+    """What an incident changes; the diagnosis may split it up in time, `what.0`, `what.1`, ..."""
+    return list(dict.fromkeys(what for column in effect.columns for what in CHANGED if column.startswith(what)))
+
+
+def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> Array:
+    """Sizes (T, K) of some of what incidents change."""
+    found = np.zeros((len(t), len(wanted)))
+    for each in effects:
+        effect = each.group[0]
+        if isinstance(effect, Incident):
+            for what, size in zip(_changed(effect), each.sizes, strict=False):
+                if what in wanted:
+                    found[:, wanted.index(what)] += size * each.during(t)
+    return found
+
+
+def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> CarriedLoad:
+    """The load after what fell out of it or moved in it; its inertia goes with its mass."""
+    mass, x, z = (carried.mass + _incidents(effects, t, ("load.mass",))[:, 0], *carried.centre.T)
+    if np.any(mass < 0.0):
+        raise ValueError("more falls out of the bucket than there is in it")
+    some = np.maximum(mass, 1e-9)
+    moments = carried.mass[:, None] * np.stack([x, z], axis=-1) + _incidents(effects, t, ("load.X", "load.Z"))
+    inertia = carried.inertia * mass / np.maximum(carried.mass, 1e-9)
+    return CarriedLoad(mass, np.where(mass[:, None] > 0.0, moments / some[:, None], 0.0), inertia)
+
+
+def unseen_slew(effects: Sequence[Imposed], t: Array) -> Array:
+    """Square (T,) [rad^2/s^2] of the rate at which the house turns besides what its sensor says."""
+    return _incidents(effects, t, ("slew",))[:, 0]
+
+
+def touching(effects: Sequence[Imposed], t: Array) -> Array:
+    """Force (T, 2) [N] at the teeth of what the tool touches, x forward and z up."""
+    found = np.zeros((len(t), 2))
+    for each in effects:
+        effect = each.group[0]
+        if isinstance(effect, Incident) and _changed(effect) == ["tip.x", "tip.z"]:
+            inside = smooth(t, each.begin, each.begin + RAMP)
+            if each.end < inf:
+                inside = inside * (1.0 - smooth(t, each.end - RAMP, each.end))
+            found += inside[:, None] * np.array(each.sizes)
+    return found
+
+
+def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
+    """Signals (T, S) with the sensors' errors at times (T,) [s] of the run."""
+    for each in effects:
+        during = each.during(t)[:, None] > 0.0
+        for effect, size in each.members():
+            if isinstance(effect, Distortion):
+                values = np.where(during, effect.distorted(machine, values, t, each.where, size), values)
+        if isinstance(each.group[0], Incident) and each.group[0].course is Course.CLOCK:
+            values = np.where(during, _late(machine, values, t, each), values)
+    return values
+
+
+def _late(machine: Machine, values: Array, t: Array, each: Imposed) -> Array:
+    """Pressures late by sizes (s, s/s): first + second (t - begin)."""
+    found, late = values.copy(), each.sizes[0] + each.sizes[1] * np.maximum(t - each.begin, 0.0)
+    for k, signal in enumerate(machine.signals):
+        if signal.kind in PRESSURES:
+            found[:, k] = np.interp(t - late, t, values[:, k])
+    return found

@@ -1,0 +1,34 @@
+"""The load moves in the bucket: its centre, not its mass."""
+
+from dataclasses import dataclass
+
+from cylforce.effects.fault import About, Course, Place
+
+
+@dataclass(frozen=True, slots=True)
+class PayloadShift:
+    """The load moves in the bucket: its centre, not its mass."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "payload_shift",
+            "kg m",
+            40.0,
+            1e3,
+            Place.TOOL,
+            "from one instant on, mostly in the last joint",
+            "look into the bucket before and after",
+            axes=2,
+        )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns whose sizes change."""
+        return ("load.X", "load.Z")
+
+    @property
+    def course(self) -> Course:
+        """How they change."""
+        return Course.AFTER

@@ -1,0 +1,97 @@
+"""The library of effects that the diagnosis knows, in the order in which they are tried."""
+
+from typing import NamedTuple
+
+from cylforce.effects.fault import About, Course, Fault, Incident, places
+from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
+from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.friction.friction_level_change import FrictionLevelChange
+from cylforce.effects.friction.friction_temperature_drift import FrictionTemperatureDrift
+from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
+from cylforce.effects.friction.return_line_loss import ReturnLineLoss
+from cylforce.effects.friction.stribeck import Stribeck
+from cylforce.effects.friction.viscous_friction import ViscousFriction
+from cylforce.effects.geometry.backlash import Backlash
+from cylforce.effects.geometry.boom_motion import BoomMotion
+from cylforce.effects.geometry.compliance import Compliance
+from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
+from cylforce.effects.incidents.clock_fault import ClockFault
+from cylforce.effects.incidents.payload_shift import PayloadShift
+from cylforce.effects.incidents.payload_spill import PayloadSpill
+from cylforce.effects.loads.extra_mass import ExtraMass
+from cylforce.effects.loads.first_moment_change import FirstMomentChange
+from cylforce.effects.loads.slew import Slew
+from cylforce.effects.loads.tip_force import TipForce
+from cylforce.effects.sensors.angle_offset import AngleOffset
+from cylforce.effects.sensors.angle_scale import AngleScale
+from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.pressure_drift import PressureDrift
+from cylforce.effects.sensors.pressure_gain import PressureGain
+from cylforce.effects.sensors.pressure_offset import PressureOffset
+from cylforce.effects.sensors.tilt_ignored import TiltIgnored
+from cylforce.mechanics.machine import Machine
+
+WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))  # of a loss, extending and retracting
+PARTS = 5  # pins and bars of a linkage, at most
+
+Group = tuple[Fault, ...]  # effects of one name that act together, each with a size of its own
+
+LIBRARY: tuple[Group, ...] = (
+    (CoulombFriction(),),
+    (ViscousFriction(),),
+    (FrictionLevelChange(),),
+    *((Stribeck(width),) for width in (0.006, 0.015, 0.04)),
+    *((LoadDependentFriction(easing=easing),) for easing in (0.0, 3e-6)),
+    (AsymmetricFriction(),),
+    *((PreslidingHysteresis(way),) for way in (0.0005, 0.0015, 0.003, 0.006)),
+    *((FrictionTemperatureDrift(viscous),) for viscous in (False, True)),
+    *((ReturnLineLoss(*ways, power),) for ways in WAYS for power in (1.75, 2.0)),
+    (PressureOffset(),),
+    (PressureGain(),),
+    *((PressureDrift(fading),) for fading in (0.0, 0.004, 0.012)),
+    (AngleOffset(),),
+    (AngleScale(), AngleScale(aside=True)),
+    (Delay(),),
+    (TiltIgnored(), TiltIgnored(across=True)),
+    *((LinkageGeometry(part), LinkageGeometry(part, across=True)) for part in range(PARTS)),
+    (ExtraMass(),),
+    (FirstMomentChange(),),
+    *((Compliance(stiffening),) for stiffening in (0.0, 5e-6, 2e-5, 6e-5)),
+    *((Backlash(turning),) for turning in (100.0, 400.0, 1500.0)),
+    (TipForce(),),
+    (Slew(),),
+    (BoomMotion(),),
+    (PayloadSpill(),),
+    (PayloadShift(),),
+    (ClockFault(),),
+)
+
+
+class Proposal(NamedTuple):
+    """A group of effects at a place: its name, the place's name `at` and its number `where`."""
+
+    group: Group
+    at: str
+    where: int
+
+    @property
+    def about(self) -> About:
+        """What the effect says of itself."""
+        return self.group[0].about
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.about.name
+
+    @property
+    def course(self) -> Course | None:
+        """How its sizes change, if it happens at a time; None: it lasts."""
+        effect = self.group[0]
+        return effect.course if isinstance(effect, Incident) else None
+
+
+def proposals(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
+    """Every effect at every place that the machine has for it."""
+    return tuple(Proposal(group, at, where) for group in library for at, where in places(machine, group[0].about.place))

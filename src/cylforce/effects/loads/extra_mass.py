@@ -1,0 +1,47 @@
+"""A mass on a link that the model does not know: a tool, a repair, mud."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class ExtraMass:
+    """A mass on a link that the model does not know: a tool, a repair, mud."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "extra_mass",
+            "kg",
+            15.0,
+            1500.0,
+            Place.LINK,
+            "with the posture, at rest too, in this joint and all before it",
+            "take it off, or weigh the machine",
+            1,
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of its sizes."""
+        return ("kg", "kg m", "kg m", "kg m^2")
+
+    @property
+    def usual(self) -> tuple[float, ...]:
+        """Usual sizes: mass [kg] at the link's centre, first moments about that [kg m], inertia [kg m^2]."""
+        return (500.0, 60.0, 60.0, 300.0)
+
+    def change(self, machine: Machine, where: int) -> Array:
+        """(3N, 4): a mass at the link's centre of gravity, its first moments and its inertia besides."""
+        link, columns = machine.links[where], np.zeros((machine.size, 3, 4))
+        for i in range(where):
+            columns[i, 0, 0], columns[i, 1, 0] = machine.links[i].length ** 2, machine.links[i].length
+        columns[where, :, 0] = link.cx**2 + link.cz**2, link.cx, link.cz
+        columns[where, 1, 1] = columns[where, 2, 2] = columns[where, 0, 3] = 1.0
+        return columns.reshape(3 * machine.size, 4)

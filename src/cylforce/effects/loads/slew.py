@@ -1,0 +1,73 @@
+"""Centrifugal torques of a slewing house (mechanics/README.md, section 4); as a fault: the house slews and no sensor
+measures it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.effect import Halves, Parameter
+from cylforce.effects.fault import SHAPES, About, Course, Place
+from cylforce.mechanics.machine import Link, Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Slew:
+    """Omega^2 [rho_j (X_j sin a_j + Z_j cos a_j) + D_j/2 sin 2a_j + E_j cos 2a_j
+    + l_j sin a_j sum_{k>j} (X_k cos a_k - Z_k sin a_k)], rho_j = rho_0 + sum_{i<j} l_i cos a_i.
+
+    J, X and Z are the rigid ones (a regressor adds columns of one name), D = J + D_excess; slender links: excess and
+    E 0."""
+
+    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
+        """J, D_excess, E [kg m^2]; X, Z [kg m]."""
+        units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"), ("D_excess", "kg m^2"), ("E", "kg m^2"))
+        return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
+
+    def halves(self, machine: Machine, moving: Motion) -> Halves:
+        """Columns (..., N, 5N)."""
+        n, lengths, turn = machine.size, machine.lengths, np.exp(1j * moving.a)
+        rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
+        # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has the columns Re(u) and -Im(u)
+        pair = machine.reach * turn.imag[..., :, None] * turn[..., None, :]
+        diagonal = np.arange(n)
+        pair[..., diagonal, diagonal] = -1j * rho * turn
+        double = turn * turn
+        columns = np.zeros((*pair.shape, 5))
+        columns[..., 1], columns[..., 2] = pair.real, -pair.imag
+        columns[..., diagonal, diagonal, 0] = columns[..., diagonal, diagonal, 3] = double.imag / 2.0
+        columns[..., diagonal, diagonal, 4] = double.real
+        rows = machine.sum_outward @ columns.reshape(*pair.shape[:-1], 5 * n)
+        return Halves(None, (moving.slew**2)[..., None, None] * rows)
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "slew_centrifugal",
+            "rad^2/s^2",
+            0.005,
+            2.0,
+            Place.MACHINE,
+            "while the house turns, as the centrifugal force of all links",
+            "the same arm motion with the house still",
+            1,
+            axes=SHAPES,
+        )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns whose sizes change."""
+        return tuple(f"slew.{k}" for k in range(SHAPES))
+
+    @property
+    def course(self) -> Course:
+        """How they change."""
+        return Course.WINDOWS
+
+
+def slew_parameters(links: tuple[Link, ...]) -> Array:
+    """(D_j - J_j, E_j) (N, 2) from rough masses: D = J - 2 Z^2/m, E = (X - mu l) Z / m, with Z = m cz, X - mu l = m
+    cx."""
+    return np.array([(-2.0 * k.mass * k.cz**2, k.mass * k.cx * k.cz) for k in links])

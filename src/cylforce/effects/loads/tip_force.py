@@ -1,0 +1,58 @@
+"""Force of the outside world on the tool: r = -(dP/dq)^T F (mechanics/README.md, section 8); as a fault: the tool
+touches the soil where the model has it in the air."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.effect import Halves, Parameter
+from cylforce.effects.fault import SHAPES, About, Course, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class TipForce:
+    """A force (x forward, z up, true vertical) at the tooth line and a moment [N m] on the last link."""
+
+    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
+        """x, z [N] and moment [N m]."""
+        return (Parameter("tip.x", "N"), Parameter("tip.z", "N"), Parameter("tip.moment", "N m"))
+
+    def halves(self, machine: Machine, moving: Motion) -> Halves:
+        """Columns (..., N, 3): the torque that the cylinders supply against each."""
+        # links seen from the true horizontal; the vector from joint j to the tool is the sum of what lies beyond
+        beyond = (np.exp(1j * moving.q) * machine.arms) @ machine.sum_outward.T
+        columns = np.empty((*beyond.shape, 3))
+        columns[..., 0], columns[..., 1], columns[..., 2] = beyond.imag, -beyond.real, -1.0
+        return Halves(None, columns)
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "soil_contact",
+            "N",
+            3e3,
+            1e5,
+            Place.TOOL,
+            "for some seconds at a time, in all joints as one force at the teeth",
+            "the same moves higher above the ground",
+            axes=2 * SHAPES,
+        )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns whose sizes change."""
+        return tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
+
+    @property
+    def course(self) -> Course:
+        """How they change."""
+        return Course.WINDOWS
+
+
+def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:
+    """What the joints must supply (T, N) [N m] against a force (T, 2) [N] on the teeth."""
+    return np.asarray((TipForce().halves(machine, moving).static[..., :2] @ force[..., None])[..., 0])

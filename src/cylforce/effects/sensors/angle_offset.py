@@ -1,0 +1,31 @@
+"""An angle (or length) sensor that was mounted, or has slipped, off its zero."""
+
+from dataclasses import dataclass
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class AngleOffset:
+    """An angle (or length) sensor that was mounted, or has slipped, off its zero."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "angle_offset",
+            "rad (m)",
+            0.003,
+            0.06,
+            Place.ANGLE,
+            "with the posture, at rest too",
+            "each joint at its end stop, or a spirit level on the link",
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """a + size."""
+        found = values.copy()
+        found[:, where] += size
+        return found

@@ -1,0 +1,45 @@
+"""An angle (or length) sensor whose scale is off: more the farther from where it was set."""
+
+from dataclasses import dataclass
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+
+@dataclass(frozen=True, slots=True)
+class AngleScale:
+    """An angle (or length) sensor whose scale is off, set in the middle of the range; `aside`: by how much it was set
+    elsewhere, as the error at the middle over half the range."""
+
+    aside: bool = False
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "angle_scale",
+            "1",
+            0.004,
+            0.08,
+            Place.ANGLE,
+            "more the farther from where it was set",
+            "each joint at both end stops",
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """a + size (a - middle), or a + size half the range."""
+        found, (low, high) = values.copy(), _range(machine, where)
+        found[:, where] += size * (0.5 * (high - low) if self.aside else values[:, where] - 0.5 * (low + high))
+        return found
+
+
+def _range(machine: Machine, where: int) -> tuple[float, float]:
+    """Between what a sensor's reading lies on this machine."""
+    signal = machine.signals[where]
+    if signal.kind is Kind.JOINT_ANGLE:
+        return machine.links[signal.index].angle_low, machine.links[signal.index].angle_high
+    if signal.kind is Kind.CYLINDER_LENGTH:
+        return machine.cylinders[signal.index].length_low, machine.cylinders[signal.index].length_high
+    return signal.low, signal.high

@@ -1,0 +1,31 @@
+"""A pressure sensor whose span is off."""
+
+from dataclasses import dataclass
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PressureGain:
+    """A pressure sensor whose span is off."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "pressure_gain",
+            "1",
+            0.004,
+            0.06,
+            Place.PRESSURE,
+            "in proportion to the pressure",
+            "a known load, and the same pressure on a second gauge",
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """p (1 + size)."""
+        found = values.copy()
+        found[:, where] *= 1.0 + size
+        return found

@@ -1,0 +1,31 @@
+"""A pressure sensor whose zero is off."""
+
+from dataclasses import dataclass
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PressureOffset:
+    """A pressure sensor whose zero is off."""
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "pressure_offset",
+            "Pa",
+            0.4e5,
+            6e5,
+            Place.PRESSURE,
+            "everywhere alike, at rest too",
+            "engine off, lines relieved: all pressures must read zero",
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """p + size."""
+        found = values.copy()
+        found[:, where] += size
+        return found

@@ -1,0 +1,22 @@
+"""A zero error of a cylinder's pressures: a constant force that is not there (PHYSICS section 6)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.effect import Halves, Parameter
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+
+
+@dataclass(frozen=True, slots=True)
+class PressureZero:
+    """f_0: the column of a cylinder is its lever."""
+
+    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
+        """f_0 [N] of every cylinder."""
+        return tuple(Parameter(f"{c.name}.pressure_zero", "N") for c in machine.cylinders)
+
+    def halves(self, machine: Machine, moving: Motion) -> Halves:
+        """Columns (..., N, C)."""
+        return Halves(None, np.swapaxes(moving.lever, -1, -2))

@@ -1,0 +1,50 @@
+"""A slope that nobody told the model of."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+
+@dataclass(frozen=True, slots=True)
+class TiltIgnored:
+    """The chassis' pitch is measured `size` too high: along the tracks, or `across` them, seen by the turned house."""
+
+    across: bool = False
+
+    @property
+    def about(self) -> About:
+        """What it says of itself."""
+        return About(
+            "tilt_ignored",
+            "rad",
+            0.004,
+            0.12,
+            Place.MACHINE,
+            "with the posture, in all joints alike, changing as the house turns",
+            "the same moves with the house turned by half a turn",
+            axes=2,
+            of_its_own=True,
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """pitch + size cos(psi), or size sin(psi), psi the house's angle since the recording's start."""
+        place = {s.kind: k for k, s in enumerate(machine.signals)}
+        if Kind.PITCH not in place:
+            return values
+        turned = _turned(values, t, place)
+        found = values.copy()
+        found[:, place[Kind.PITCH]] += size * (np.sin(turned) if self.across else np.cos(turned))
+        return found
+
+
+def _turned(values: Array, t: Array, place: dict[Kind, int]) -> Array:
+    if Kind.SLEW_ANGLE in place:
+        return np.asarray(values[:, place[Kind.SLEW_ANGLE]] - values[0, place[Kind.SLEW_ANGLE]])
+    if Kind.SLEW_RATE in place:
+        return np.asarray(np.cumsum(values[:, place[Kind.SLEW_RATE]] * np.gradient(t)))
+    return np.zeros_like(t)

@@ -1,0 +1,67 @@
+"""Recordings as gapless stretches of samples: what identification works on."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.signals.estimate import Array
+
+
+def gapless(values: Array, longest: int) -> list[Array]:
+    """Stretches without NaN of samples (T, S); gaps of up to `longest` rows are bridged along a line."""
+    return [stretch for _, stretch in stretches(values, longest)]
+
+
+def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
+    """The same, each with the number of its first row."""
+    good = np.flatnonzero(np.all(np.isfinite(values), axis=1))
+    if good.size == 0:
+        return []
+    parts = np.split(good, np.flatnonzero(np.diff(good) > longest + 1) + 1)
+    return [(int(part[0]), _bridged(values, part)) for part in parts]
+
+
+class Part(NamedTuple):
+    """Samples `values` (T, S) without NaN from row `first` of a recording on; whether it `goes_on` where the part
+    before ended."""
+
+    first: int
+    values: Array
+    goes_on: bool
+
+
+def parts(pieces: Iterable[Array], longest: int, size: int, least: int) -> Iterator[Part]:
+    """The stretches of a recording that comes in pieces (T, S), each in parts of `size` rows, the last one of up to
+    `size` + `least`; stretches shorter than `least` are left out."""
+    count, pending = 0, None  # rows so far, and the part that may go on in the next piece
+    for piece in pieces:
+        begin, held, goes_on = count, piece, False
+        if pending is not None:
+            missing = np.full((count - pending.first - len(pending.values), piece.shape[1]), np.nan)
+            begin, held, goes_on = pending.first, np.concatenate([pending.values, missing, piece]), pending.goes_on
+        count, pending = count + len(piece), None
+        for first, stretch in stretches(held, longest):
+            *whole, rest = _cut(Part(begin + first, stretch, goes_on and first == 0), size, least)
+            yield from whole
+            if count - rest.first - len(rest.values) <= longest:
+                pending = rest
+            elif len(rest.values) >= least:
+                yield rest
+    if pending is not None and len(pending.values) >= least:
+        yield pending
+
+
+def _cut(part: Part, size: int, least: int) -> Iterator[Part]:
+    while len(part.values) >= size + least:
+        yield Part(part.first, part.values[:size], part.goes_on)
+        part = Part(part.first + size, part.values[size:], goes_on=True)
+    yield part
+
+
+def _bridged(values: Array, good: NDArray[np.intp]) -> Array:
+    steps = np.arange(good[0], good[-1] + 1)
+    if steps.size == good.size:
+        return values[steps]
+    return np.stack([np.interp(steps, good, column) for column in values[good].T], axis=1)

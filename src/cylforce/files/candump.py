@@ -1,0 +1,95 @@
+r"""One line of candump text, `(seconds.micros) CHANNEL ID#DATA`, from an event and back.
+
+Ticks, and the frames that we sent ourselves, stand on channels of their own, by which replay knows them.
+A tick is written as an empty SYNC frame, so that protocol analysers find nothing wrong with it.
+"""
+
+import re
+from typing import NamedTuple
+
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Event, Frame, Tick
+
+HEAD, TICK, SENT = "cylforce", "tick", "sent"  # pseudo-channels; can-utils takes no more than 15 characters
+_TICK_ID = 0x080
+_ID_BITS = 0x1FFFFFFF
+_LINE = re.compile(
+    r"\((\d+)\.(\d{1,9})\) +(\S+) +([\dA-Fa-f]{3}|[0-3][\dA-Fa-f]{7})"
+    r"#(?:R([0-8]?)|((?:[\dA-Fa-f]{2}){0,8}))(?:_[\dA-Fa-f])?(?: +[RT])?\s*",
+    re.ASCII,
+)
+_NEWER = re.compile(  # CAN FD; CAN XL
+    r"\(\d+\.\d+\) +\S+ +[\dA-Fa-f]{3,8}"
+    r"(?:##[\dA-Fa-f]|#[\dA-Fa-f]{2}:[\dA-Fa-f]{2}:[\dA-Fa-f]{8}#)[\dA-Fa-f]*(?: +[RT])?\s*",
+    re.ASCII,
+)
+
+
+class Sent(NamedTuple):
+    """A frame that our own node sent: kept to compare a replay with, never an event."""
+
+    t_us: int
+    can_id: int
+    data: bytes
+
+
+class Line(NamedTuple):
+    """What one line says; `can_id` with SocketCAN's flag bits."""
+
+    channel: str
+    t_us: int
+    can_id: int
+    data: bytes
+
+
+def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
+    """The line of a frame. A remote frame's data is only a length: what it holds beyond zeros is not kept."""
+    seconds, micros = divmod(t_us, 1_000_000)
+    name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
+    text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
+    return f"({seconds:010d}.{micros:06d}) {channel} {name}#{text}\n"
+
+
+def _flagged(can_id: int) -> str:
+    """Extended identifiers have eight digits; so have error frames, whose flag is the digit 2."""
+    if can_id & ERROR:
+        return f"{can_id & (_ID_BITS | ERROR):08X}"
+    return f"{can_id & _ID_BITS:08X}" if can_id & EXTENDED else f"{can_id & _ID_BITS:03X}"
+
+
+def event_line(event: Event | Sent, channel: str) -> str:
+    """The line of an event or of a frame that we sent; `channel` is the bus."""
+    if isinstance(event, Tick):
+        return line(TICK, event.t_us, _TICK_ID, b"")
+    return line(SENT if isinstance(event, Sent) else channel, *event)
+
+
+def parsed(text: str) -> Line | None:
+    """What a line of candump text says, ours or another's; None when it is not such a line.
+
+    Fractions of other lengths than six digits are cut or filled to microseconds; python-can's trailing R or T
+    is passed over."""
+    found = _LINE.fullmatch(text)
+    if found is None:
+        return None
+    seconds, fraction, channel, name, remote, data = found.groups()
+    can_id = int(name, 16)
+    if len(name) == 8 and not can_id & ERROR:
+        can_id |= EXTENDED
+    t_us = int(seconds) * 1_000_000 + int(fraction[:6].ljust(6, "0"))
+    if remote is None:
+        return Line(channel, t_us, can_id, bytes.fromhex(data))
+    return Line(channel, t_us, can_id | REMOTE, bytes(int(remote or 0)))
+
+
+def is_newer_frame(text: str) -> bool:
+    """Whether a line is a CAN FD or CAN XL frame, which no sensor of ours sends."""
+    return _NEWER.fullmatch(text) is not None
+
+
+def own_event(said: Line) -> Event | Sent:
+    """What a line of our own log stands for."""
+    if said.channel == TICK:
+        return Tick(said.t_us)
+    if said.channel == SENT:
+        return Sent(said.t_us, said.can_id, said.data)
+    return Frame(said.t_us, said.can_id, said.data)

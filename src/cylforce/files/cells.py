@@ -1,0 +1,131 @@
+"""The numbers in the cells of CSV and Parquet files, and where each stands."""
+
+import csv
+from array import array
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.files.atomic import RecordingError
+from cylforce.signals.estimate import Array
+
+ROWS = 1 << 15  # that are held at once
+READ_BYTES = 1 << 16  # of each column
+
+
+class Cells(NamedTuple):
+    """Numbers (T, columns) as they stand in the file, and where: `place` "line" or "row", its number (T,)."""
+
+    numbers: Array
+    place: str
+    at: NDArray[np.int64]
+
+
+def _positions(path: Path, present: Sequence[str], wanted: Sequence[str]) -> list[int]:
+    missing = [name for name in dict.fromkeys(wanted) if name not in present]
+    if missing:
+        there = ", ".join(present) or "none at all"
+        raise RecordingError(f"{path}: has no column {', '.join(missing)}; it has {there}")
+    twice = [name for name in wanted if present.count(name) > 1]
+    if twice:
+        raise RecordingError(f"{path}: has several columns named {twice[0]}; give each a name of its own")
+    return [present.index(name) for name in wanted]
+
+
+def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
+    """The named columns of a CSV file, piece by piece; an empty cell is NaN."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            yield from _parse_csv(path, file, names)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: is not UTF-8 text ({error.reason}); save it as UTF-8") from error
+
+
+def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
+    head = file.readline()
+    delimiter = next((mark for mark in ",;\t" if mark in head), ",")
+    present = [name.strip() for name in next(csv.reader([head], delimiter=delimiter, skipinitialspace=True), [])]
+    positions = _positions(path, present, names)
+    numbers, lines = array("d"), array("q")
+    for line, row in _csv_rows(path, file, delimiter):
+        if len(row) == len(present):
+            numbers.extend(_numbers(path, line, row, positions, names))
+            lines.append(line)
+        elif row:
+            raise RecordingError(f"{path}, line {line}: has {len(row)} cells, the header has {len(present)}")
+        if len(lines) == ROWS:
+            yield Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
+            numbers, lines = array("d"), array("q")
+    yield Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
+
+
+def _csv_rows(path: Path, file: TextIO, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Every row after the header, with its line."""
+    reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
+    try:
+        for row in reader:
+            yield reader.line_num + 1, row
+    except csv.Error as error:
+        raise RecordingError(f"{path}, line {reader.line_num + 1}: is not CSV: {error}") from error
+
+
+def _numbers(path: Path, line: int, row: list[str], positions: list[int], names: list[str]) -> list[float]:
+    try:
+        return [float(row[k]) for k in positions]
+    except ValueError:
+        return [_number(path, line, row[k], name) for k, name in zip(positions, names, strict=True)]
+
+
+def _number(path: Path, line: int, cell: str, name: str) -> float:
+    try:
+        return float(cell.strip() or "nan")
+    except ValueError as error:
+        raise RecordingError(f"{path}, line {line}: column {name!r} holds {cell[:40]!r}, no number") from error
+
+
+def pyarrow(path: Path) -> ModuleType:
+    """The library that knows Parquet; the controller does without it."""
+    try:
+        import_module("pyarrow.parquet")
+        return import_module("pyarrow")
+    except ImportError as error:
+        raise RecordingError(f"{path}: Parquet needs pyarrow: pip install 'cylforce[tables]'") from error
+
+
+def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
+    """The named columns of a Parquet file, piece by piece; a null is NaN."""
+    arrow, first = pyarrow(path), 1
+    try:
+        # without read-ahead, which would hold the whole file
+        with (
+            path.open("rb") as raw,
+            arrow.parquet.ParquetFile(raw, pre_buffer=False, buffer_size=READ_BYTES) as file,
+        ):
+            schema = file.schema_arrow
+            _positions(path, schema.names, names)
+            _check_kinds(path, arrow, dict(zip(schema.names, schema.types, strict=True)), names)
+            for part in file.iter_batches(ROWS, columns=list(dict.fromkeys(names))):
+                columns = [part[name].cast(arrow.float64(), safe=False) for name in names]
+                # no null is filled where there is none: that would load a library of a quarter of a second
+                columns = [each.fill_null(np.nan) if each.null_count else each for each in columns]
+                rows = np.arange(first, first := first + part.num_rows)
+                yield Cells(np.stack([np.from_dlpack(each) for each in columns], axis=-1), "row", rows)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except arrow.ArrowException as error:
+        raise RecordingError(
+            f"{path}: is no Parquet file: {str(error).splitlines()[0]}; save the table anew"
+        ) from error
+
+
+def _check_kinds(path: Path, arrow: ModuleType, kinds: dict[str, object], names: list[str]) -> None:
+    for name in names:
+        if not (arrow.types.is_floating(kinds[name]) or arrow.types.is_integer(kinds[name])):
+            raise RecordingError(f"{path}: column {name!r} holds {kinds[name]}, not numbers")

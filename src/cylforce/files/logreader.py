@@ -1,0 +1,114 @@
+"""Recordings of a bus, read as the events that they were: our own logs and candump's, .blf and .asc."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.files.candump import HEAD, Line, Sent, is_newer_frame, own_event, parsed
+from cylforce.files.logfile import Header, header_from
+from cylforce.files.messages import messages
+from cylforce.signals.events import Event, Frame, Tick
+
+SUFFIXES = (".log", ".blf", ".asc")
+GAP_US = 60_000_000  # a longer silence is taken for a clock that was set: no ticks are made up within
+
+
+def read_events(
+    path: Path,
+    period_us: int,
+    *,
+    channel: str | None = None,
+    own: frozenset[int] = frozenset(),
+    tell: Tell = warn,
+) -> tuple[Header | None, Iterator[Event | Sent]]:
+    """The header (None if the log is not ours) and the events, read from the file as they are asked for.
+
+    Our own logs hold their ticks. For all others ticks are made at each multiple of `period_us` after the
+    first frame, behind the frames up to that moment; frames with an identifier in `own` come as `Sent`.
+    `channel` chooses one bus of several. CAN FD and XL frames are passed over.
+
+    Raises
+    ------
+    RecordingError
+        At once or while reading: naming the file, and the line where there are lines.
+    """
+    header = log_header(path)
+    if header is not None:
+        return header, (own_event(said) for said in _candump(path, tell, ours=True) if said.channel != HEAD)
+    said = _one_channel(path, _lines(path, tell), channel)
+    frames = (Frame(s.t_us, s.can_id, s.data) for s in said)
+    return None, with_ticks((_told_apart(f, own) for f in frames), period_us, tell)
+
+
+def _told_apart(frame: Frame, own: frozenset[int]) -> Frame | Sent:
+    return Sent(*frame) if frame.can_id in own else frame
+
+
+def with_ticks(frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn) -> Iterator[Event | Sent]:
+    """The frames, and a tick at each multiple of `period_us` after the first until none is left."""
+    due: int | None = None
+    for frame in frames:
+        if due is None or not due - GAP_US < frame.t_us <= due + GAP_US:
+            if due is not None:
+                tell(f"the recording's clock jumps to {frame.t_us / 1e6:.6f} s: ticks begin anew there")
+            due = frame.t_us + period_us
+        while due < frame.t_us:
+            yield Tick(due)
+            due += period_us
+        yield frame
+    if due is not None:
+        yield Tick(due)
+
+
+def log_header(path: Path) -> Header | None:
+    """The header of one of our own logs; None for any other recording. Raises RecordingError if it cannot be read."""
+    if path.suffix.lower() != ".log":
+        return None
+    return header_from(path, _candump(path, lambda _: None, ours=False))
+
+
+def _lines(path: Path, tell: Tell) -> Iterator[Line]:
+    if path.suffix.lower() == ".log":
+        return _candump(path, tell, ours=False)
+    if path.suffix.lower() in SUFFIXES:
+        return messages(path, tell)
+    raise RecordingError(f"{path}: is none of the recordings that can be read ({', '.join(SUFFIXES)})")
+
+
+def _one_channel(path: Path, lines: Iterator[Line], channel: str | None) -> Iterator[Line]:
+    """The lines of one bus, where there are any: two buses merged into one would be nobody's recording."""
+    chosen, seen = channel, set()
+    for said in lines:
+        seen.add(said.channel)
+        if chosen is None:
+            chosen = said.channel
+        if said.channel == chosen:
+            yield said
+        elif channel is None:
+            raise RecordingError(f"{path}: holds several buses ({chosen}, {said.channel}, ...): choose one")
+    if chosen not in seen:
+        raise RecordingError(f"{path}: holds no frame{f' of {channel}' if channel else ''}{_but(seen)}")
+
+
+def _but(seen: set[str]) -> str:
+    return f", only of {', '.join(sorted(seen))}" if seen else ""
+
+
+def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Line]:
+    passed_over = 0
+    try:
+        with path.open(encoding="latin-1", newline="\n") as file:
+            for number, text in enumerate(file, 1):
+                said = parsed(text)
+                if not text.endswith("\n") and (ours or said is None):
+                    tell(f"{path}: line {number}, the last, is cut off and was left out")
+                elif said is not None:
+                    yield said
+                elif is_newer_frame(text):
+                    passed_over += 1
+                elif text[0] not in "#\r\n":
+                    raise RecordingError(f"{path}, line {number}: is no frame of candump text: {text[:60]!r}")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if passed_over:
+        tell(f"{path}: {passed_over} CAN FD or XL frames were passed over")

@@ -1,0 +1,89 @@
+"""Frames of .blf and .asc recordings, by python-can's readers."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import TextIOWrapper
+from pathlib import Path
+from typing import BinaryIO
+
+from can import Message
+from can.io.asc import ASCReader
+from can.io.blf import BLFParseError, BLFReader
+
+from cylforce.files.atomic import RecordingError, Tell
+from cylforce.files.candump import Line
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE
+
+_BROKEN = (BLFParseError, struct.error, zlib.error, ValueError, LookupError, EOFError)
+
+
+class _CountedLines(TextIOWrapper):
+    """A text file that knows which line was read last: python-can's errors do not tell."""
+
+    number = 0
+
+    def __next__(self) -> str:  # type: ignore[override]  # typeshed's base class reads bytes
+        text = super().__next__()
+        self.number += 1
+        return text
+
+
+def messages(path: Path, tell: Tell) -> Iterator[Line]:
+    """The classic frames of a recording; channels are numbers from 0, times of .asc files begin near 0.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be read; what a killed writer left unfinished at the end is told and left out instead.
+    """
+    passed_over = 0
+    try:
+        with path.open("rb") as file:
+            for message in _asc(path, file) if path.suffix.lower() == ".asc" else _blf(path, file, tell):
+                passed_over += message.is_fd
+                if not message.is_fd:
+                    yield _line(message)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if passed_over:
+        tell(f"{path}: {passed_over} CAN FD frames were passed over")
+
+
+def _line(message: Message) -> Line:
+    flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
+    can_id = message.arbitration_id | (ERROR if message.is_error_frame else flags)
+    data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
+    return Line(str(message.channel), round(message.timestamp * 1e6), can_id, data)
+
+
+def _blf(path: Path, file: BinaryIO, tell: Tell) -> Iterator[Message]:
+    number = 0
+    try:
+        reader = BLFReader(file)
+        whole = reader.file_size == path.stat().st_size
+        for message in reader:
+            number += 1
+            yield message
+    except _BROKEN as error:
+        if number == 0 or file.read(1):
+            raise RecordingError(f"{path}: is broken after frame {number}: {_text(error)}") from error
+        whole = False
+    if not whole:
+        tell(f"{path}: was not closed by its writer; frames after number {number} may be missing")
+
+
+def _asc(path: Path, file: BinaryIO) -> Iterator[Message]:
+    text = _CountedLines(file, encoding="latin-1")
+    try:
+        reader = ASCReader(text)
+        for message in reader:
+            if reader.timestamps_format == "relative":
+                raise RecordingError(f"{path}: its times are relative; save it with absolute times")
+            yield message
+    except _BROKEN as error:
+        raise RecordingError(f"{path}, line {text.number}: is no frame: {_text(error)}") from error
+
+
+def _text(error: Exception) -> str:
+    return str(error) or type(error).__name__

@@ -1,0 +1,110 @@
+"""One way into every recording: frames as events, tables as samples; either can be played as frames."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from cylforce.files import logreader, tables
+from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.files.candump import Sent
+from cylforce.files.logfile import Header
+from cylforce.files.tables import SlowTableError, Table, TableMap, joined, resampled, table_pieces
+from cylforce.mechanics.installation import Service
+from cylforce.signals.codec import encode
+from cylforce.signals.events import Event, Frame
+from cylforce.signals.layout import Pdo
+
+SYNC, EMCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x080, 0x580, 0x600, 0x700  # CiA 301
+
+
+class Events(NamedTuple):
+    """A recording of a bus; `header` is None if it is not our own log."""
+
+    header: Header | None
+    events: Iterator[Event | Sent]
+
+
+def open_recording(
+    path: Path,
+    service: Service,
+    mapping: TableMap | None = None,
+    *,
+    channel: str | None = None,
+    tell: Tell = warn,
+) -> Events | Table:
+    """The recording's events (.log, .blf, .asc) or its samples at the service's rate (.csv, .parquet).
+
+    `mapping` applies to tables only, `channel` chooses the bus of a log that holds several.
+
+    Raises
+    ------
+    RecordingError
+        At once, or while events are read.
+    """
+    found = open_pieces(path, service, mapping, channel=channel, tell=tell)
+    return found if isinstance(found, Events) else joined(list(found))
+
+
+def open_pieces(
+    path: Path,
+    service: Service,
+    mapping: TableMap | None = None,
+    *,
+    channel: str | None = None,
+    tell: Tell = warn,
+) -> Events | Iterator[Table]:
+    """The same; a table's samples piece by piece, as they are read."""
+    rate_hz = service.filters.rate_hz
+    if not path.exists():
+        raise RecordingError(f"{path}: does not exist")
+    if path.suffix.lower() in tables.SUFFIXES:
+        names = [signal.name for signal in service.machine.signals]
+        return _at_rate(path, table_pieces(path, names, mapping), rate_hz)
+    if path.suffix.lower() == ".toml":
+        raise RecordingError(f"{path}: is no recording: a machine file is named once, before the recordings")
+    if path.suffix.lower() not in logreader.SUFFIXES:
+        known = ", ".join((*logreader.SUFFIXES, *tables.SUFFIXES))
+        raise RecordingError(f"{path}: is none of the recordings that can be read ({known})")
+    return Events(*logreader.read_events(path, round(1e6 / rate_hz), channel=channel, own=own_ids(service), tell=tell))
+
+
+def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:
+    try:
+        yield from resampled(pieces, rate_hz)
+    except SlowTableError as error:
+        raise RecordingError(f"{path}: {error}") from error
+
+
+def own_ids(service: Service) -> frozenset[int]:
+    """Identifiers that only our own node sends: in a foreign recording its frames are told apart by them."""
+    node = service.node_id
+    fixed = {EMCY + node, SDO_RESPONSE + node, HEARTBEAT + node} | ({SYNC} if service.sync_producer else set())
+    asked = {SDO_REQUEST + sensor.node_id for sensor in service.nodes}
+    return frozenset(fixed | asked | {pdo.can_id for pdo in service.publication})
+
+
+def sensor_frames(recording: Events | Table, service: Service) -> Iterator[Frame]:
+    """What the sensors would send (PDOs, heartbeats, emergencies) for the recording to happen again."""
+    pdos = [pdo for node in service.nodes for pdo in node.pdos]
+    if isinstance(recording, Table):
+        return as_frames(recording, pdos)
+    nodes = [node.node_id for node in service.nodes]
+    wanted = {pdo.can_id for pdo in pdos} | {base + n for base in (EMCY, HEARTBEAT) for n in nodes}
+    return (event for event in recording.events if isinstance(event, Frame) and event.can_id in wanted)
+
+
+def as_frames(table: Table, pdos: Sequence[Pdo]) -> Iterator[Frame]:
+    """The table's samples in the sensors' PDOs: each at its period, synchronous ones every `sync` rows.
+
+    NaN, and signals that the table does not have, go as the PDO's "no value"; a frame's time is its row's."""
+    unknown = dict.fromkeys((f.signal for p in pdos for f in p.fields if f.signal), float("nan"))
+    due = [round(table.t_s[0] * 1e6)] * len(pdos)
+    step = round((table.t_s[1] - table.t_s[0]) * 1e6)
+    for t_s, row in zip(table.t_s.tolist(), table.values.tolist(), strict=True):
+        t_us = round(t_s * 1e6)
+        values = unknown | dict(zip(table.signals, row, strict=True))
+        for k, pdo in enumerate(pdos):
+            if t_us >= due[k] - step // 2:
+                period = step * max(pdo.sync, 1) if pdo.synchronous else round(pdo.period_s * 1e6)
+                due[k] = max(due[k] + period, t_us)
+                yield Frame(t_us, pdo.can_id, encode(pdo, values))

@@ -1,0 +1,180 @@
+"""Tables of samples, CSV or Parquet: a time column and one per signal, in SI units or by a mapping."""
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.files.atomic import RecordingError, replacing
+from cylforce.files.cells import Cells, pyarrow, read_csv, read_parquet
+from cylforce.signals.estimate import Array
+
+SUFFIXES = (".csv", ".parquet")
+TIME = "t_s"
+GAP_PERIODS = 5  # what lies in a longer gap is not known, and becomes NaN
+
+
+class ColumnMap(NamedTuple):
+    """Where a signal stands in a foreign table: SI value = cell * scale + offset."""
+
+    signal: str
+    column: str
+    scale: float
+    offset: float
+
+
+class TableMap(NamedTuple):
+    """How a foreign table is read: seconds = cell * time_scale_s; other signals are columns of their name."""
+
+    time_column: str
+    time_scale_s: float
+    columns: tuple[ColumnMap, ...]
+
+
+class Table(NamedTuple):
+    """Samples: `t_s` (T,) [s] increasing, `values` (T, S) in SI units or NaN, names of the S signals."""
+
+    t_s: Array
+    values: Array
+    signals: tuple[str, ...]
+
+
+def read_table(path: Path, signals: Sequence[str], mapping: TableMap | None = None) -> Table:
+    """The named signals of a table; columns of other names are not looked at.
+
+    An empty cell, a null or the word nan is an unknown value (NaN). A CSV has one header line; commas,
+    semicolons or tabs stand between its cells; decimals are marked by a point.
+
+    Raises
+    ------
+    RecordingError
+        When a column is missing or ambiguous, a cell is no number or infinite, time does not increase, or
+        there are fewer than two rows; names the file and the line (of a CSV) or row (of Parquet, from 1).
+    """
+    return joined(list(table_pieces(path, signals, mapping)))
+
+
+def joined(pieces: Sequence[Table]) -> Table:
+    """One table of its pieces."""
+    t_s, values = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
+    return Table(t_s, values, pieces[0].signals)
+
+
+def table_pieces(path: Path, signals: Sequence[str], mapping: TableMap | None = None) -> Iterator[Table]:
+    """The same, piece by piece."""
+    wanted = _columns(signals, mapping)
+    names = [mapping.time_column if mapping else TIME, *(c.column for c in wanted)]
+    scale = np.array([mapping.time_scale_s if mapping else 1.0, *(c.scale for c in wanted)])
+    offset = np.array([0.0, *(c.offset for c in wanted)])
+    count, last = 0, -np.inf
+    for cells in read_parquet(path, names) if path.suffix.lower() == ".parquet" else read_csv(path, names):
+        if len(cells.at):
+            _check(path, cells, names, last)
+            count, last = count + len(cells.at), cells.numbers[-1, 0]
+            si = cells.numbers * scale + offset
+            yield Table(np.ascontiguousarray(si[:, 0]), np.ascontiguousarray(si[:, 1:]), tuple(signals))
+    if count < 2:
+        raise RecordingError(f"{path}: holds {count} rows, at least two are needed")
+
+
+def _columns(signals: Sequence[str], mapping: TableMap | None) -> list[ColumnMap]:
+    named = {column.signal: column for column in mapping.columns} if mapping else {}
+    return [named.get(signal, ColumnMap(signal, signal, 1.0, 0.0)) for signal in signals]
+
+
+def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
+    """Of a piece that follows the time `last`."""
+    infinite = np.argwhere(np.isinf(cells.numbers))
+    if len(infinite):
+        row, column = infinite[0]
+        raise RecordingError(f"{path}, {cells.place} {cells.at[row]}: column {names[column]!r} is infinite")
+    t = cells.numbers[:, 0]
+    bad = np.flatnonzero(np.isnan(t) | ~(np.diff(t, prepend=last) > 0.0))
+    if len(bad):
+        why = "is empty or not a number" if np.isnan(t[bad[0]]) else "does not increase"
+        raise RecordingError(f"{path}, {cells.place} {cells.at[bad[0]]}: time (column {names[0]!r}) {why}")
+
+
+class SlowTableError(RecordingError):
+    """A table has too few rows a second."""
+
+
+def resample(table: Table, rate_hz: float) -> Table:
+    """The table at a fixed rate from its first row on, linear between rows, never beyond the last.
+
+    What lies within a gap of more than five periods is NaN, as is what lies beside a NaN.
+
+    Raises
+    ------
+    SlowTableError
+        When the table's own rate is so low that all of it would be such a gap.
+    """
+    return joined(list(resampled([table], rate_hz)))
+
+
+def resampled(pieces: Iterable[Table], rate_hz: float) -> Iterator[Table]:
+    """The same of a table in pieces; its own rate is that of its first piece."""
+    held: Table | None = None
+    start, done = 0.0, 0
+    for piece in pieces:
+        if held is None:
+            _check_rate(piece, rate_hz)
+            held, start = piece, float(piece.t_s[0])
+        else:
+            held = joined([held._replace(t_s=held.t_s[-1:], values=held.values[-1:]), piece])
+        count = int((held.t_s[-1] - start) * rate_hz) + 1
+        yield _at(held, start + np.arange(done, count) / rate_hz, rate_hz)
+        done = max(done, count)
+    if held is not None:
+        count = int((held.t_s[-1] - start) * rate_hz + 1e-6) + 1
+        yield _at(held, start + np.arange(done, count) / rate_hz, rate_hz)
+
+
+def _check_rate(table: Table, rate_hz: float) -> None:
+    steps = np.diff(table.t_s)
+    if len(steps) and np.median(steps) > _widest(rate_hz):
+        raise SlowTableError(
+            f"the table has {1.0 / float(np.median(steps)):.3g} rows a second, too few for {rate_hz:g} Hz"
+        )
+
+
+def _widest(rate_hz: float) -> float:
+    return GAP_PERIODS * (1.0 + 1e-9) / rate_hz
+
+
+def _at(table: Table, t_s: Array, rate_hz: float) -> Table:
+    """The table at times within it."""
+    values = np.stack([np.interp(t_s, table.t_s, column) for column in table.values.T], axis=-1)
+    if len(table.t_s) > 1:
+        steps = np.diff(table.t_s)
+        before = np.clip(np.searchsorted(table.t_s, t_s, side="right") - 1, 0, len(steps) - 1)
+        inside = (t_s > table.t_s[before]) & (t_s < table.t_s[before + 1])
+        values[inside & (steps[before] > _widest(rate_hz))] = np.nan
+    return Table(t_s, values, table.signals)
+
+
+def write_table(path: Path, table: Table) -> None:
+    """Write a CSV or, by its suffix, a Parquet file that `read_table` reads back exactly.
+
+    Raises
+    ------
+    RecordingError
+        When the disk refuses, or pyarrow is missing.
+    """
+    columns = np.column_stack([table.t_s, table.values])
+    names = [TIME, *table.signals]
+    if path.suffix.lower() == ".parquet":
+        arrow = pyarrow(path)
+        with replacing(path) as temporary:
+            arrow.parquet.write_table(arrow.table(list(columns.T), names=names), temporary)
+        return
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerow(names)
+        file.writelines(_text_rows(columns))
+
+
+def _text_rows(columns: Array) -> Iterator[str]:
+    for row in columns:
+        yield ",".join(map(repr, row.tolist())) + "\n"

@@ -1,0 +1,111 @@
+"""The truth file of a simulated run: what scorers may read and the daemon never does.
+
+One line `# {...}` of JSON (seed, scenario, what the machine really is), then CSV, SI units, one row per
+sample."""
+
+import csv
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
+
+import numpy as np
+from pydantic import JsonValue
+
+from cylforce.effects.loads.slew import slew_parameters
+from cylforce.files.atomic import RecordingError
+from cylforce.mechanics.machine import Machine, base_parameters
+from cylforce.signals.estimate import Array
+from cylforce.simulation.sensing import Record
+from cylforce.simulation.simulator import Truth
+
+TIME = "t_us"
+
+
+class TruthTable(NamedTuple):
+    """A truth file: its header, `t_us` (T,) int64, `columns` (T,) by name; see `truth_columns`."""
+
+    header: dict[str, JsonValue]
+    t_us: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]"
+    columns: dict[str, Array]
+
+
+def describe(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
+    """What the machine really is: base parameters, friction, slope, effects; keys are parameters' names."""
+    base, slew = base_parameters(truth.links).reshape(-1, 3), slew_parameters(truth.links)
+    parameters: dict[str, JsonValue] = {}
+    for link, row in zip(truth.links, np.concatenate([base, slew], axis=1).tolist(), strict=True):
+        symbols = ("J", "X", "Z", "D_excess", "E")
+        parameters |= {f"{link.name}.{s}": value for s, value in zip(symbols, row, strict=True)}
+    for cause in truth.friction:
+        parameters |= {
+            f"{c.name}.{cause.name}": v for c, v in zip(machine.cylinders, cause.value.tolist(), strict=True)
+        }
+    masses: dict[str, JsonValue] = {link.name: link.mass for link in truth.links}
+    effects: list[JsonValue] = [
+        {"name": e.group[0].about.name, "at": e.at, "value": list(e.sizes)} for e in truth.effects
+    ]
+    return {
+        "parameters": parameters,
+        "masses": masses,
+        "pitch": truth.pitch,
+        "roll": truth.roll,
+        "effects": effects,
+    }
+
+
+def truth_columns(machine: Machine, record: Record, cycle: int) -> tuple[tuple[str, ...], Array]:
+    """Names and values (T, K): motion time `t_s`, `cycle` (0: none), `phase` (see `Phase`), load `mass` and
+    `centre_x`, `centre_z` in the last link's frame, soil's force and the teeth's place (x forward, z up, true
+    vertical; place from the first pin), `pitch`, `roll`, `slew`, joint angles, cylinder forces and the
+    friction within them."""
+    p = record.physics
+    house = [np.broadcast_to(x, p.t.shape) for x in (p.attitude.pitch, p.attitude.roll, p.course.slew)]
+    single = [record.t, np.full_like(p.t, cycle), p.course.phase, p.load.mass, *p.load.centre.T]
+    names = ["t_s", "cycle", "phase", "mass", "centre_x", "centre_z", "soil_x", "soil_z", "tip_x", "tip_z"]
+    names += ["pitch", "roll", "slew", *(f"theta.{link.name}" for link in machine.links)]
+    names += [f"{what}.{c.name}" for what in ("force", "friction") for c in machine.cylinders]
+    wide = [p.course.theta, p.moving.force, p.friction]
+    return tuple(names), np.column_stack([*single, p.soil, p.tip, *house, *wide])
+
+
+class TruthWriter:
+    """Writes a truth file row by row; what was written can be read while the run goes on."""
+
+    def __init__(self, path: Path, header: dict[str, JsonValue], names: Iterable[str]) -> None:
+        self._path = path
+        try:
+            self._file = path.open("w", encoding="utf-8", newline="", buffering=1)
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+        self._file.write(f"# {json.dumps(header)}\n{','.join((TIME, *names))}\n")
+
+    def write(self, t_us: Iterable[int], rows: Array) -> None:
+        """Rows (T, K) at the times (T,)."""
+        lines = (f"{t},{','.join(f'{x:.9g}' for x in row)}\n" for t, row in zip(t_us, rows.tolist(), strict=True))
+        self._file.writelines(lines)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+
+def read_truth(path: Path) -> TruthTable:
+    """A truth file. Raises RecordingError when it is none."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            header = json.loads(file.readline().removeprefix("# "))
+            rows = csv.reader(file)
+            names = next(rows)
+            table = np.array([[float(cell) for cell in row] for row in rows]).reshape(-1, len(names))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, StopIteration) as error:
+        raise RecordingError(f"{path}: is no truth file of `cylforce sim`: {error}") from error
+    columns = {name: table[:, k] for k, name in enumerate(names)}
+    return TruthTable(header, columns.pop(TIME).astype(np.int64), columns)

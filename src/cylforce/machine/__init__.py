@@ -1,1 +1,0 @@
-"""Floor 1: the machine's frozen geometry."""

@@ -1,0 +1,218 @@
+"""The Machine: frozen, plain, pure. Links, linkages, cylinders, signals; lengths, levers, torques, base parameters."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cylforce.mechanics.chain import Complex, Point, Pose, point, pose
+from cylforce.mechanics.linkages import Linkage, Linkages
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind, Signal
+
+FORCE_KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A link with its data sheet: pin-to-pin `length` [m], `mass` [kg], centre of gravity (`cx`, `cz`) [m] in its own
+    frame, `inertia` [kg m^2] about that centre, the range of its joint's angle [rad], and each number's standard
+    error. The last link's frame points at the tool; its `length` is not used by the dynamics."""
+
+    name: str
+    length: float
+    mass: float
+    cx: float
+    cz: float
+    inertia: float
+    angle_low: float
+    angle_high: float
+    mass_error: float
+    centre_error: float
+    inertia_error: float
+    length_error: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """A cylinder (or several in parallel: the areas [m^2] are sums) with its shortest and longest length [m].
+
+    `rod_pressure` [Pa] stands in where no rod-side sensor exists; `area_error` is the areas' relative standard error,
+    `pin_error` [m] that of every pin's place."""
+
+    name: str
+    linkage: Linkage
+    area_head: float
+    area_rod: float
+    length_low: float
+    length_high: float
+    rod_pressure: float = 0.0
+    area_error: float = 0.0
+    pin_error: float = 0.0
+
+
+class Geometry(NamedTuple):
+    """Cylinder `length` (..., C) [m], `lever` d(length)/d(angle) (..., C, N) [m/rad], `transmission` (..., C)."""
+
+    length: Array
+    lever: Array
+    transmission: Array
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A chain of N revolute links driven by C cylinders, seen by S signals."""
+
+    name: str
+    links: tuple[Link, ...]
+    cylinders: tuple[Cylinder, ...]
+    signals: tuple[Signal, ...]
+    tool: complex
+    rated_payload: float
+    payload_reach: float
+    slew_axis: float
+    lengths: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lengths", np.array([link.length for link in self.links]))
+
+    @property
+    def size(self) -> int:
+        """Number of links N."""
+        return len(self.links)
+
+    @cached_property
+    def outward(self) -> Array:
+        """(N, N) ones above the diagonal: what row j sees of the links beyond it."""
+        return np.triu(np.ones((self.size, self.size)), 1)
+
+    @cached_property
+    def identity(self) -> Array:
+        """(N, N)."""
+        return np.eye(self.size)
+
+    @cached_property
+    def reach(self) -> Array:
+        """(N, N) l_j for k > j [m]: how far row j is from the links beyond it."""
+        return self.lengths[:, None] * self.outward
+
+    @cached_property
+    def arms(self) -> Complex:
+        """(N,) from each link's inner pin to its outer one, from the last one's to the tool, in its own frame [m]."""
+        return np.append(self.lengths[:-1], self.tool)
+
+    @cached_property
+    def sum_outward(self) -> Array:
+        """(N, N) that turns forces of absolute angles into joint torques: tau_j = sum_{k>=j} Q_k."""
+        return np.triu(np.ones((self.size, self.size)))
+
+    def pose(self, theta: ArrayLike) -> Pose:
+        """Pose at joint angles (..., N) [rad]."""
+        return pose(self.lengths, theta)
+
+    def geometry(self, theta: ArrayLike) -> Geometry:
+        """Lengths and levers of all cylinders at joint angles (..., N) [rad]."""
+        return Geometry(*self._linkages.stretch(self.pose(theta)))
+
+    @cached_property
+    def _linkages(self) -> Linkages:
+        return Linkages(tuple(cylinder.linkage for cylinder in self.cylinders))
+
+    def tool_point(self, theta: ArrayLike) -> Point:
+        """The tooth line's place in chassis axes [m] and its derivatives (..., N) [m/rad]."""
+        return point(self.pose(theta), self.size, self.tool)
+
+    @cached_property
+    def spans(self) -> tuple[tuple[int, ...], ...]:
+        """For each cylinder the joints (from 0) that it acts on."""
+        bodies = [[body for body, _ in cylinder.linkage.pins] for cylinder in self.cylinders]
+        return tuple(tuple(range(min(b), max(b))) for b in bodies)
+
+    @cached_property
+    def forces_measured(self) -> tuple[bool, ...]:
+        """For each cylinder whether its force is measured: by a force pin, or at least by its head-side pressure."""
+        seen = {s.index for s in self.signals if s.kind in (Kind.HEAD_PRESSURE, Kind.FORCE_PIN)}
+        return tuple(c in seen for c in range(len(self.cylinders)))
+
+    @cached_property
+    def rows(self) -> tuple[int, ...]:
+        """The joints (from 0) whose torque is measured: at least one cylinder, and all of its cylinders, sensed."""
+        acting = [[c for c, span in enumerate(self.spans) if j in span] for j in range(self.size)]
+        return tuple(j for j, cs in enumerate(acting) if cs and all(self.forces_measured[c] for c in cs))
+
+    @cached_property
+    def tables(self) -> tuple[tuple[Array, Array] | None, ...]:
+        """For each cylinder over one joint: (lengths ascending, joint angles), the start of its inverse; else None."""
+        return tuple(self._table(c) for c in range(len(self.cylinders)))
+
+    def _table(self, c: int) -> tuple[Array, Array] | None:
+        if len(self.spans[c]) != 1:
+            return None
+        (j,) = self.spans[c]
+        theta = np.zeros((TABLE, self.size))
+        theta[:, j] = np.linspace(self.links[j].angle_low, self.links[j].angle_high, TABLE)
+        length = self.cylinders[c].linkage.stretch(self.pose(theta)).length
+        order = slice(None) if length[-1] > length[0] else slice(None, None, -1)
+        return length[order], theta[order, j]
+
+    def joint_angle(self, c: int, length: ArrayLike) -> Array:
+        """Inverse of a cylinder over one joint: its angle (...,) [rad] from its length [m]; NaN outside the range.
+
+        A table gives the start, three Newton steps the rest (error below 1e-12 rad away from dead points)."""
+        table = self.tables[c]
+        if table is None:
+            raise ValueError(f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle")
+        (j,) = self.spans[c]
+        wanted = np.asarray(length, dtype=np.float64)
+        theta = np.zeros((*wanted.shape, self.size))
+        theta[..., j] = np.interp(wanted, *table, left=np.nan, right=np.nan)
+        for _ in range(NEWTON_STEPS):
+            s = self.cylinders[c].linkage.stretch(self.pose(theta))
+            theta[..., j] -= (s.length - wanted) / s.gradient[..., j]
+        return theta[..., j]
+
+    def cylinder_force(self, c: int, head: ArrayLike, rod: ArrayLike) -> Array:
+        """F = p_head A_head - p_rod A_rod [N], positive when it pushes, from pressures [Pa]."""
+        cylinder = self.cylinders[c]
+        return np.asarray(head) * cylinder.area_head - np.asarray(rod) * cylinder.area_rod
+
+
+TABLE = 1025
+NEWTON_STEPS = 3
+
+
+def base_parameters(links: tuple[Link, ...]) -> Array:
+    """Phi (3N,) = (J, X, Z) of each link from its data sheet (PHYSICS section 3), mu_j the mass beyond link j:
+    J = I + m (cx^2 + cz^2) + mu l^2 [kg m^2], X = m cx + mu l, Z = m cz [kg m]."""
+    beyond = np.array([sum(k.mass for k in links[j + 1 :]) for j in range(len(links))])
+    rows = [
+        (
+            k.inertia + k.mass * (k.cx**2 + k.cz**2) + mu * k.length**2,
+            k.mass * k.cx + mu * k.length,
+            k.mass * k.cz,
+        )
+        for k, mu in zip(links, np.where(np.arange(len(links)) < len(links) - 1, beyond, 0.0), strict=True)
+    ]
+    return np.array(rows).reshape(-1)
+
+
+def base_parameter_covariance(links: tuple[Link, ...]) -> Array:
+    """Covariance (3N, 3N) of `base_parameters` from the data sheet's standard errors, to first order."""
+    scale = [(k.mass_error, k.centre_error, k.centre_error, k.inertia_error) for k in links]
+    gradient = np.concatenate([_mass_gradient(links, j) for j in range(len(links))], axis=1)
+    spread = gradient * np.array(scale).reshape(-1)
+    return np.asarray(spread @ spread.T)
+
+
+def _mass_gradient(links: tuple[Link, ...], j: int) -> Array:
+    """d(Phi)/d(mass, cx, cz, inertia) (3N, 4) of link j."""
+    k, gradient = links[j], np.zeros((3 * len(links), 4))
+    for i in range(j):
+        gradient[3 * i : 3 * i + 2, 0] = (links[i].length ** 2, links[i].length)
+    gradient[3 * j : 3 * j + 3, 0] = (k.cx**2 + k.cz**2, k.cx, k.cz)
+    gradient[3 * j : 3 * j + 3, 1] = (2 * k.mass * k.cx, k.mass, 0.0)
+    gradient[3 * j : 3 * j + 3, 2] = (2 * k.mass * k.cz, 0.0, k.mass)
+    gradient[3 * j, 3] = 1.0
+    return gradient

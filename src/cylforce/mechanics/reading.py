@@ -1,0 +1,54 @@
+"""What a machine's signals say, read off directly: which one tells a joint's angle, which torque the cylinders have."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+
+def angle_signal(machine: Machine, joint: int) -> int | None:
+    """The number of the signal that tells a joint's own angle; None where none does."""
+    kinds = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
+    found = [k for k, s in enumerate(machine.signals) if s.kind in kinds and s.index == joint]
+    return found[0] if found else None
+
+
+def cylinder_forces(machine: Machine, values: Array) -> Array:
+    """Forces (T, C) [N] of all cylinders from signals (T, S); 0 where not measured."""
+    place = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
+    forces = np.zeros((len(values), len(machine.cylinders)))
+    for c, cylinder in enumerate(machine.cylinders):
+        if (Kind.FORCE_PIN, c) in place:
+            forces[:, c] = values[:, place[Kind.FORCE_PIN, c]]
+        elif (Kind.HEAD_PRESSURE, c) in place:
+            rod = place.get((Kind.ROD_PRESSURE, c))
+            other = cylinder.rod_pressure if rod is None else values[:, rod]
+            forces[:, c] = machine.cylinder_force(c, values[:, place[Kind.HEAD_PRESSURE, c]], other)
+    return forces
+
+
+def joint_angles(machine: Machine, values: Array) -> Array:
+    """Joint angles (T, N) [rad] as far as a signal of their own tells them; else the middle of their range."""
+    angles = np.tile([(link.angle_low + link.angle_high) / 2.0 for link in machine.links], (len(values), 1))
+    for joint in range(machine.size):
+        signal = angle_signal(machine, joint)
+        if signal is not None:
+            angles[:, joint] = values[:, signal]
+    return angles
+
+
+def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
+    """Torque (T,) [N m] of a joint's cylinders from signals (T, S), unfiltered."""
+    at, forces = machine.pose(joint_angles(machine, values)), cylinder_forces(machine, values)
+    acting = [c for c, span in enumerate(machine.spans) if joint in span]
+    levers = [machine.cylinders[c].linkage.stretch(at).gradient[:, joint] for c in acting]
+    return sum((forces[:, c] * lever for c, lever in zip(acting, levers, strict=True)), np.zeros(len(values)))
+
+
+def followed(course: Array, t: Array, constant: float) -> Array:
+    """A course (T,) at times t (T,) [s], evenly spaced, as what follows it with a time constant [s]; at first it has
+    caught up."""
+    keep = float(np.exp(-np.mean(np.diff(t)) / constant)) if len(t) > 1 else 0.0
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], course, zi=[keep * course[0]])[0])

@@ -1,0 +1,144 @@
+"""Our node on a bus, with one loop and one clock: every event is logged, then concluded from by whoever derives from
+the station; the sensors are commissioned beside the loop."""
+
+import asyncio
+import gc
+import signal
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import NamedTuple
+
+import structlog
+
+from cylforce.can.bus import Bus
+from cylforce.can.clock import Timer, now_us
+from cylforce.canopen.devices import own_node
+from cylforce.canopen.network import Network
+from cylforce.canopen.startup import Commissioner, Outcome, Stage
+from cylforce.files.candump import Sent
+from cylforce.files.logfile import LogWriter
+from cylforce.mechanics.installation import Service
+from cylforce.signals.events import Event, Frame, Tick
+
+OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
+ON_TIME = 100  # steps without an overrun after which it counts as over
+
+
+class Counts(NamedTuple):
+    """Ticks served, ticks missed because the loop was late."""
+
+    steps: int = 0
+    overruns: int = 0
+
+
+class Station(ABC):
+    """A service on a bus."""
+
+    def __init__(self, service: Service, bus: Bus, log: LogWriter | None) -> None:
+        self.bus, self.log = bus, log
+        self.counts = Counts()
+        self.outcomes: dict[int, Outcome] = {}
+        self._tell = structlog.get_logger("cylforce")
+        self._verdict: int | None = None
+        self.network = Network(self._send)
+        self.node = own_node(service, self._last_verdict, self._on_peer)
+        self.network.add_node(self.node)
+        heard = self.node.heartbeats.state
+        self.commissioner = Commissioner(service.nodes, self.network, heard, self._commissioned)
+        self._timer = Timer(1.0 / service.filters.rate_hz)
+
+    @abstractmethod
+    def received(self, frame: Frame) -> int | None:
+        """Conclude from a frame: the verdict on the command that it holds, if any."""
+
+    @abstractmethod
+    def ticked(self, tick: Tick) -> None:
+        """Conclude from a tick and send, before SYNC asks for the next samples."""
+
+    def after_sync(self) -> None:
+        """What can wait until SYNC is out."""
+        return
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Join the bus and begin to step; the sensors are commissioned beside the loop."""
+        self.network.poll(now_us())
+        self.bus.attach(loop, self.on_frame)
+        self.node.boot()
+        self.commissioner.start()
+        loop.add_reader(self._timer.fileno(), self.on_timer)
+
+    async def stop(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Leave the bus; the log is complete afterwards."""
+        loop.remove_reader(self._timer.fileno())
+        await self.commissioner.close()
+        self._timer.close()
+        self.bus.close()
+        if self.log is not None:
+            self.log.close()
+
+    def on_frame(self, frame: Frame) -> None:
+        """A frame: logged, concluded from, then to our node, which answers with the verdict."""
+        self._keep(frame)
+        self._verdict = self.received(frame)
+        self.network.on_frame(frame)
+        self._verdict = None
+
+    def on_timer(self) -> None:
+        """A tick: logged, concluded from; then SYNC asks for the next samples. Missed ticks are skipped, counted and
+        told."""
+        due = self._timer.read()
+        if due == 0:
+            return
+        late = due - 1
+        self.counts = Counts(self.counts.steps + 1, self.counts.overruns + late)
+        tick = Tick(self._timer.deadline_us)
+        self._keep(tick)
+        self.ticked(tick)
+        self.node.produce_sync()
+        self.network.poll(tick.t_us)
+        if late:
+            self._tell.warning("overrun", missed=late, overruns=self.counts.overruns)
+            self.node.emergencies.occur(OVERRUN)
+        elif self.counts.steps % ON_TIME == 0:
+            self.node.emergencies.repair(OVERRUN)
+        self.after_sync()
+
+    def _keep(self, event: Event | Sent) -> None:
+        if self.log is not None:
+            self.log.log(event)
+
+    def _send(self, can_id: int, data: bytes) -> bool:
+        sent = self.bus.send(can_id, data)
+        if sent:
+            self._keep(Sent(now_us(), can_id, bytes(data)))
+        return sent
+
+    def _last_verdict(self) -> int | None:
+        return self._verdict
+
+    def _on_peer(self, node_id: int, state: int | None) -> None:
+        self._tell.info("node", node=node_id, state="silent" if state is None else state)
+        self.commissioner.on_peer(node_id, state)
+
+    def _commissioned(self, outcome: Outcome) -> None:
+        self.outcomes[outcome.node.node_id] = outcome
+        say = self._tell.info if outcome.stage is Stage.OPERATIONAL else self._tell.warning
+        say("sensor", name=outcome.node.name, node=outcome.node.node_id, stage=outcome.stage, why=outcome.reason)
+
+
+async def serve(station: Station, until: asyncio.Event, look: Callable[[], None], every_s: float = 1.0) -> None:
+    """Run until `until` is set or SIGTERM or SIGINT comes; meanwhile `look` every so often."""
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, until.set)
+    station.start(loop)
+    gc.collect()
+    gc.freeze()  # the start's objects are not searched again: removes pauses of tens of milliseconds
+    try:
+        while not until.is_set():
+            try:
+                await asyncio.wait_for(until.wait(), every_s)
+            except TimeoutError:
+                look()
+    finally:
+        await station.stop(loop)

@@ -1,0 +1,129 @@
+"""What to do about an identification, in sentences for a reader at the machine. Pure; degrees and per cent are for
+that reader."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.commissioning.coverage import Gap, Pace
+from cylforce.commissioning.expectation import Expected, cost
+from cylforce.commissioning.identification import Identification
+from cylforce.estimation.residual import GOOD_ENOUGH
+from cylforce.mechanics.machine import Machine
+
+MATTERS = 0.001  # of the rated payload: what costs the weight less is not worth a sentence among the next steps
+ENOUGH = 0.9  # of what coverage asks for, of the working range
+NOISY = 0.8  # of the standard error: from there on better tares would not help
+MOST = 5  # details of a step
+
+
+class Step(NamedTuple):
+    """What to do next, and where."""
+
+    text: str
+    details: tuple[str, ...] = ()
+
+
+class Untold(NamedTuple):
+    """A parameter that the recording does not tell: its name, what it is, what it costs the weight [kg], the cure."""
+
+    name: str
+    meaning: str
+    mass: float
+    cure: str
+
+
+# What a parameter is, and what motion tells it, by the end of its name.
+MEANING = {
+    "J": ("inertia about its pin", "start and stop {0} briskly, both ways"),
+    "X": ("first moment along the link", "move {0} through more of its range, slowly, both ways"),
+    "Z": ("first moment across the link", "move {0} through more of its range, slowly, both ways"),
+    "D_excess": ("centrifugal term", "swing the house at working speed, with the arm out and in"),
+    "E": ("centrifugal term", "swing the house at working speed, with the arm out and in"),
+    "coulomb": ("dry friction", "move the {0} cylinder slowly, both ways"),
+    "viscous": ("friction with speed", "move the {0} cylinder both slowly and fast"),
+    "load_dependent": ("friction with load", "move the {0} cylinder with the arm out and in"),
+    "directional": ("difference of the directions", "move the {0} cylinder slowly, both ways, in the same postures"),
+}
+UNKNOWN = ("of the model", "move every joint both ways, slowly and fast, through its whole range")
+
+
+def meaning(name: str) -> str:
+    """What a parameter is, in words."""
+    return MEANING.get(name.rpartition(".")[2], UNKNOWN)[0]
+
+
+def middle(expected: Expected) -> float:
+    """The standard error [kg] at the median posture; infinite when nothing can be weighed there."""
+    return float(np.median(np.nan_to_num(expected.standard_error, nan=np.inf)))
+
+
+def gap_sentences(machine: Machine, gaps: tuple[Gap, ...]) -> tuple[str, ...]:
+    """What is missing, for a reader at the machine: one sentence for both ways of the same motion."""
+    alike: dict[tuple[int, float, float, Pace], list[Gap]] = {}
+    for gap in gaps:
+        alike.setdefault((gap.joint, gap.low, gap.high, gap.pace), []).append(gap)
+    return tuple(_gap_sentence(machine, found) for found in alike.values())
+
+
+def _gap_sentence(machine: Machine, gaps: list[Gap]) -> str:
+    first = gaps[0]
+    low, high = np.degrees([first.low, first.high])
+    pace = "fast" if first.pace is Pace.FAST else "slowly"
+    ways = " and ".join(f"{gap.way.name.lower()} ({gap.seconds:.1f} of {gap.needed:.1f} s)" for gap in gaps)
+    return f"{machine.links[first.joint].name} from {low:.0f}° to {high:.0f}°, {pace}, its cylinder {ways}"
+
+
+def usable_share(machine: Machine, expected: Expected) -> float:
+    """The share of the working range in which a weight is good enough to be booked."""
+    return float(np.mean(np.nan_to_num(expected.standard_error, nan=np.inf) <= GOOD_ENOUGH * machine.rated_payload))
+
+
+def untold(found: Identification, expected: Expected) -> tuple[Untold, ...]:
+    """What the recording does not tell, the costliest first."""
+    each = dict(zip(found.tares.names, cost(found.tares, expected), strict=True))
+    lost = []
+    for name in found.not_identified:
+        owner, _, end = name.rpartition(".")
+        cure = MEANING.get(end, UNKNOWN)[1].format(owner)
+        lost.append(Untold(name, meaning(name), float(each[name]), cure))
+    return tuple(sorted(lost, key=lambda u: -u.mass))
+
+
+def next_steps(
+    found: Identification, expected: Expected, lost: tuple[Untold, ...], gaps: tuple[str, ...], covered: float
+) -> tuple[Step, ...]:
+    """What to do next, the gravest first."""
+    machine = found.model.machine
+    matter = tuple(f"{u.name} ({u.meaning}, {u.mass:.1f} kg): {u.cure}" for u in lost if matters(machine, u))
+    steps = []
+    if found.violations:
+        steps.append(Step("Identify again with --enforce, and check the data sheet; broken are:", found.violations))
+    if usable_share(machine, expected) < ENOUGH:
+        steps.append(Step(_where_weak(found, expected)))
+    if matter:
+        steps.append(Step("Record also what this recording does not tell, identify from both:", matter[:MOST]))
+    if covered < ENOUGH:
+        steps.append(Step("To be sure in every posture, record also:", gaps[:MOST]))
+    if found.tares.scale_error == 0.0:
+        steps.append(Step("Lift a known weight once (--lift, --known-kg): the scale is still the data sheet's."))
+    return tuple(steps)
+
+
+def matters(machine: Machine, lost: Untold) -> bool:
+    """Whether it is worth a sentence."""
+    return not lost.mass <= MATTERS * machine.rated_payload
+
+
+def _where_weak(found: Identification, expected: Expected) -> str:
+    """Why the weight is not good enough everywhere: the rows' noise or the tares."""
+    told = np.isfinite(expected.standard_error)
+    if not np.any(told):
+        return "These tares weigh nothing anywhere: see below what the recording does not tell."
+    if np.median(expected.noise[told]) > NOISY * np.median(expected.standard_error[told]):
+        return (
+            "Three seconds of motion do not suffice to weigh everywhere (map below): weigh longer, or where the map is "
+            "green."
+        )
+    worst = ", ".join(found.tares.names[k] for k in np.argsort(-cost(found.tares, expected))[:3])
+    return f"The tares are not known well enough to weigh everywhere (map below), above all {worst}."

@@ -1,0 +1,104 @@
+"""How figures look, and how they become a part of a page: SVG that loads nothing and asks nobody."""
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from html import escape
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cylforce.signals.estimate import Array
+
+SHOWN = 99.5  # per cent of the points that set an axis: one spoilt sample must not
+WIDTH = 11.0  # inches of the page: letters of figures are as large as those of the text
+
+INK, PALE, GRID = "#1d2733", "#7b8794", "#d9dee4"
+BLUE, ORANGE, GREEN, RED, AMBER = "#1668b8", "#e06c00", "#2c8a4b", "#c22f2f", "#d99a00"
+
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 10.0,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.edgecolor": PALE,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "hatch.linewidth": 0.6,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "savefig.transparent": True,
+}
+_METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
+_SPACES = re.compile(r"\sxmlns(?::xlink)?=\"[^\"]*\"")  # a page of HTML knows them
+_SIZE = re.compile(r"\s(?:width|height)=\"[^\"]*\"")  # the page decides
+
+
+@contextmanager
+def style(salt: str) -> Iterator[None]:
+    """The look of all figures; `salt` keeps the names inside one figure apart from those of the others."""
+    with rc_context({**_STYLE, "svg.hashsalt": salt}):
+        yield
+
+
+def canvas(height: float) -> Figure:
+    """An empty figure, as wide as the page, `height` inches high."""
+    return Figure(figsize=(WIDTH, height), layout="constrained")
+
+
+def svg(figure: Figure, told: str) -> str:
+    """The figure as an element of HTML, `told` for those who cannot see it; no address is in it."""
+    out = io.StringIO()
+    figure.savefig(out, format="svg", dpi=130, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    _, tag, rest = re.split(r"<svg([^>]*)>", out.getvalue(), maxsplit=1)
+    tag = _SIZE.sub("", _SPACES.sub("", tag))
+    return f'<svg role="img" aria-label="{escape(told)}"{tag}>' + _METADATA.sub("", rest)
+
+
+def nothing(axes: Axes) -> None:
+    """In the place of a figure of which nothing is known."""
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, "no usable motion", ha="center", color=RED, transform=axes.transAxes)
+
+
+def noted(axes: Axes, x: float, y: float, text: str) -> None:
+    """A note right of the end of a bar."""
+    axes.annotate(text, (x, y), xytext=(5, 0), textcoords="offset points", va="center")
+
+
+def banded(axes: Axes, x: Array, y: Array, edges: Array, colour: str) -> None:
+    """Mean and standard deviation of y (T,) within bins of x (T,): what the eye should take from a cloud."""
+    part = np.digitize(x, edges) - 1
+    held = [y[np.logical_and(part == k, np.isfinite(y))] for k in range(len(edges) - 1)]
+    kept = [k for k, values in enumerate(held) if len(values) >= 20]
+    middle = (edges[:-1] + edges[1:])[kept] / 2.0
+    mean, spread = (np.array([f(held[k]) for k in kept]) for f in (np.mean, np.std))
+    axes.errorbar(middle, mean, spread, color=colour, fmt="o", markersize=3.5, linewidth=1.1, zorder=4)
+
+
+def cloud(figure: Figure, axes: Axes, speed: Array, seen: Array, force: Array) -> None:
+    """Forces seen (T,) [N] over a cylinder's speed (T,) [m/s], coloured by its own force (T,) [N]."""
+    points = axes.scatter(speed * 1e3, seen * 1e-3, c=force * 1e-3, s=3, alpha=0.6, linewidths=0, rasterized=True)
+    bar = figure.colorbar(points, ax=axes, label="cylinder force [kN]", location="bottom", aspect=40, pad=0.02)
+    if bar.solids is not None:
+        bar.solids.set_alpha(1.0)
+
+
+def bounded(axes: Axes, values: Array) -> None:
+    """Limits of y that show nearly all values (T,), both signs alike."""
+    most = 1.2 * float(np.percentile(np.abs(values), SHOWN)) + 1e-6
+    axes.set_ylim(-most, most)

@@ -1,0 +1,165 @@
+"""What a recording says of identified tares, thinned for the eye: pure, and in constant memory."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.commissioning.coverage import Plan, coverage, plan, planes
+from cylforce.estimation.channels import MIN_LEVER
+from cylforce.estimation.filters import first_order, second_order
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.observation import chunks, observe
+from cylforce.mechanics.installation import Filters
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+MOST_POINTS = 8000
+STRETCH_HZ = 25.0
+REST = 3.0  # times the speed that rounds the friction's direction: from there on it is known to 1 %
+
+
+class Seen(NamedTuple):
+    """Samples of a stretch, all passed through the same filters: `measured` and `predicted` torque (T, R) [N m], NaN
+    where a row says nothing; joint angles `posture` (T, N) [rad]; of the cylinders `speed` (T, C) [m/s], `force`
+    (T, C) [N] and own `lever` (T, C) [m/rad] about the joint that each moves."""
+
+    measured: Array
+    predicted: Array
+    posture: Array
+    speed: Array
+    force: Array
+    lever: Array
+
+
+class Stretch(NamedTuple):
+    """The minute that shows most: recording, times (T,) [s] from its own start, samples."""
+
+    recording: str
+    t: Array
+    seen: Seen
+
+
+class Evidence(NamedTuple):
+    """All that is drawn of a recording: some thousand `points` all over it, the `stretch`, coverage `seconds` (M, BINS,
+    2, 2) of a `plan`, `planes` (M-1, BINS, BINS) [s], `duration` [s]."""
+
+    points: Seen
+    stretch: Stretch
+    plan: Plan
+    seconds: Array
+    planes: Array
+    duration: float
+
+
+class _Sum(NamedTuple):
+    """What adds up over the pieces."""
+
+    seconds: Array
+    planes: Array
+    duration: float
+
+
+def evidence(model: Model, tares: Tares, segments: Iterable[tuple[str, Array]]) -> Evidence:
+    """From (name of the recording, gapless samples (T, S)).
+
+    Raises ValueError when no stretch is long enough."""
+    wanted = plan(model.machine, REST * model.filters.direction_speed)
+    held: list[Seen] = []
+    total: _Sum | None = None
+    best: Stretch | None = None
+    step, most = 1, 0.0
+    for name, values in _pieces(model, segments):
+        part = seen(model, tares, wanted, values)
+        total = _added(total, wanted, part, model.channels.dt)
+        held, step = _thinned([*held, _every(part, step)], step)
+        if best is None or _worth(wanted, part) > most:
+            most, best = _worth(wanted, part), _stretch(name, part, model.filters)
+    if best is None or total is None:
+        raise ValueError("the recording has no stretch that is long enough to be shown")
+    points = Seen(*(np.concatenate(column) for column in zip(*held, strict=True)))
+    return Evidence(points, best, wanted, *total)
+
+
+def _pieces(model: Model, segments: Iterable[tuple[str, Array]]) -> Iterator[tuple[str, Array]]:
+    return ((name, piece) for name, values in segments for piece in chunks(model, [values]))
+
+
+def seen(model: Model, tares: Tares, wanted: Plan, values: Array) -> Seen:
+    """Samples (T, S) of a gapless stretch, without the filters' start."""
+    rows = observe(model, values)
+    moved = drives(model, wanted.joints, wanted.cylinders, values)
+    return Seen(rows.torque, rows.columns @ tares.values, rows.posture, *moved)
+
+
+def drives(model: Model, joints: Sequence[int], cylinders: Sequence[int], values: Array) -> tuple[Array, Array, Array]:
+    """Speed (T, C) [m/s] and force (T, C) [N] of the cylinders, and their levers (T, C) [m/rad] about the joints that
+    they move, of samples (T, S), without the filters' start."""
+    motion = model.channels.run(values).motion
+    own = np.zeros(motion.speed.shape)
+    for j, c in zip(joints, cylinders, strict=True):
+        own[:, c] = motion.lever[:, c, j]
+    speed, force, lever = (_through(model.filters, x)[model.settle_steps :] for x in (motion.speed, motion.force, own))
+    return speed, force, lever
+
+
+def _through(filters: Filters, x: Array) -> Array:
+    """Delayed and smoothed as torque and columns are."""
+    dt = 1.0 / filters.rate_hz
+    for made in (first_order(filters.regressor_hz, dt), second_order(filters.smoothing_hz, dt)):
+        _, x = made.run(made.steady(x[0]), x)
+    return x
+
+
+def _added(total: _Sum | None, wanted: Plan, part: Seen, dt: float) -> _Sum:
+    seconds, together = (f(wanted, part.posture, part.speed, dt) for f in (coverage, planes))
+    if total is None:
+        return _Sum(seconds, together, len(part.speed) * dt)
+    return _Sum(total.seconds + seconds, total.planes + together, total.duration + len(part.speed) * dt)
+
+
+def _every(part: Seen, step: int) -> Seen:
+    return Seen(*(column[::step] for column in part))
+
+
+def _thinned(held: list[Seen], step: int) -> tuple[list[Seen], int]:
+    """No more than MOST_POINTS in all, evenly over the recording."""
+    while sum(len(part.speed) for part in held) > MOST_POINTS:
+        held, step = [_every(part, 2) for part in held], 2 * step
+    return held, step
+
+
+def _worth(wanted: Plan, part: Seen) -> float:
+    """How much of the joints' ranges a stretch shows, in usable rows."""
+    swing = np.std(part.posture[:, list(wanted.joints)], axis=0) / (wanted.edges[:, -1] - wanted.edges[:, 0])
+    return float(np.sum(swing) * np.sum(np.isfinite(part.measured)))
+
+
+def _stretch(name: str, part: Seen, filters: Filters) -> Stretch:
+    step = max(round(filters.rate_hz / STRETCH_HZ), 1)
+    return Stretch(name, np.arange(0, len(part.speed), step) / filters.rate_hz, _every(part, step))
+
+
+def push(model: Model, part: Seen, joint: int, cylinder: int) -> Array:
+    """Residual of a joint's torque as force (T,) [N] of its cylinder, NaN where its lever is too short."""
+    if joint not in model.machine.rows:
+        return np.full(len(part.speed), np.nan)
+    row, lever = model.machine.rows.index(joint), part.lever[:, cylinder]
+    left = part.measured[:, row] - part.predicted[:, row]
+    return np.asarray(np.where(np.abs(lever) > MIN_LEVER, left / np.where(lever == 0.0, 1.0, lever), np.nan))
+
+
+def friction(model: Model, tares: Tares, cylinder: int, speed: Array, force: Array) -> tuple[Array, Array]:
+    """Identified friction (T,) [N] of a cylinder at speeds [m/s] and forces [N], and its standard error (T,) [N]: the
+    model's own laws, on a lever of 1 m."""
+    size = len(model.machine.cylinders)
+    still, level = np.zeros((len(speed), size)), np.zeros(len(speed))
+    lever = np.broadcast_to(np.eye(size), (len(speed), size, size))
+    speeds, forces = (np.broadcast_to(x[:, None], still.shape) for x in (speed, force))
+    moving = Motion(still, still, still, level, level, still, lever, still, speeds, forces, still)
+    laws = model.empty.effects[-len(model.friction) :]
+    columns = np.stack([law.halves(model.machine, moving).static[:, cylinder, cylinder] for law in laws], axis=-1)
+    name = model.machine.cylinders[cylinder].name
+    places = [tares.names.index(f"{name}.{which}") for which in model.friction]
+    spread = np.sum((columns @ tares.covariance[np.ix_(places, places)]) * columns, axis=-1)
+    return columns @ tares.values[places], np.sqrt(np.maximum(spread, 0.0))

@@ -1,0 +1,153 @@
+"""What the report says in words and numbers: verdicts, what to do next, what the recording does not tell. Pure;
+degrees and per cent are for the reader."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.commissioning.coverage import missing, share
+from cylforce.commissioning.expectation import Expected, Postures, cost, expected_error, postures
+from cylforce.commissioning.identification import Identification
+from cylforce.estimation.residual import GOOD_ENOUGH
+from cylforce.programs.reports.advice import (
+    ENOUGH,
+    Step,
+    Untold,
+    gap_sentences,
+    matters,
+    middle,
+    next_steps,
+    untold,
+    usable_share,
+)
+from cylforce.programs.reports.evidence import Evidence
+
+EXPLAINED = 0.95  # of a joint's torque
+MOST_LIMITS = 8
+
+
+class Card(NamedTuple):
+    """A number that is read first: `good` or to be looked at."""
+
+    title: str
+    value: str
+    note: str
+    good: bool
+
+
+class Row(NamedTuple):
+    """What the tares leave of one joint's torque: rms, the largest measured torque [N m], and what one sample of it
+    would be in a payload [kg]."""
+
+    joint: str
+    rms: float
+    largest: float
+    mass: float
+
+
+class Parameter(NamedTuple):
+    """A line of the table: data sheet and identified, each with its standard error; `told` by the recording."""
+
+    name: str
+    unit: str
+    sheet: float
+    sheet_error: float
+    value: float
+    error: float
+    told: bool
+
+
+class Findings(NamedTuple):
+    """Everything that is concluded; `grid` and `expected` of the working range, `sheet` before the
+    identification; `limits`: what limits the weight at the median posture, (name, kg), the gravest first."""
+
+    cards: tuple[Card, ...]
+    steps: tuple[Step, ...]
+    rows: tuple[Row, ...]
+    untold: tuple[Untold, ...]
+    gaps: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    grid: Postures
+    expected: Expected
+    sheet: Expected
+    limits: tuple[tuple[str, float], ...]
+
+
+def findings(found: Identification, shown: Evidence) -> Findings:
+    """Conclusions from an identification and what its recording shows."""
+    grid = postures(found.model.machine)
+    expected = expected_error(found.model, found.tares, grid.theta)
+    sheet = expected_error(found.model, found.model.data_sheet, grid.theta)
+    lost = untold(found, expected)
+    gaps = gap_sentences(found.model.machine, missing(shown.plan, shown.seconds))
+    return Findings(
+        cards=_cards(found, shown, expected, lost),
+        steps=next_steps(found, expected, lost, gaps, share(shown.plan, shown.seconds)),
+        rows=_rows(found, shown, grid),
+        untold=lost,
+        gaps=gaps,
+        parameters=_parameters(found),
+        grid=grid,
+        expected=expected,
+        sheet=sheet,
+        limits=_limits(found, expected),
+    )
+
+
+def _cards(found: Identification, shown: Evidence, expected: Expected, lost: tuple[Untold, ...]) -> tuple[Card, ...]:
+    rated, within = found.model.machine.rated_payload, usable_share(found.model.machine, expected)
+    typical, covered, explained = middle(expected), share(shown.plan, shown.seconds), _explained(shown)
+    matter = [u for u in lost if matters(found.model.machine, u)]
+    count, kept = len(found.tares.names), "the others hardly matter" if lost and not matter else "by the recording"
+    weight = f"{typical:.1f} kg" if np.isfinite(typical) else "no weight"
+    return (
+        Card(
+            "Weighing error",
+            weight,
+            f"expected, {100 * typical / rated:.2f} % of rated",
+            typical <= GOOD_ENOUGH * rated,
+        ),
+        Card("Can be booked", f"{100 * within:.0f} %", "of the working range", within >= ENOUGH),
+        Card("Torque explained", f"{100 * explained:.1f} %", "of the worst joint's", explained > EXPLAINED),
+        Card(
+            "Postures covered", f"{100 * covered:.0f} %", f"{found.seconds:.0f} s of usable motion", covered >= ENOUGH
+        ),
+        Card("Parameters told", f"{count - len(lost)} of {count}", kept, not matter),
+    )
+
+
+def _explained(shown: Evidence) -> float:
+    """The share of its torque's variance that the tares predict, of the worst row; nothing of one never seen."""
+    rows = zip(shown.points.measured.T, shown.points.predicted.T, strict=True)
+    good = [(m[np.isfinite(m)], p[np.isfinite(m)]) for m, p in rows]
+    return min((1.0 - float(np.mean((m - p) ** 2) / np.var(m)) if m.size > 1 else 0.0 for m, p in good), default=0.0)
+
+
+def _limits(found: Identification, expected: Expected) -> tuple[tuple[str, float], ...]:
+    """What limits the weight: what no row explains, the scale, single tares."""
+    told = np.isfinite(expected.noise)
+    if not np.any(told):
+        return ()
+    each = dict(zip(found.tares.names, map(float, cost(found.tares, expected)), strict=True))
+    each |= {"unexplained torque": float(np.median(expected.noise[told]))}
+    each |= {"scale": found.tares.scale_error * found.model.machine.rated_payload}
+    return tuple(sorted(each.items(), key=lambda item: -item[1])[:MOST_LIMITS])
+
+
+def _rows(found: Identification, shown: Evidence, grid: Postures) -> tuple[Row, ...]:
+    """What is left of each row's torque."""
+    machine = found.model.machine
+    arms = machine.tool_point(grid.theta).gradient.imag  # what a weight at the tool does to each joint
+    mass = found.tares.row_error / (9.81 * np.median(np.abs(arms[..., machine.rows]), axis=(0, 1)))
+    largest = np.max(np.abs(shown.points.measured), axis=0, initial=0.0, where=np.isfinite(shown.points.measured))
+    names = (machine.links[j].name for j in machine.rows)
+    return tuple(Row(n, *map(float, x)) for n, *x in zip(names, found.tares.row_error, largest, mass, strict=True))
+
+
+def _parameters(found: Identification) -> tuple[Parameter, ...]:
+    prior = found.model.prior
+    spread, error = (np.sqrt(np.diag(c)) for c in (prior.covariance, found.tares.covariance))
+    return tuple(
+        Parameter(p.name, p.unit, float(m), float(s), float(v), float(e), p.name not in found.not_identified)
+        for p, m, s, v, e in zip(found.model.parameters, prior.mean, spread, found.tares.values, error, strict=True)
+    )

@@ -1,0 +1,173 @@
+"""Figures of a gap: evidence, heat map, friction map, signatures, waterfall."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
+
+from cylforce.diagnosis.diagnosis import Search
+from cylforce.diagnosis.verdict import Judged
+from cylforce.programs.reports.drawing import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GRID,
+    INK,
+    ORANGE,
+    PALE,
+    RED,
+    banded,
+    bounded,
+    canvas,
+    cloud,
+    noted,
+    nothing,
+)
+from cylforce.programs.reports.evidence import Seen, push
+from cylforce.programs.reports.gap_shown import Heat, Overlay, Shown, excess, movers, plain
+from cylforce.signals.estimate import Array
+
+MOST_BARS = 12
+WORST = 5.0  # times the usual residual: from here on a cell is as dark as can be
+SPEED_BINS = 16
+
+
+def bars(search: Search, judged: Judged) -> Figure:
+    """Evidence of the candidates, each by itself, before anything is taken out."""
+    named = {n.cause.ranked.key for n in judged.named}
+    confused = {r.key for n in judged.named for r in n.confused}
+    shown = [r for r in search.first if r.score > 0.0][:MOST_BARS]
+    figure = canvas(0.8 + 0.3 * max(len(shown), 1))
+    axes = figure.subplots()
+    colours = [BLUE if r.key in named else AMBER if r.key in confused else GRID for r in shown]
+    axes.barh(range(len(shown)), [r.score for r in shown], color=colours, height=0.66)
+    for k, r in enumerate(shown):
+        word = ": named" if r.key in named else ": cannot be told apart" if r.key in confused else ""
+        noted(axes, r.score, k, f"{r.score:.0f}{word}")
+    axes.set_yticks(range(len(shown)), [plain(r.key) for r in shown])
+    axes.set_xlim(0.0, 1.25 * max([r.score for r in shown] or [1.0]))
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("evidence [nats] of each candidate by itself, all parameters left free")
+    if not shown:
+        axes.text(0.5, 0.5, "no candidate has any", ha="center", color=PALE, transform=axes.transAxes)
+    return figure
+
+
+def heat(shown: Heat, found: set[tuple[str, str]], *, taken: bool) -> Figure:
+    """Joint by regime, before and after, in units of the usual residual; (joint, regime) in `found` framed; `taken`:
+    effects were taken out."""
+    figure = canvas(1.1 + 0.82 * len(shown.joints))
+    axes = figure.subplots(2, 1, sharex=True)
+    image = _cells(axes[0], shown, shown.before)
+    _cells(axes[1], shown, shown.after)
+    axes[0].set_title("before: parameters fixed [N m]")
+    how = "effects taken out" if taken else "no effect found, parameters refitted"
+    axes[1].set_title(f"after: {how}, held-out stretches [N m]")
+    for joint, regime in found:
+        _framed(axes[0], shown.regimes.index(regime), shown.joints.index(joint))
+    axes[1].set_xticks(range(len(shown.regimes)), [name.replace(" ", "\n") for name in shown.regimes])
+    figure.colorbar(image, ax=axes, label="times the usual residual", extend="max", aspect=30, pad=0.01)
+    return figure
+
+
+def _cells(axes: Axes, shown: Heat, values: Array) -> AxesImage:
+    ratio = excess(shown, values)
+    image = axes.imshow(ratio, cmap="OrRd", vmin=1.0, vmax=WORST, aspect="auto")
+    for (y, x), value in np.ndenumerate(values):
+        colour = "white" if ratio[y, x] > 0.65 * WORST else INK
+        axes.text(x, y, f"{value:.0f}" if np.isfinite(value) else "–", ha="center", va="center", color=colour)
+    axes.set_yticks(range(len(shown.joints)), shown.joints)
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    return image
+
+
+def _framed(axes: Axes, x: int, y: int) -> None:
+    axes.add_patch(Rectangle((x - 0.47, y - 0.45), 0.94, 0.9, fill=False, edgecolor=INK, linewidth=1.6))
+
+
+def friction(search: Search, shown: Shown) -> Figure:
+    """Residual of every joint as force of its cylinder, over speed, coloured by the cylinder's force; before, after."""
+    model = search.original.model
+    pairs = list(zip(*movers(search.original), strict=True))
+    figure = canvas(6.0)
+    axes = figure.subplots(2, len(pairs), squeeze=False, sharex="col", sharey="col")
+    for k, (j, c) in enumerate(pairs):
+        axes[0, k].set_title(f"{model.machine.cylinders[c].name} cylinder")
+        forces = [push(model, part, j, c) for part in (shown.before, shown.after)]
+        for y, (part, force) in enumerate(zip((shown.before, shown.after), forces, strict=True)):
+            _pushed(figure, axes[y, k], part, force, c)
+        good = forces[0][np.isfinite(forces[0])]
+        if good.size:
+            bounded(axes[0, k], good * 1e-3)
+        axes[1, k].set_xlabel("← retracting · speed [mm/s] · extending →")
+    axes[0, 0].set_ylabel("before: residual force [kN]")
+    axes[1, 0].set_ylabel("after [kN]")
+    return figure
+
+
+def _pushed(figure: Figure, axes: Axes, part: Seen, force: Array, c: int) -> None:
+    good = np.isfinite(force)
+    if not np.any(good):
+        nothing(axes)
+        return
+    speed = part.speed[:, c]
+    cloud(figure, axes, speed[good], force[good], part.force[good, c])
+    fast = float(np.percentile(np.abs(speed[good]), 99.5)) + 1e-9
+    banded(axes, speed * 1e3, force * 1e-3, np.linspace(-fast, fast, SPEED_BINS + 1) * 1e3, INK)
+    axes.axhline(0.0, color=PALE, linewidth=0.8)
+
+
+def overlays(shown: tuple[Overlay, ...]) -> Figure:
+    """Each named effect over the residual, where it shows most; below, what it leaves."""
+    figure = canvas(0.3 + 2.7 * len(shown))
+    places = figure.add_gridspec(len(shown), 1)
+    for k, each in enumerate(shown):
+        inner = places[k].subgridspec(2, 1, height_ratios=(2.4, 1.0), hspace=0.0)
+        upper = figure.add_subplot(inner[0])
+        lower = figure.add_subplot(inner[1], sharex=upper)
+        _laid_over(upper, lower, each)
+        if k == 0:
+            upper.legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
+    return figure
+
+
+def _laid_over(upper: Axes, lower: Axes, each: Overlay) -> None:
+    upper.plot(
+        each.t, each.residual * 1e-3, color=INK, linewidth=2.2, label="residual without the effect, all else fitted"
+    )
+    upper.plot(each.t, each.effect * 1e-3, color=ORANGE, linewidth=1.3, label="what the effect explains")
+    upper.set_title(f"{each.title} [kN m]")
+    upper.tick_params(labelbottom=False, bottom=False)
+    lower.axhline(0.0, color=PALE, linewidth=0.8)
+    lower.plot(each.t, (each.residual - each.effect) * 1e-3, color=BLUE, linewidth=0.9)
+    lower.set_ylabel("left")
+    lower.set_xlabel(f"seconds into {each.recording}")
+
+
+def waterfall(search: Search, steps: tuple[tuple[str, Array], ...]) -> Figure:
+    """How the residual falls, step by step, of all joints together and of each."""
+    machine = search.original.model.machine
+    names = ["all joints", *(machine.links[j].name for j in machine.rows)]
+    figure = canvas(0.9 + 0.36 * len(steps))
+    axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    for k, name in enumerate(names):
+        values = [float(np.sqrt(np.mean(v**2)) if k == 0 else v[k - 1]) for _, v in steps]
+        _falling(axes[k], values)
+        axes[k].set_title(f"{name} [N m]")
+    axes[0].set_yticks(range(len(steps)), [label for label, _ in steps])
+    axes[0].invert_yaxis()
+    return figure
+
+
+def _falling(axes: Axes, values: list[float]) -> None:
+    last = len(values) - 1
+    colours = [RED, AMBER, *[BLUE] * (last - 2), GREEN]
+    axes.barh(range(len(values)), values, color=colours, height=0.62)
+    for k, value in enumerate(values):
+        noted(axes, value, k, f"{value:.0f}" if value else "nothing known")
+    axes.axvline(values[last], color=GREEN, linewidth=0.9, linestyle="--")
+    axes.set_xlim(0.0, 1.3 * max(values))
+    axes.grid(visible=False, axis="y")

@@ -1,0 +1,60 @@
+"""The page of a gap: verdict, figures and tables in one file of HTML that loads nothing."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from markupsafe import Markup
+
+from cylforce.diagnosis.diagnosis import Search
+from cylforce.diagnosis.shape import unexplained
+from cylforce.diagnosis.shrinkage import Gap
+from cylforce.diagnosis.verdict import Judged
+from cylforce.programs.reports import gap_figures
+from cylforce.programs.reports.gap_shown import Shown, shown
+from cylforce.programs.reports.gap_words import cards, least, lines, rivals
+from cylforce.programs.reports.shape_figure import shape_figure
+from cylforce.programs.reports.template import Wanted, drawn, rendered
+from cylforce.programs.reports.units import SHOWN
+
+NOTHING: dict[str, Any] = {"cards": (), "lines": (), "rivals": (), "least": (), "figures": {}}
+
+
+def gap_page(
+    found: tuple[Search, Judged, Gap] | None, answer: Mapping[str, Any], sentence: str, origin: Mapping[str, Any]
+) -> str:
+    """The HTML. `found`: None where nothing could be concluded; `sentence`: the verdict in words; `origin`: machine,
+    files with their hashes and loads, date, version."""
+    told = NOTHING if found is None else _told(*found, dict(answer))
+    units = [(si, name, f"{factor:.6g}") for si, (name, factor) in SHOWN.items()]
+    return rendered("gap.html.j2", answer=answer, sentence=sentence, origin=origin, units=units, **told)
+
+
+def _told(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> dict[str, Any]:
+    machine = search.original.model.machine
+    return {
+        "cards": cards(answer),
+        "lines": lines(machine, judged, answer),
+        "rivals": rivals(judged),
+        "least": least(search),
+        "figures": _figures(search, judged, shown(search, judged, gap), answer),
+    }
+
+
+def _figures(search: Search, judged: Judged, drawing: Shown, answer: dict[str, Any]) -> dict[str, Markup]:
+    spots = {(s["channel"], s["regime"]) for s in answer["where"] if s["found"]}
+    wanted: Wanted = {
+        "evidence": (lambda: gap_figures.bars(search, judged), "evidence of the candidates"),
+        "waterfall": (lambda: gap_figures.waterfall(search, drawing.steps), "residual as effects are taken out"),
+        "where": (
+            lambda: gap_figures.heat(drawing.heat, spots, taken=bool(search.causes)),
+            "residual by joint and regime, before and after",
+        ),
+        "friction": (lambda: gap_figures.friction(search, drawing), "residual force over cylinder speed"),
+    }
+    lie = unexplained(search, judged)
+    if lie is not None and lie.shapes[0].of != "none":
+        machine = search.original.model.machine
+        wanted["shape"] = (lambda: shape_figure(lie, machine), "residual over what it is a function of")
+    if drawing.overlays:
+        wanted["signatures"] = (lambda: gap_figures.overlays(drawing.overlays), "effects laid over the residual")
+    return drawn(wanted)

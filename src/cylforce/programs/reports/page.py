@@ -1,0 +1,63 @@
+"""The page: figures and findings in one file of HTML that loads nothing."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from cylforce.commissioning.coverage import NEEDED_S
+from cylforce.commissioning.expectation import Expected
+from cylforce.commissioning.identification import Identification
+from cylforce.programs.reports import fits, maps
+from cylforce.programs.reports.advice import middle
+from cylforce.programs.reports.evidence import Evidence
+from cylforce.programs.reports.findings import Findings
+from cylforce.programs.reports.template import Wanted, drawn, rendered
+
+
+def page(found: Identification, shown: Evidence, told: Findings, origin: Mapping[str, Any]) -> str:
+    """The HTML. `origin`: what identified.toml says of its provenance, its own name `output` and `output_sha256`."""
+    machine = found.model.machine
+    return rendered(
+        "page.html.j2",
+        machine=machine.name,
+        found=found,
+        told=told,
+        duration=shown.duration,
+        rated=machine.rated_payload,
+        needed=NEEDED_S,
+        median=_median(told.expected),
+        before=_median(told.sheet),
+        scale=_scale(found),
+        figures=_figures(found, shown, told),
+        origin=origin,
+        hashed=list(zip(origin["recordings"], origin["recording_sha256"], strict=True)),
+        output=origin["output"],
+        output_sha256=origin["output_sha256"],
+    )
+
+
+def _median(expected: Expected) -> str:
+    typical = middle(expected)
+    return f"{typical:.{0 if typical >= 100.0 else 1}f} kg" if np.isfinite(typical) else "no weight at all"
+
+
+def _scale(found: Identification) -> str:
+    tares = found.tares
+    if tares.scale_error == 0.0:
+        return "Not in it: errors of scale (bores, pins, gains), of which the empty machine tells nothing."
+    return f"In it: the scale from a known weight, {tares.scale:.4f} ± {tares.scale_error:.4f}."
+
+
+def _figures(found: Identification, shown: Evidence, told: Findings) -> dict[str, Markup]:
+    machine = found.model.machine
+    wanted: Wanted = {
+        "torques": (lambda: fits.torques(found, shown), "measured and predicted torque of every joint"),
+        "residuals": (lambda: fits.residuals(found, shown), "friction and residual over the speed of every cylinder"),
+        "covered": (lambda: maps.covered(machine, shown), "seconds of motion in every part of every joint's range"),
+        "weighing": (lambda: maps.weighing(machine, told), "standard error of a weight over the working range"),
+        "parameters": (lambda: maps.parameters(told), "parameters with error bars against the data sheet"),
+        "laws": (lambda: fits.laws(found), "held-out error of the friction laws tried"),
+    }
+    return drawn(wanted)

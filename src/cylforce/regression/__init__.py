@@ -1,1 +1,0 @@
-"""Floor 3: filters, filtered regressor, batch and recursive least squares."""

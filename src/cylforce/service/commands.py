@@ -1,0 +1,59 @@
+"""Commands on the bus that the core obeys itself: zero and tare by SDO, and boot-up messages of sensors."""
+
+from typing import Literal, NamedTuple
+
+from cylforce.signals.estimate import Quantity, Status
+from cylforce.signals.events import Frame
+
+ZERO, TARE = 0x6125, 0x6139  # CiA 404: auto-zero, auto-tare
+SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # drivers in the field write either tare
+NOT_NOW = 0x08000022  # SDO abort: refused because of the present device state
+TOO_FAR = 0x06090030  # SDO abort: value range exceeded
+WRONG_VALUE = 0x06090030
+FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download, its size not said, or said to be 4
+ZERO_RANGE = 0.02  # of rated payload: beyond it a zero hides a fault
+
+
+class Command(NamedTuple):
+    """`zero` or `tare`, and whether the signature was right."""
+
+    what: Literal["zero", "tare"]
+    signed: bool
+
+
+def read(frame: Frame, node_id: int) -> Command | None:
+    """An expedited SDO download of 4 bytes to 6125h:1 or 6139h:1 of our node; None for anything else, which the SDO
+    server refuses by itself: fewer bytes than the signature has, for one."""
+    if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
+        return None
+    index = frame.data[1] | frame.data[2] << 8
+    if index not in SIGNATURES or frame.data[3] != 1:
+        return None
+    return Command("zero" if index == ZERO else "tare", frame.data[4:8] in SIGNATURES[index])
+
+
+def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: float) -> tuple[tuple[float, float], int]:
+    """The new (zero, tare) [kg] and the verdict: 0, or the abort code. Refused while the weight cannot be trusted."""
+    zero, _ = scale
+    if not command.signed:
+        return scale, WRONG_VALUE
+    if mass.status is not Status.OK:
+        return scale, NOT_NOW
+    if command.what == "tare":
+        return (zero, mass.value - zero), 0
+    return (scale, TOO_FAR) if abs(mass.value) > ZERO_RANGE * rated else ((mass.value, 0.0), 0)
+
+
+def stopped(frame: Frame, node_id: int) -> bool | None:
+    """Whether an NMT command stops our node (its SDO server is then mute, and no command is obeyed) or starts or resets
+    it; None for any other frame."""
+    if frame.can_id != 0 or len(frame.data) != 2 or frame.data[1] not in (0, node_id):
+        return None
+    return {1: False, 2: True, 128: False, 129: False, 130: False}.get(frame.data[0])
+
+
+def booted(frame: Frame) -> int | None:
+    """The node whose boot-up message this is."""
+    if 0x700 < frame.can_id < 0x780 and frame.data == b"\0":
+        return frame.can_id - 0x700
+    return None

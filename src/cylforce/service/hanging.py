@@ -1,0 +1,26 @@
+"""Weighing a recording after the fact: what hung in the bucket at each of its steps."""
+
+import numpy as np
+
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.regressor import Rows
+from cylforce.estimation.residual import MIN_SECONDS, residual
+from cylforce.service.weighing import Weigher
+from cylforce.signals.estimate import Array
+
+
+def hanging(model: Model, tares: Tares, values: Array) -> Array:
+    """What hangs (T-1,) [kg] at each step of samples (T, S), as weighing sees it; 0 where it does not know."""
+    weigher = Weigher(model, tares)
+    moved = model.channels.run(values)
+    rows, state = model.filtered.run(moved.motion), weigher.begin()
+    usable = np.stack([np.all(moved.usable[:, acting], axis=1) for acting in model.acting], axis=-1)
+    usable[: model.settle_steps] = False
+    nothing, enough = np.zeros(len(model.machine.rows)), MIN_SECONDS * model.filters.rate_hz
+    hanging = np.zeros(len(usable))
+    for k, good in enumerate(usable):
+        left = residual(model, tares, Rows(rows.columns[k], rows.torque[k]), nothing)
+        state, _ = weigher.step(state, left, good, k)
+        if state.lift.taken > enough and not state.lift.refused:
+            hanging[k] = state.lift.values[0]
+    return hanging

@@ -1,0 +1,58 @@
+"""From a stream of samples to filtered rows, one fixed step at a time; the same numbers as `identification.observe`."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.channels import Moved
+from cylforce.estimation.model import Model
+from cylforce.estimation.regressor import Rows
+from cylforce.signals.estimate import Array
+
+
+class Pipe(NamedTuple):
+    """State: the last raw channels (D,), the low-pass and its last three outputs (3, D), the regressor's filters, steps
+    done, and per row how many steps it must still wait until its filters have forgotten an unusable lever."""
+
+    raw: Array
+    smooth_state: Array
+    smooth: Array
+    filters: Array | None
+    steps: int
+    waiting: Array
+    speed: Array
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """The model's filters, live."""
+
+    model: Model
+
+    def begin(self, channels: Array) -> Pipe:
+        """From the first channels (D,) after a start or a gap."""
+        state, smooth = self.model.channels.smooth.step(self.model.channels.smooth.steady(channels), channels)
+        rows, cylinders = len(self.model.machine.rows), len(self.model.machine.cylinders)
+        return Pipe(
+            channels, state, np.stack([smooth] * 3), None, 0, np.zeros(rows, dtype=np.int64), np.zeros(cylinders)
+        )
+
+    def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows]:
+        """To the channels `periods` steps later; missing steps are filled along a straight line."""
+        first, channels = pipe.raw, self.model.channels.follow(pipe.raw, channels)
+        for k in range(1, periods):
+            pipe, _ = self._step(pipe, first + (channels - first) * (k / periods))
+        return self._step(pipe, channels)
+
+    def _step(self, pipe: Pipe, channels: Array) -> tuple[Pipe, Rows]:
+        smooth_state, smooth = self.model.channels.smooth.step(pipe.smooth_state, channels)
+        four = np.concatenate([pipe.smooth, smooth[None]])
+        moved = self.model.channels.between(four)
+        filters = self.model.filtered.begin(moved.motion) if pipe.filters is None else pipe.filters
+        filters, rows = self.model.filtered.step(filters, moved.motion)
+        waiting = np.where(self._rows_usable(moved), np.maximum(pipe.waiting - 1, 0), self.model.settle_steps)
+        return Pipe(channels, smooth_state, four[1:], filters, pipe.steps + 1, waiting, moved.motion.speed), rows
+
+    def _rows_usable(self, moved: Moved) -> Array:
+        return np.array([all(moved.usable[c] for c in acting) for acting in self.model.acting])

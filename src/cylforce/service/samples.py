@@ -1,0 +1,51 @@
+"""Events to rows of samples: what a recorded log holds, one row a tick."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from cylforce.service.assembler import Assembler
+from cylforce.signals.estimate import Array, Reason, Sample
+from cylforce.signals.events import Event, Frame
+
+PIECE = 30_000  # rows that are held at once
+LONGEST_JUMP = 1000  # periods of silence that are kept as missing rows; a longer one, or one back, only separates
+
+
+def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
+    """One row of SI values per tick, in pieces (T, S) of some minutes; NaN where something was missing or could not be
+    believed."""
+    rows: list[Array] = []
+    for row in _rows(assembler, events, period_us):
+        rows.append(row)
+        if len(rows) == PIECE:
+            yield np.array(rows)
+            rows.clear()
+    if rows:
+        yield np.array(rows)
+
+
+def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
+    inputs, still = assembler.begin(), (False,) * len(assembler.service.machine.signals)
+    missing = np.full(len(assembler.service.machine.signals), np.nan)
+    last_us: int | None = None
+    for event in events:
+        if isinstance(event, Frame):
+            inputs = assembler.receive(inputs, event, still)
+            continue
+        for _ in range(0 if last_us is None else skipped(event.t_us - last_us, period_us)):
+            yield missing
+        sample = assembler.sample(inputs, event.t_us)
+        yield sample.values if is_whole(sample) else missing
+        last_us = event.t_us
+
+
+def skipped(elapsed_us: int, period_us: int) -> int:
+    """Missing rows between two ticks."""
+    count = round(elapsed_us / period_us) - 1
+    return min(count, LONGEST_JUMP) if count >= 0 else LONGEST_JUMP
+
+
+def is_whole(sample: Sample) -> bool:
+    """Every signal came in time and can be believed."""
+    return sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)

@@ -1,0 +1,284 @@
+"""The whole service as one pure function of events: step(state, event) -> (state, output)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.regressor import Rows
+from cylforce.estimation.residual import residual
+from cylforce.mechanics.installation import Service
+from cylforce.service import commands
+from cylforce.service.adaptation import Adapter, Drift
+from cylforce.service.assembler import Assembler, Inputs
+from cylforce.service.force import ForceSensor
+from cylforce.service.pipeline import Pipe, Pipeline
+from cylforce.service.publication import GROSS, MAGNITUDE, frames
+from cylforce.service.weighing import Weigher, Weighing
+from cylforce.signals.estimate import (
+    Array,
+    Booking,
+    Estimate,
+    Force,
+    Load,
+    Quantity,
+    Reason,
+    Sample,
+    Status,
+    invalid,
+    invalid_force,
+    invalid_load,
+)
+from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.kinds import Kind
+
+MOVING = 0.005  # m/s of any cylinder: the machine moves
+LONG_FRAME_US = 1_000_000  # a frame longer than its mapping degrades what is said for so long
+TICK_SLACK = 0.5  # periods by which a tick may be off its place
+
+
+class Scale(NamedTuple):
+    """The operator's zero and tare [kg]."""
+
+    zero: float = 0.0
+    tare: float = 0.0
+
+
+NO_SCALE = Scale()
+
+
+class State(NamedTuple):
+    """All that the service remembers."""
+
+    inputs: Inputs
+    pipe: Pipe | None
+    weighing: Weighing
+    drift: Drift
+    scale: Scale
+    sampled_us: int
+    estimate: Estimate
+    moving: tuple[bool, ...]
+    stopped: bool = False
+
+
+class Output(NamedTuple):
+    """What an event brought: `verdict` on a zero or tare command (None: no command; 0: done; else an SDO abort code);
+    `estimate` and its PDOs `frames` (number, data), sent as they are."""
+
+    verdict: int | None = None
+    estimate: Estimate | None = None
+    frames: tuple[tuple[int, bytes], ...] = ()
+
+
+NOTHING = Output()
+
+
+@dataclass(frozen=True)
+class Core:
+    """A service, its tares, and what follows from them."""
+
+    service: Service
+    tares: Tares
+
+    @cached_property
+    def model(self) -> Model:
+        """The model whose parameters the tares are."""
+        return Model(self.service.machine, self.service.filters, self.tares.friction)
+
+    @cached_property
+    def assembler(self) -> Assembler:
+        """Frames to samples."""
+        return Assembler(self.service)
+
+    @cached_property
+    def pipeline(self) -> Pipeline:
+        """Samples to rows."""
+        return Pipeline(self.model)
+
+    @cached_property
+    def weigher(self) -> Weigher:
+        """Rows to weight."""
+        return Weigher(self.model, self.tares)
+
+    @cached_property
+    def adapter(self) -> Adapter:
+        """Empty returns to drift."""
+        return Adapter(self.model, self.tares)
+
+    @cached_property
+    def force_sensor(self) -> ForceSensor:
+        """Rows to force."""
+        return ForceSensor(self.model, self.tares, self.limits[MAGNITUDE][1])
+
+    @cached_property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """The declared range of every published value."""
+        return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
+
+    @property
+    def adapts(self) -> bool:
+        """Whether friction and zeros follow temperature and wear; a data sheet's tares would follow their errors."""
+        return self.service.adapt and self.tares.identified
+
+    @property
+    def period_us(self) -> int:
+        """The fixed step."""
+        return round(1e6 / self.service.filters.rate_hz)
+
+    def begin(self, scale: Scale = NO_SCALE) -> State:
+        """The state of a service that has seen nothing."""
+        nothing = _nothing(0, Reason.STARTING, None)
+        still = (False,) * len(self.service.machine.signals)
+        return State(self.assembler.begin(), None, self.weigher.begin(), self.adapter.begin(), scale, 0, nothing, still)
+
+
+def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
+    """The service: one event in, the new state and what to send out. Never raises for any frame."""
+    if isinstance(event, Tick):
+        state = _tick(core, state, event.t_us)
+        return state, Output(None, state.estimate, frames(core.service.publication, state.estimate))
+    return _receive(core, state, event)
+
+
+def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
+    obeyed = None if frame.can_id in core.assembler.decoders else _obey(core, state, frame)
+    if obeyed is not None:
+        return obeyed
+    return State(core.assembler.receive(state.inputs, frame, state.moving), *state[1:]), NOTHING
+
+
+def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
+    """What a command or a boot-up message does; None for any other frame."""
+    stopped = commands.stopped(frame, core.service.node_id)
+    if stopped is not None:
+        return state._replace(stopped=stopped), NOTHING
+    command = commands.read(frame, core.service.node_id)
+    if command is not None and not state.stopped:
+        scale, verdict = commands.obey(
+            command, state.scale, state.estimate.load.mass, core.service.machine.rated_payload
+        )
+        return state._replace(scale=Scale(*scale)), Output(verdict)
+    booted = commands.booted(frame)
+    if booted is not None:
+        return state._replace(inputs=core.assembler.restart(state.inputs, booted)), NOTHING
+    return None
+
+
+def _tick(core: Core, state: State, t_us: int) -> State:
+    sample = core.assembler.sample(state.inputs, t_us)
+    worst = max(sample.reasons, default=Reason.NONE)
+    if worst is not Reason.NONE:
+        return _lose(core, state, t_us, worst)
+    if sample.held is not Reason.NONE and state.pipe is not None:
+        return state._replace(estimate=_hold(state.estimate, t_us, sample.held))
+    return _measure(core, state, sample)
+
+
+def _measure(core: Core, state: State, sample: Sample) -> State:
+    if _tilted(core, sample):
+        return _lose(core, state, sample.t_us, Reason.TILT)
+    channels = core.model.channels.read(sample.values)
+    if not np.isfinite(channels).all():
+        return _lose(core, state, sample.t_us, Reason.END_STOP)
+    periods = (sample.t_us - state.sampled_us) / core.period_us
+    if state.pipe is None:
+        return _restart(core, state, sample, channels, Reason.STARTING)
+    if not TICK_SLACK < periods < core.service.health.max_step_s * core.service.filters.rate_hz + TICK_SLACK:
+        return _restart(core, state, sample, channels, Reason.TIME_JUMP)
+    pipe, rows = core.pipeline.advance(state.pipe, channels, round(periods))
+    state = state._replace(pipe=pipe, sampled_us=sample.t_us, moving=_moving(core, pipe))
+    if pipe.steps <= core.model.settle_steps:
+        return state._replace(estimate=_nothing(sample.t_us, Reason.STARTING, state.estimate.booking))
+    return _conclude(core, state, pipe, rows, sample.t_us)
+
+
+def _restart(core: Core, state: State, sample: Sample, channels: Array, reason: Reason) -> State:
+    lost = _lose(core, state, sample.t_us, reason)
+    return lost._replace(pipe=core.pipeline.begin(channels), sampled_us=sample.t_us)
+
+
+def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
+    """The measurement is interrupted: filters and lift start anew, nothing is shown."""
+    return state._replace(
+        pipe=None,
+        moving=(False,) * len(state.moving),
+        weighing=core.weigher.interrupt(state.weighing),
+        estimate=_nothing(t_us, reason, state.estimate.booking),
+    )
+
+
+def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> State:
+    drift = state.drift
+    left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ drift.values)
+    usable = pipe.waiting == 0
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
+    if core.adapts:
+        empty = np.logical_and(usable, core.weigher.is_empty(weighing))
+        drift = core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
+    force = core.force_sensor.estimate(rows, left, usable)
+    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
+        load, force = Load(*(_degrade(q) for q in load)), _each(force, _degrade)
+    gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
+    net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], core.service.machine.rated_payload)
+    estimate = Estimate(t_us, load, gross, net, force, weighing.booking)
+    return state._replace(weighing=weighing, estimate=estimate, drift=drift)
+
+
+def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
+    """Per signal whether it should move, so that one which repeats itself must be frozen: a pressure while its own
+    cylinder moves, all else while any cylinder does, for the whole machine then shakes."""
+    moves = (np.abs(pipe.speed) > MOVING).tolist()
+    shaken = any(moves)
+    return tuple(moves[s.index] if s.kind in PRESSURES else shaken for s in core.service.machine.signals)
+
+
+PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+
+
+def _tilted(core: Core, sample: Sample) -> bool:
+    limit = core.service.health.max_tilt
+    return any(
+        abs(sample.values[k]) > limit
+        for k, s in enumerate(core.service.machine.signals)
+        if s.kind in (Kind.PITCH, Kind.ROLL)
+    )
+
+
+def _shift(q: Quantity, by: float) -> Quantity:
+    return q._replace(value=q.value + by)
+
+
+def _each(force: Force, change: Callable[[Quantity], Quantity]) -> Force:
+    x, z, magnitude, direction = (change(q) for q in force.quantities)
+    return Force(x, z, magnitude, direction, force.covariance)
+
+
+def _degrade(q: Quantity) -> Quantity:
+    return q._replace(status=Status.DEGRADED, reason=Reason.LONG_FRAME) if q.status is Status.OK else q
+
+
+def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
+    """OK means finite, inside the declared range, with 0 < standard error < the largest sensible one."""
+    if q.status is Status.INVALID:
+        return q
+    fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
+    return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
+
+
+def _hold(last: Estimate, t_us: int, reason: Reason) -> Estimate:
+    """The last values for a short while, marked as held."""
+
+    def held(q: Quantity) -> Quantity:
+        return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
+
+    load, force = Load(*(held(q) for q in last.load)), _each(last.force, held)
+    return Estimate(t_us, load, held(last.gross), held(last.net), force, last.booking)
+
+
+def _nothing(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:
+    nothing = invalid(reason)
+    return Estimate(t_us, invalid_load(reason), nothing, nothing, invalid_force(reason), booking)

@@ -1,0 +1,203 @@
+"""Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
+tares (PHYSICS sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.recursive import Root, forget, known, solution, update
+from cylforce.estimation.residual import GOOD_ENOUGH, MIN_SECONDS, REST_SECONDS, SMALLEST, Residual
+from cylforce.signals.estimate import Array, Booking, Load, Quantity, Reason, Status, invalid, invalid_load
+
+GATE = 9.0  # mean squared normalised innovation per row above which a sample does not belong to the load
+BREAK_AWAY = 3.0  # friction not yet what it is in motion, in units of what its direction leaves unknown
+PATIENCE_S = 0.3  # a lift ends when samples have not belonged to it for so long
+EMPTY = 0.03  # share of rated payload below which tares may adapt to what is left
+FARTHEST = 1.5  # times the declared reach of the load's centre: farther out no material can lie
+FORGET_SECONDS = 30.0
+
+
+class Lift(NamedTuple):
+    """A load in the making: the recursive estimate of (m, m x, m z, J) as its `root`, `values` (4,) and `covariance`
+    (4, 4), its sensitivity to the tares covariance @ `gram` (4, P), samples taken in, samples refused in a row, samples
+    in motion, and for how many samples each row has been at rest, `rested` (R,)."""
+
+    root: Root
+    values: Array
+    covariance: Array
+    gram: Array
+    taken: int
+    refused: int
+    moving: int
+    rested: Array
+
+
+class Weight(NamedTuple):
+    """Mass [kg], its standard error, the load's centre x + i z [m] in the last link's frame, its standard errors."""
+
+    mass: float
+    standard_error: float
+    centre: complex
+    centre_error: tuple[float, float]
+
+
+class Candidate(NamedTuple):
+    """The best weight of the current lift: mass, standard error, how many samples in motion it rests on."""
+
+    mass: float
+    standard_error: float
+    moving: int
+
+
+class Weighing(NamedTuple):
+    """State: the lift, the candidate for booking, what was booked last."""
+
+    lift: Lift
+    candidate: Candidate | None
+    booking: Booking | None
+
+
+@dataclass(frozen=True)
+class Weigher:
+    """The weighing of one machine."""
+
+    model: Model
+    tares: Tares
+
+    @cached_property
+    def _memory(self) -> float:
+        """Samples that say the same: the filters' correlation length."""
+        f = self.model.filters
+        return max(1.0, f.rate_hz / (np.pi * min(f.smoothing_hz, f.regressor_hz)))
+
+    @property
+    def _long(self) -> float:
+        """Samples after which old ones fade: nothing hangs for so long without a change."""
+        return FORGET_SECONDS * self.model.filters.rate_hz
+
+    @cached_property
+    def _fresh(self) -> Lift:
+        machine = self.model.machine
+        moment = machine.rated_payload * machine.payload_reach
+        spread = np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
+        root = known(np.zeros(4), spread)
+        nothing = np.zeros((4, len(self.model.parameters)))
+        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)))
+
+    def begin(self) -> Weighing:
+        """Nothing in the bucket is known yet."""
+        return Weighing(self._fresh, None, None)
+
+    def interrupt(self, state: Weighing) -> Weighing:
+        """The measurement stopped: the lift starts anew, what was found stays."""
+        return state._replace(lift=self._fresh)
+
+    def step(self, state: Weighing, left: Residual, usable: Array, t_us: int) -> tuple[Weighing, Load]:
+        """Take one instant in; `usable` (R,) rows. Returns the load, not yet zeroed."""
+        lift = self._advance(state.lift, left, usable)
+        if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
+            lift = self._fresh  # what the lift showed stays a candidate until the bucket is seen empty
+        weight = self._conclude(lift)
+        return self._note(state._replace(lift=lift), weight, t_us), self._judge(lift, weight)
+
+    def is_empty(self, state: Weighing) -> bool:
+        """Whether the bucket is known to hang empty in the air."""
+        weight = self._conclude(state.lift)
+        small = abs(weight.mass) < EMPTY * self.model.machine.rated_payload
+        return small and self._doubt(state.lift, weight) is None
+
+    def _advance(self, lift: Lift, left: Residual, usable: Array) -> Lift:
+        columns = left.columns @ self.model.load
+        expected = columns @ lift.values
+        variance = ((columns @ lift.covariance) * columns).sum(axis=1) + left.variance + BREAK_AWAY**2 * left.rest
+        innovation = (left.torque - expected) ** 2 / variance
+        if not usable.any() or innovation[usable].mean() > GATE:
+            return lift._replace(refused=lift.refused + 1)
+        at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
+        rested = np.where(at_rest, lift.rested + 1, 0)
+        telling = np.logical_and(usable, rested <= patience)
+        variance = (self._memory * left.variance + patience * left.rest)[telling]
+        told = columns[telling]
+        root, gram = self._faded(lift, told)
+        root = update(root, told, left.torque[telling], variance)
+        gram = gram + (told / variance[:, None]).T @ left.columns[telling]
+        moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
+        return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested)
+
+    def _faded(self, lift: Lift, columns: Array) -> tuple[Root, Array]:
+        """The lift's root and gram, about to learn from `columns` (K, 4), without a little of what such rows told long
+        ago. What the lift says, and how that depends on the tares, stays."""
+        if lift.taken < self._long or not len(columns):
+            return lift.root, lift.gram
+        root = forget(lift.root, columns, 1.0 - 1.0 / self._long)
+        return root, root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
+
+    def _conclude(self, lift: Lift) -> Weight:
+        """The mass with its standard error (with that of the tares), the centre of the load."""
+        gain = lift.covariance[0] @ lift.gram
+        mass = float(lift.values[0])
+        variance = lift.covariance[0, 0] + gain @ self.tares.covariance @ gain + (mass * self.tares.scale_error) ** 2
+        scale = mass if abs(mass) > 1.0 else 1.0
+        centre = complex(lift.values[1], lift.values[2]) / scale
+        along = np.array([[-centre.real, 1.0, 0.0, 0.0], [-centre.imag, 0.0, 1.0, 0.0]]) / scale
+        error_x, error_z = np.sqrt(np.sum((along @ lift.covariance) * along, axis=1))
+        return Weight(mass, float(np.sqrt(variance)), centre, (float(error_x), float(error_z)))
+
+    def _plausible(self, weight: Weight) -> bool:
+        """No hanging load pulls upwards or has its centre outside the tool."""
+        rated, reach = self.model.machine.rated_payload, self.model.machine.payload_reach
+        if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
+            moment = abs(weight.centre * weight.mass)
+            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach
+        return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
+
+    def _judge(self, lift: Lift, weight: Weight) -> Load:
+        doubt = self._doubt(lift, weight)
+        if doubt is not None:
+            return invalid_load(doubt)
+        status, reason = self._trust(lift, weight)
+        mass = Quantity(weight.mass, weight.standard_error, status, reason)
+        if weight.mass < SMALLEST * self.model.machine.rated_payload:
+            return Load(mass, invalid(Reason.NOT_A_LOAD), invalid(Reason.NOT_A_LOAD))
+        (x, z), (error_x, error_z) = (weight.centre.real, weight.centre.imag), weight.centre_error
+        return Load(mass, Quantity(x, error_x, status, reason), Quantity(z, error_z, status, reason))
+
+    def _trust(self, lift: Lift, weight: Weight) -> tuple[Status, Reason]:
+        if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:
+            return Status.DEGRADED, Reason.UNCERTAIN if lift.moving else Reason.AT_REST
+        if not self.tares.identified:
+            return Status.DEGRADED, Reason.NOT_IDENTIFIED
+        return Status.OK, Reason.NONE
+
+    def _doubt(self, lift: Lift, weight: Weight) -> Reason | None:
+        """Why there is no weight."""
+        if lift.refused:
+            return Reason.IN_CONTACT
+        if lift.taken < MIN_SECONDS * self.model.filters.rate_hz:
+            return Reason.STARTING
+        if not self._plausible(weight):
+            return Reason.NOT_A_LOAD
+        return Reason.UNCERTAIN if weight.standard_error >= self.model.machine.rated_payload else None
+
+    def _note(self, state: Weighing, weight: Weight, t_us: int) -> Weighing:
+        """Remember the weight that rests on most samples in motion; book it once the bucket is empty again."""
+        rated = self.model.machine.rated_payload
+        if self._doubt(state.lift, weight) is not None or weight.standard_error > GOOD_ENOUGH * rated:
+            return state
+        if weight.mass < SMALLEST * rated:
+            return self._book(state, t_us)
+        held = state.candidate
+        if held is None or state.lift.moving >= held.moving:
+            found = Candidate(weight.mass, weight.standard_error, state.lift.moving)
+            return state._replace(candidate=found)
+        return state
+
+    def _book(self, state: Weighing, t_us: int) -> Weighing:
+        if state.candidate is None:
+            return state
+        number = 1 if state.booking is None else state.booking.number + 1
+        best = state.candidate
+        return Weighing(state.lift, None, Booking(number, t_us, best.mass, best.standard_error))

@@ -1,0 +1,133 @@
+"""What the sensors make of the physics: first-order lag, zero error, noise, resolution; and a run, scene
+after scene."""
+
+from collections.abc import Iterable, Iterator
+from math import ceil, exp
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.effects.imposed import distorted
+from cylforce.estimation.filters import Filter
+from cylforce.mechanics.installation import SensorNode
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind, Signal
+from cylforce.simulation.simulator import Physics, Truth, simulate
+from cylforce.simulation.trajectory import Scene
+
+PRESSURE_LAG = 1.5e-3  # s: a usual transmitter's rise time
+ANGLE_LAG = 3e-3  # s: a magnetic encoder's or a gyro-aided inclinometer's
+LAG = {Kind.HEAD_PRESSURE: PRESSURE_LAG, Kind.ROD_PRESSURE: PRESSURE_LAG, Kind.FORCE_PIN: PRESSURE_LAG}
+OIL = (318.0, 0.01)  # K at the start, K/s
+
+
+class Sensors(NamedTuple):
+    """Of every signal (S,): time constant `lag` [s], zero error `bias`, standard deviation `noise`, and the
+    steps in which it is sent: `origin` + integer * `quantum` (0: not quantised); all in the signal's SI
+    unit."""
+
+    lag: Array
+    bias: Array
+    noise: Array
+    quantum: Array
+    origin: Array
+
+
+class Record(NamedTuple):
+    """A scene as measured at T instants: `t` (T,) [s] from the start of the run, the physics, the sensors'
+    inner `analog` values (T, S), errors included, before noise and resolution, `values` (T, S) as sent; SI units."""
+
+    t: Array
+    physics: Physics
+    analog: Array
+    values: Array
+
+
+def sensors(machine: Machine, nodes: tuple[SensorNode, ...]) -> Sensors:
+    """The machine's sensors as their data sheets have them: noise = standard error, no zero error; a usual
+    lag."""
+    fields = {f.signal: f for node in nodes for pdo in node.pdos for f in pdo.fields if f.code != "f"}
+    steps = [(fields[s.name].scale, fields[s.name].offset) if s.name in fields else (0.0, 0.0) for s in machine.signals]
+    quantum, origin = np.array(steps).reshape(-1, 2).T
+    noise = np.array([s.standard_error for s in machine.signals])
+    lag = np.array([LAG.get(s.kind, ANGLE_LAG) for s in machine.signals])
+    return Sensors(lag, np.zeros_like(noise), noise, quantum, origin)
+
+
+def perfect(machine: Machine) -> Sensors:
+    """Sensors without lag, error or noise."""
+    zero = np.zeros(len(machine.signals))
+    return Sensors(zero, zero, zero, zero, zero)
+
+
+def true_values(machine: Machine, found: Physics) -> Array:
+    """What ideal sensors would read: SI values (T, S)."""
+    columns = [np.broadcast_to(_reading(found, signal), found.t.shape) for signal in machine.signals]
+    return np.stack(columns, axis=-1) if columns else np.zeros((*found.t.shape, 0))
+
+
+def _reading(found: Physics, signal: Signal) -> Array:
+    by_index = {
+        Kind.HEAD_PRESSURE: found.head,
+        Kind.ROD_PRESSURE: found.rod,
+        Kind.FORCE_PIN: found.moving.force,
+        Kind.JOINT_ANGLE: found.course.theta,
+        Kind.LINK_INCLINATION: found.moving.q,
+        Kind.CYLINDER_LENGTH: found.moving.length,
+    }
+    if signal.kind in by_index:
+        return by_index[signal.kind][..., signal.index]
+    of_the_house = {
+        Kind.PITCH: found.attitude.pitch,
+        Kind.ROLL: found.attitude.roll,
+        Kind.SLEW_RATE: found.course.slew,
+        Kind.SLEW_ANGLE: found.course.turn,
+        Kind.OIL_TEMPERATURE: OIL[0] + OIL[1] * found.t,
+    }
+    return np.asarray(of_the_house[signal.kind])
+
+
+def lag_filter(lag: float, dt: float) -> Filter:
+    """First-order lag, exact for an input that runs straight from sample to sample:
+    y_1 = e y_0 + (r - e) x_0 + (1 - r) x_1, e = exp(-dt/lag), r = lag (1 - e)/dt."""
+    e = exp(-dt / lag) if lag > 0 else 0.0
+    r = lag * (1.0 - e) / dt
+    return Filter((1.0 - r, r - e), (1.0, -e))
+
+
+def as_sent(made: Sensors, analog: Array, rng: np.random.Generator) -> Array:
+    """Values (..., S) with zero error, noise and resolution."""
+    values = analog + made.bias + made.noise * rng.standard_normal(analog.shape)
+    quantum = np.where(made.quantum > 0, made.quantum, 1.0)
+    rounded = np.round((values - made.origin) / quantum) * quantum + made.origin
+    return np.where(made.quantum > 0, rounded, values)
+
+
+def run(
+    machine: Machine,
+    truth: Truth,
+    made: Sensors,
+    scenes: Iterable[Scene],
+    *,
+    dt: float,
+    rng: np.random.Generator,
+) -> Iterator[Record]:
+    """Scenes one after the other, sampled at the multiples of `dt` [s] that fall into each; lags carry
+    over, and what comes late comes from the scene before."""
+    filters = [lag_filter(float(lag), dt) for lag in made.lag]
+    states: list[Array] = []
+    begin, before = 0.0, np.zeros((0, len(machine.signals)))
+    for scene in scenes:
+        grid = dt * np.arange(ceil(begin / dt), ceil((begin + scene.duration) / dt), dtype=np.float64)
+        found = simulate(machine, truth, scene, grid - begin, begin)
+        ideal = true_values(machine, found)
+        states = states or [f.steady(x) for f, x in zip(filters, ideal[0], strict=True)]
+        passed = [f.run(s, x) for f, s, x in zip(filters, states, ideal.T, strict=True)]
+        states = [state for state, _ in passed]
+        analog = np.stack([y for _, y in passed], axis=-1) if passed else ideal
+        both, last = np.concatenate([before, analog]), slice(len(before), None)
+        t = grid[0] + dt * (np.arange(len(both)) - len(before)) if len(grid) else grid
+        before, seen = analog, distorted(machine, truth.effects, both, t)[last]
+        yield Record(grid, found, seen, as_sent(made, seen, rng))
+        begin += scene.duration

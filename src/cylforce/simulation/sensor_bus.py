@@ -1,0 +1,114 @@
+"""The sensors' frames and our ticks along a simulated run, as the daemon would see them: no bus, no clock
+needed."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.mechanics.installation import SensorNode, Service
+from cylforce.signals.codec import encode
+from cylforce.signals.estimate import Array
+from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.layout import Pdo
+from cylforce.simulation.sensing import Record, Sensors, as_sent
+
+ANSWER_US = 300  # from SYNC to the first answer
+FRAME_US = 250  # of a frame on the bus; nodes answer one after the other
+JITTER = 0.02  # of an event timer's period, standard deviation
+HEARTBEAT, OPERATIONAL = 0x700, 5
+
+
+class Window(NamedTuple):
+    """A stretch of the run: instants `t` (T,) [s], the sensors' inner values (T, S) at them; what is sent in
+    it is sent after `begin` [s] and not after the last instant."""
+
+    t: Array
+    analog: Array
+    begin: float
+
+
+def bus_events(
+    service: Service, made: Sensors, records: Iterable[Record], start_us: int, rng: np.random.Generator
+) -> Iterator[Event]:
+    """Ticks at the service's rate, the sensors' boot-up messages, heartbeats and PDOs, in the order of their
+    times.
+
+    The tick at t is the moment of the SYNC to which synchronous PDOs answer: they carry what was measured
+    then, and arrive before the next tick. Event-timer PDOs run freely, with jitter."""
+    for node in service.nodes:
+        yield Frame(start_us, HEARTBEAT + node.node_id, b"\x00")
+    timers = [_timer(pdo, rng) for node in service.nodes for pdo in node.pdos if not pdo.synchronous]
+    pending: list[Event] = []
+    window: Window | None = None
+    for record in records:
+        window = _window(window, record)
+        pending += _clocked(service, record, start_us)
+        pending += _heartbeats(service.nodes, window, start_us)
+        for timer in timers:
+            pending += _free_running(service, made, timer, window, start_us=start_us, rng=rng)
+        pending.sort(key=lambda event: event.t_us)
+        end_us = start_us + round(1e6 * float(window.t[-1]))
+        yield from (event for event in pending if event.t_us <= end_us)
+        pending = [event for event in pending if event.t_us > end_us]
+    yield from pending
+
+
+def _window(before: Window | None, record: Record) -> Window:
+    if before is None:
+        return Window(record.t, record.analog, float(record.t[0]) - 1e-9)
+    joined = np.concatenate([before.t[-1:], record.t]), np.concatenate([before.analog[-1:], record.analog])
+    return Window(*joined, float(before.t[-1]))
+
+
+def _clocked(service: Service, record: Record, start_us: int) -> Iterator[Event]:
+    """Ticks, and the answers to the SYNC that goes out with each."""
+    names = [signal.name for signal in service.machine.signals]
+    pdos = [pdo for node in service.nodes for pdo in node.pdos if pdo.synchronous]
+    for t, row in zip(record.t.tolist(), record.values.tolist(), strict=True):
+        t_us = start_us + round(1e6 * t)
+        yield Tick(t_us)
+        values, count = dict(zip(names, row, strict=True)), round(t * service.filters.rate_hz)
+        asked = (pdo for pdo in pdos if count % max(pdo.sync, 1) == 0)
+        for k, pdo in enumerate(asked):
+            yield Frame(t_us + ANSWER_US + k * FRAME_US, pdo.can_id, encode(pdo, values))
+
+
+def _heartbeats(nodes: tuple[SensorNode, ...], window: Window, start_us: int) -> Iterator[Event]:
+    for node in nodes:
+        if node.heartbeat_s > 0:
+            first = int(np.floor(window.begin / node.heartbeat_s)) + 1
+            for k in range(first, int(np.floor(window.t[-1] / node.heartbeat_s)) + 1):
+                t_us = start_us + round(1e6 * k * node.heartbeat_s)
+                yield Frame(t_us, HEARTBEAT + node.node_id, bytes([OPERATIONAL]))
+
+
+class _Timer:
+    """A free-running event timer: when its PDO is sent next [s]."""
+
+    def __init__(self, pdo: Pdo, first: float) -> None:
+        self.pdo, self.due = pdo, first
+
+    def until(self, end: float, rng: np.random.Generator) -> Array:
+        """The times (n,) [s] up to `end` at which it fires; it goes on from there."""
+        count = int((end - self.due) / self.pdo.period_s * 1.5) + 8
+        steps = self.pdo.period_s * (1.0 + JITTER * np.clip(rng.standard_normal(count), -5.0, 5.0))
+        times = self.due + np.concatenate([[0.0], np.cumsum(steps)])
+        fired = times[times <= end]
+        self.due = float(times[fired.size])
+        return fired
+
+
+def _timer(pdo: Pdo, rng: np.random.Generator) -> _Timer:
+    return _Timer(pdo, float(rng.uniform(0.0, pdo.period_s)))
+
+
+def _free_running(
+    service: Service, made: Sensors, timer: _Timer, window: Window, *, start_us: int, rng: np.random.Generator
+) -> Iterator[Event]:
+    """A PDO as its own timer sends it: the sensor's values of that very moment."""
+    times = timer.until(float(window.t[-1]), rng)
+    analog = [np.interp(times, window.t, column) for column in window.analog.T]
+    names = [signal.name for signal in service.machine.signals]
+    for t, row in zip(times.tolist(), as_sent(made, np.stack(analog, axis=-1), rng).tolist(), strict=True):
+        yield Frame(start_us + round(1e6 * t), timer.pdo.can_id, encode(timer.pdo, dict(zip(names, row, strict=True))))

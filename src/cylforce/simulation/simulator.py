@@ -1,0 +1,268 @@
+"""The simulated machine: driven by its motion, it tells which cylinder forces and pressures that motion
+needs.
+
+It uses the product's own effects: figures reached on it show that the programs work, not that the method is
+right.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.effects.effect import Halves
+from cylforce.effects.fault import BaseMotion, ForceLaw
+from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.friction.stribeck import Stribeck
+from cylforce.effects.friction.viscous_friction import ViscousFriction
+from cylforce.effects.imposed import (
+    Imposed,
+    added_parameters,
+    altered,
+    changed_load,
+    excess_force,
+    friction_level,
+    touching,
+    unseen_slew,
+)
+from cylforce.effects.loads.carried import CarriedLoad
+from cylforce.effects.loads.rigid import Rigid
+from cylforce.effects.loads.slew import Slew, slew_parameters
+from cylforce.effects.loads.tip_force import tip_torque
+from cylforce.effects.swing import Swing, swing
+from cylforce.mechanics.chain import Complex
+from cylforce.mechanics.machine import Link, Machine, base_parameters
+from cylforce.mechanics.motion import Attitude, Motion, motion
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+from cylforce.signals.units import STANDARD_GRAVITY
+from cylforce.simulation.soil import load, resistance, soil_force
+from cylforce.simulation.trajectory import Kinematics, Scene, follow
+
+H = 1e-3  # s, step of the fourth-order difference that turns momentum into force: relative error about 1e-11
+ROUNDING = 1e-3  # m/s: below this the simulated friction leaves its full value
+STRIBECK_SPEED = 0.015  # m/s
+SUPPLY = 4e5  # Pa: no chamber falls below this
+
+
+class Cause(NamedTuple):
+    """A law of friction that every cylinder has, called `name`, and its sizes `value` (C,)."""
+
+    name: str
+    law: ForceLaw
+    value: Array
+
+
+class Truth(NamedTuple):
+    """The machine as it really is: its links, its friction, `back` (C,) [Pa/(m/s)^2] of the return side, the
+    ground's pitch and roll [rad] below a house that looks along its tracks; `effects` that nobody told the estimator
+    of."""
+
+    links: tuple[Link, ...]
+    friction: tuple[Cause, ...]
+    back: Array
+    pitch: float
+    roll: float
+    effects: tuple[Imposed, ...] = ()
+
+
+class Physics(NamedTuple):
+    """A scene at T instants `t` (T,) [s] from its start: the motion, `moving` with the true cylinder forces,
+    `attitude`, `friction` (T, C) [N] within those forces, chamber pressures `head`, `rod` (T, C) [Pa], the
+    soil's force `soil` (T, 2) [N] at the teeth (x forward, z up, true), tip velocity (T, 2) [m/s], tip place
+    (T, 2) [m] seen from the first pin, the load."""
+
+    t: Array
+    course: Kinematics
+    moving: Motion
+    attitude: Attitude
+    friction: Array
+    head: Array
+    rod: Array
+    soil: Array
+    tip_velocity: Array
+    tip: Array
+    load: CarriedLoad
+
+
+def draw_truth(
+    machine: Machine, rng: np.random.Generator, mass_error: float, effects: tuple[Imposed, ...] = ()
+) -> Truth:
+    """A machine whose masses differ from the machine file's by the fraction `mass_error` either way, centres
+    and inertias by up to half of it besides; friction and return-side pressure as usual for the cylinders'
+    sizes. A machine whose tilt nobody measures stands level."""
+    signs = rng.choice((-1.0, 1.0), machine.size)
+    rest = rng.uniform(-0.5, 0.5, (machine.size, 3)) * mass_error
+    links = tuple(_off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True))
+    area = np.array([c.area_head for c in machine.cylinders])
+    coulomb, viscous = area * rng.uniform((1.0e5, 2e5), (1.6e5, 5e5), (area.size, 2)).T
+    friction = (
+        Cause("coulomb", CoulombFriction(ROUNDING), coulomb),
+        Cause("viscous", ViscousFriction(), viscous),
+        Cause("stribeck", Stribeck(STRIBECK_SPEED, ROUNDING), coulomb * rng.uniform(0.3, 0.6, area.size)),
+    )
+    seen = {signal.kind for signal in machine.signals}
+    pitch, roll = rng.uniform(-0.03, 0.03, 2) * (Kind.PITCH in seen, Kind.ROLL in seen)
+    return Truth(links, friction, rng.uniform(2e7, 4e7, area.size), float(pitch), float(roll), effects)
+
+
+def _off(link: Link, factor: float, rest: Array) -> Link:
+    """A link whose mass is `factor` times as large, centre and inertia besides by the fractions `rest`
+    (3,)."""
+    return Link(
+        link.name,
+        link.length,
+        link.mass * factor,
+        link.cx * (1 + float(rest[0])),
+        link.cz * (1 + float(rest[1])),
+        link.inertia * factor * (1 + float(rest[2])),
+        *(link.angle_low, link.angle_high),
+        *(link.mass_error, link.centre_error, link.inertia_error, link.length_error),
+    )
+
+
+def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: float = 0.0) -> Physics:
+    """What the machine needs to follow `scene` at times `t` (T,) [s] from the scene's start, which is `begin` [s] after
+    the run's."""
+    clock, machine = t + begin, altered(machine, truth.effects)
+    course, carried = follow(scene, t), changed_load(truth.effects, load(scene.dig, t), clock)
+    slew = np.sqrt(course.slew**2 + unseen_slew(truth.effects, clock))
+    stands, swung = standing(truth.pitch, truth.roll, course.turn), swing(truth.effects, clock)
+    attitude = stands._replace(pitch=np.asarray(stands.pitch) + swung.angle, slew=slew)
+    unknown = np.zeros((*t.shape, len(machine.cylinders)))
+    moving = motion(machine, course.theta, course.thetad, unknown, attitude)
+    tip = machine.tool_point(course.theta)
+    turn = np.exp(1j * np.asarray(attitude.pitch))
+    velocity = _plane(turn * np.sum(tip.gradient * course.thetad, axis=-1))
+    soil = soil_force(resistance(scene.dig, t), velocity) + touching(truth.effects, clock)
+    value = base_values(truth.links, carried)
+    value[..., :3] += added_parameters(machine, truth.effects, clock)
+    tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
+    tau += carrying_torque(machine, truth.effects, value, course, attitude, swung)
+    moving, friction = balance(truth, moving, tau, clock)
+    head, rod = pressures(machine, truth.back, moving.force, moving.speed)
+    return Physics(t, course, moving, attitude, friction, head, rod, soil, velocity, _plane(turn * tip.place), carried)
+
+
+def _plane(z: Complex) -> Array:
+    return np.stack([z.real, z.imag], axis=-1)
+
+
+def standing(pitch: float, roll: float, turn: Array) -> Attitude:
+    """Pitch and roll (T,) of a house turned by `turn` (T,) [rad] on a slope, from gravity seen in the house's
+    axes: sin(roll) = a_y/g, pitch = atan2(a_x, a_z)."""
+    x, y, z = np.cos(roll) * np.sin(pitch), np.sin(roll), np.cos(roll) * np.cos(pitch)
+    ahead = x * np.cos(turn) + y * np.sin(turn)
+    aside = y * np.cos(turn) - x * np.sin(turn)
+    return Attitude(np.arctan2(ahead, z), np.arcsin(aside))
+
+
+def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
+    """(J, X, Z, D_excess, E) of every link (T, N, 5) with the load: it adds m l^2 to J and m l to X of all
+    but the last link, its own moments to the last one's."""
+    n, mass, (x, z) = len(links), carried.mass, carried.centre.T
+    lengths = np.array([link.length for link in links])[:-1]
+    values = np.zeros((*mass.shape, n, 5))
+    values[..., :3] = base_parameters(links).reshape(n, 3)
+    values[..., 3:] = slew_parameters(links)
+    values[..., :-1, 0] += mass[:, None] * lengths**2
+    values[..., :-1, 1] += mass[:, None] * lengths
+    # the heap's spread is shared evenly by both axes: int z^2 dm = m z^2 + (J - m |c|^2)/2
+    spread = carried.inertia - mass * (x**2 + z**2)
+    own = (carried.inertia, mass * x, mass * z, -2 * mass * z**2 - spread, mass * x * z)
+    values[..., -1, :] += np.stack(own, axis=-1)
+    return values
+
+
+def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: Attitude) -> Array:
+    """tau = d/dt(momentum) @ value + static @ value (T, N) [N m], `value` (T, N, 5): see `base_values`.
+
+    Momentum depends on place and speed only, so along the parabola of each instant its difference gives d/dt.
+    Material joins and leaves at the bucket's own velocity: value itself is not differentiated."""
+    columns = _columns(lambda s: Rigid().halves(machine, _later(course, attitude, s)))
+    flat = value.shape[:-2]
+    torque = columns @ value[..., :3].reshape(*flat, -1, 1)
+    centrifugal = Slew().halves(machine, _later(course, attitude, 0.0)).static @ value.reshape(*flat, -1, 1)
+    return np.asarray((torque + centrifugal)[..., 0])
+
+
+def _columns(at: Callable[[float], Halves]) -> Array:
+    """d/dt(momentum) + static (T, N, P) of what is `at` so many seconds after each instant."""
+    columns = at(0.0).static
+    for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
+        momentum = at(s).momentum
+        if momentum is not None:
+            columns = columns + weight / (12.0 * H) * momentum
+    return columns
+
+
+def carrying_torque(
+    machine: Machine, effects: Sequence[Imposed], value: Array, course: Kinematics, attitude: Attitude, swung: Swing
+) -> Array:
+    """What a chassis that turns as `swung` asks of the joints besides (T, N) [N m]."""
+    torque = np.zeros_like(course.theta)
+    for each in effects:
+        for effect in each.group:
+            if isinstance(effect, BaseMotion):
+                columns = _columns(_carried(machine, effect, value[..., :3], course, attitude, swung))
+                torque += columns @ np.array(each.sizes)
+    return torque
+
+
+def _carried(
+    machine: Machine, effect: BaseMotion, base: Array, course: Kinematics, attitude: Attitude, swung: Swing
+) -> Callable[[float], Halves]:
+    """The effect's halves so many seconds along the parabola of each instant."""
+
+    def at(s: float) -> Halves:
+        pitch = np.asarray(attitude.pitch) + swung.rate * s + swung.acceleration * (s * s / 2)
+        moving = _later(course, attitude._replace(pitch=pitch), s)
+        return effect.halves(machine, moving, swung.rate + swung.acceleration * s, base)
+
+    return at
+
+
+def _later(course: Kinematics, attitude: Attitude, s: float) -> Motion:
+    """The motion `s` seconds along the parabola of each instant; rigid columns ask for no cylinder."""
+    theta = course.theta + course.thetad * s + course.thetadd * (s * s / 2)
+    none = np.zeros((*theta.shape[:-1], 0))
+    a = np.cumsum(theta, axis=-1)
+    qd = np.cumsum(course.thetad + course.thetadd * s, axis=-1)
+    g = STANDARD_GRAVITY * np.cos(attitude.roll)
+    q = a + np.asarray(attitude.pitch)[..., None]
+    return Motion(a, q, qd, np.asarray(g), np.asarray(attitude.slew), none, none, none, none, none)
+
+
+def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
+    """Cylinder forces, friction included (in the motion returned), and that friction (T, C) [N]: lever^T F =
+    tau + friction's torque, at times (T,) [s] of the run. Friction may depend on the force itself, so the two are found
+    by turns."""
+    inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
+    bare = (inverse @ tau[..., None])[..., 0]
+    levels = [friction_level(truth.effects, moving.speed.shape[1], t, c.name) for c in truth.friction]
+    friction = np.zeros_like(bare)
+    for _ in range(TURNS):
+        loaded = moving._replace(force=bare + friction)
+        each = zip(levels, truth.friction, strict=True)
+        usual = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for level, c in each]
+        found = sum(usual, excess_force(truth.effects, loaded, t))
+        change, friction = np.max(np.abs(found - friction), initial=0.0), found
+        if change < 1e-9:
+            break
+    return moving._replace(force=bare + friction), friction
+
+
+TURNS = 30
+
+
+def pressures(machine: Machine, back: Array, force: Array, speed: Array) -> tuple[Array, Array]:
+    """Head and rod pressure (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly: the return chamber (rod
+    side when extending) holds at least SUPPLY + back v^2, no chamber less than SUPPLY; no more than that asks
+    for."""
+    head_area = np.array([c.area_head for c in machine.cylinders])
+    rod_area = np.array([c.area_rod for c in machine.cylinders])
+    returning = SUPPLY + back * speed**2
+    extends = speed > 0
+    least_head, least_rod = np.where(extends, SUPPLY, returning), np.where(extends, returning, SUPPLY)
+    head = np.maximum(least_head, (force + least_rod * rod_area) / head_area)
+    return head, (head * head_area - force) / rod_area

@@ -1,0 +1,89 @@
+"""How the simulated machine is moved: strokes of minimum jerk, overlapping between joints as an operator's
+levers do.
+
+Positions, velocities and accelerations are analytic. No code knows a link's name: the last link is the tool,
+the one before it the stick, all before that lift. Larger joint angles raise, reach out and open; smaller ones
+curl.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.signals.estimate import Array
+from cylforce.simulation.soil import Dig
+
+
+class Phase(IntEnum):
+    """What the machine does; written into the truth."""
+
+    AIR = 0
+    REACH = 1
+    DIG = 2
+    LIFT = 3
+    DUMP = 4
+    RETURN = 5
+
+
+class Step(NamedTuple):
+    """A stroke of minimum jerk from `start` to `stop` [s] by `rise` [rad]."""
+
+    start: float
+    stop: float
+    rise: float
+
+
+class Course(NamedTuple):
+    """One joint's (or the house's) angle: `begin` [rad] and the strokes added to it."""
+
+    begin: float
+    steps: tuple[Step, ...] = ()
+
+    @property
+    def end(self) -> float:
+        """The angle [rad] after all strokes."""
+        return self.begin + sum(step.rise for step in self.steps)
+
+    def at(self, t: Array) -> Array:
+        """Angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at times (T,) [s]:
+        rise (10 u^3 - 15 u^4 + 6 u^5), u = (t - start)/(stop - start) within 0..1."""
+        start, stop, rise = np.array(self.steps).reshape(-1, 3).T
+        length = stop - start
+        u = np.clip((t[:, None] - start) / length, 0.0, 1.0)
+        angle = self.begin + (u**3 * (10 - 15 * u + 6 * u**2)) @ rise
+        rate = (30 * u**2 * (1 - u) ** 2) @ (rise / length)
+        return np.stack([angle, rate, (60 * u * (1 - u) * (1 - 2 * u)) @ (rise / length**2)])
+
+
+class Scene(NamedTuple):
+    """A piece of a run: `duration` [s], the joints' and the house's courses, (start [s], phase) in order, the
+    digging."""
+
+    duration: float
+    joints: tuple[Course, ...]
+    slew: Course
+    phases: tuple[tuple[float, Phase], ...]
+    dig: Dig | None = None
+
+
+class Kinematics(NamedTuple):
+    """A scene at T instants: `theta`, `thetad`, `thetadd` (T, N), house angle `turn` and rate `slew` (T,),
+    `phase` (T,)."""
+
+    theta: Array
+    thetad: Array
+    thetadd: Array
+    turn: Array
+    slew: Array
+    phase: Array
+
+
+def follow(scene: Scene, t: Array) -> Kinematics:
+    """The scene at times (T,) [s] from its own start."""
+    theta, thetad, thetadd = np.stack([course.at(t) for course in scene.joints], axis=-1)
+    turn, slew, _ = scene.slew.at(t)
+    starts = np.array([start for start, _ in scene.phases])
+    names = np.array([float(phase) for _, phase in scene.phases])
+    phase = names[np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)]
+    return Kinematics(theta, thetad, thetadd, turn, slew, phase)

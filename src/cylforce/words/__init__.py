@@ -1,1 +1,0 @@
-"""Floor 0: the values that every other floor speaks in."""
