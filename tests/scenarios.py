@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from cylforce.commissioning.identification import identify
-from cylforce.programs.identify import model_of
-from cylforce.programs.sim import START_US, prepare
+from cylforce.programs.common.play import prepare
+from cylforce.programs.common.readings import model_of
+from cylforce.programs.sim import START_US
 from cylforce.service.step import step
 from cylforce.signals.codec import decode
 from cylforce.signals.events import Tick

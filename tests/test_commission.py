@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cylforce.can.bus import BusError, open_bus
+from cylforce.can.bus import BusError
+from cylforce.can.opening import open_bus
 from cylforce.commissioning.guidance import Guide
 from cylforce.files.logreader import read_events
 from cylforce.programs import commission
 from cylforce.programs.commission import Order, run_commission
-from cylforce.programs.identify import model_of
+from cylforce.programs.common.readings import model_of
 from cylforce.programs.live.collector import Collector
 from cylforce.programs.live.picture import FULL, NONE, picture, summary
 from cylforce.programs.sim import START_US

@@ -14,10 +14,11 @@ from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY
 from cylforce.files.tables import Table, read_table, write_table
 from cylforce.programs import cli
+from cylforce.programs.common.play import read_effects
 from cylforce.programs.gap_output import sentence
 from cylforce.programs.reports import report
 from cylforce.programs.reports.units import SHOWN, interval, shown
-from cylforce.programs.sim import read_effects, run_sim
+from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
 from cylforce.simulation.sensing import run, sensors

@@ -10,7 +10,7 @@ from cylforce.diagnosis.rows import Recorded
 from cylforce.effects.fault import Place, places
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
-from cylforce.programs.sim import prepare
+from cylforce.programs.common.play import prepare
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors

@@ -11,7 +11,7 @@ from cylforce.commissioning.coverage import Pace, Way, missing
 from cylforce.commissioning.guidance import Guide, follow
 from cylforce.commissioning.identification import identify
 from cylforce.commissioning.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
-from cylforce.programs.identify import model_of
+from cylforce.programs.common.readings import model_of
 from cylforce.settings.machine_file import load
 from obedient import commissioned
 from scenarios import CONFIG, EXCAVATOR

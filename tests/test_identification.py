@@ -11,7 +11,8 @@ from cylforce.commissioning.identification import identify
 from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table, write_table
 from cylforce.mechanics.machine import base_parameters
-from cylforce.programs.identify import model_of, run_identify
+from cylforce.programs.common.readings import model_of
+from cylforce.programs.identify import run_identify
 from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.simulation.scenario import _begin

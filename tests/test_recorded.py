@@ -17,7 +17,7 @@ from cylforce.effects.library import proposals
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.segments import Part, parts, stretches
 from cylforce.files.tables import Table, write_table
-from cylforce.programs.recorded import PART_S, SHORTEST_S, chosen
+from cylforce.programs.common.recorded import PART_S, SHORTEST_S, chosen
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR, moved
 

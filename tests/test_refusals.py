@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cylforce.commissioning.identification import identify
-from cylforce.programs.identify import model_of
+from cylforce.programs.common.readings import model_of
 from cylforce.settings.machine_file import load
 from scenarios import CONFIG, EXCAVATOR
 from spoilt import exchanged, samples, touching, with_bore

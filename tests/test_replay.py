@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 import structlog
 
-from cylforce.can.bus import open_bus
 from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
 from cylforce.commissioning.identification import identify
 from cylforce.files.candump import Sent, parsed
 from cylforce.files.logfile import LogWriter, file_sha256
 from cylforce.files.logreader import log_header, read_events
-from cylforce.programs.identify import model_of
+from cylforce.programs.common.play import prepare
+from cylforce.programs.common.readings import header_of, make_core, model_of
 from cylforce.programs.live.sim_bus import play_until
-from cylforce.programs.replay import header_of, make_core, run_replay, write_estimates
+from cylforce.programs.replay import run_replay, write_estimates
 from cylforce.programs.run import Daemon, configure_messages
-from cylforce.programs.sim import prepare, run_sim
+from cylforce.programs.sim import run_sim
 from cylforce.service.publication import published
 from cylforce.service.step import Scale
 from cylforce.settings.identified import write_identified

@@ -12,8 +12,9 @@ from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
 from cylforce.files.tables import read_table, write_table
 from cylforce.programs.cli import app
-from cylforce.programs.identify import model_of, named_segments, run_identify
-from cylforce.programs.progress import progress_bar, watched
+from cylforce.programs.common.progress import progress_bar, watched
+from cylforce.programs.common.readings import model_of, named_segments
+from cylforce.programs.identify import run_identify
 from cylforce.programs.reports import evidence as evidences
 from cylforce.programs.reports import report
 from cylforce.programs.reports.evidence import evidence, friction, push

@@ -12,7 +12,8 @@ from cylforce.files.candump import Sent
 from cylforce.files.logreader import read_events
 from cylforce.files.tables import read_table
 from cylforce.files.truth import read_truth
-from cylforce.programs.sim import START_US, prepare, run_sim
+from cylforce.programs.common.play import prepare
+from cylforce.programs.sim import START_US, run_sim
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.codec import decode
 from cylforce.signals.events import Frame, Tick

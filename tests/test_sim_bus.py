@@ -6,11 +6,11 @@ from itertools import count
 import numpy as np
 import pytest
 
-from cylforce.can.bus import open_bus
 from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
 from cylforce.files.truth import TruthWriter, read_truth
+from cylforce.programs.common.play import prepare
 from cylforce.programs.live.sim_bus import STILL_S, SensorNodes, Stage, play_until
-from cylforce.programs.sim import prepare
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
 from cylforce.signals.events import Frame

@@ -14,7 +14,7 @@ import pytest
 
 from cylforce.estimation.residual import Residual
 from cylforce.estimation.segments import gapless
-from cylforce.programs.identify import model_of
+from cylforce.programs.common.readings import model_of
 from cylforce.service.publication import published
 from cylforce.service.samples import samples
 from cylforce.service.step import Core, Scale, step

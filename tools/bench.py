@@ -22,7 +22,7 @@ from rich.table import Table
 from cylforce.commissioning.identification import identify
 from cylforce.estimation.channels import Channels
 from cylforce.files.recording import Events, open_recording
-from cylforce.programs.identify import model_of, recorded_segments
+from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
 from cylforce.service import step as stepping
 from cylforce.service.assembler import Assembler

@@ -13,8 +13,9 @@ import time
 
 import pytest
 
-from cylforce.can.bus import BusError, open_bus
+from cylforce.can.bus import BusError
 from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
 from cylforce.can.python_can import Relay
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cylforce.can.bus import open_bus
 from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
 from cylforce.canopen.devices import Derived
 from cylforce.canopen.dictionary.eds import eds
 from cylforce.canopen.dictionary.object_dictionary import own_objects

@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.can.bus import open_bus
+from cylforce.can.opening import open_bus
 from cylforce.commissioning.strokes import clear_range
 from cylforce.files.candump import Sent
 from cylforce.files.logreader import read_events
+from cylforce.programs.common.play import Play
 from cylforce.programs.identify import How, run_identify
 from cylforce.programs.live.sim_bus import play_until
-from cylforce.programs.sim import Play
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import load
 from cylforce.simulation.sensing import run, sensors

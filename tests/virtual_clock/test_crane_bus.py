@@ -11,8 +11,9 @@ import pytest
 
 from cylforce.files.candump import Sent
 from cylforce.files.recording import open_recording
+from cylforce.programs.common.readings import make_core
 from cylforce.programs.identify import run_identify
-from cylforce.programs.replay import make_core, run_replay
+from cylforce.programs.replay import run_replay
 from cylforce.service.publication import frames
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Status

@@ -12,11 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.can.bus import open_bus
+from cylforce.can.opening import open_bus
 from cylforce.commissioning.identification import identify
 from cylforce.files.candump import Sent
 from cylforce.files.logreader import read_events
-from cylforce.programs.identify import model_of
+from cylforce.programs.common.readings import model_of
 from cylforce.programs.replay import run_replay
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import load

@@ -18,7 +18,8 @@ from rich.table import Table
 
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
-from cylforce.programs.identify import recorded_segments, run_identify
+from cylforce.programs.common.readings import recorded_segments
+from cylforce.programs.identify import run_identify
 from cylforce.programs.replay import run_replay
 from cylforce.settings.machine_file import Loaded, load
 

@@ -21,7 +21,7 @@ from rich.table import Table
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.commissioning.identification import identify
-from cylforce.programs.identify import model_of, recorded_segments
+from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.replay import Replayed, replay_through
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import Loaded, load

@@ -26,7 +26,7 @@ from cylforce.commissioning.identification import identify
 from cylforce.commissioning.reaches import Reach
 from cylforce.commissioning.strokes import Stroke
 from cylforce.programs.commission import LIMIT_S, THINK_S
-from cylforce.programs.identify import model_of, recorded_segments
+from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
 from reference_machine.machine import Machine, draw

@@ -23,8 +23,9 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 import numpy as np  # noqa: E402
 
 from cylforce.effects.imposed import imposed  # noqa: E402
+from cylforce.programs.common.play import Play  # noqa: E402
 from cylforce.programs.gap import Question, diagnose  # noqa: E402
-from cylforce.programs.sim import Play, write_files  # noqa: E402
+from cylforce.programs.sim import write_files  # noqa: E402
 from cylforce.settings.machine_file import Loaded, load  # noqa: E402
 from cylforce.simulation.scenario import moves  # noqa: E402
 from cylforce.simulation.sensing import Record, Sensors, run, sensors  # noqa: E402

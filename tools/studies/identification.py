@@ -21,8 +21,8 @@ from cylforce.commissioning.identification import Identification, identify
 from cylforce.estimation.filters import fours
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import observe
-from cylforce.programs.identify import model_of, recorded_segments
-from cylforce.programs.replay import calibrated, replay_through
+from cylforce.programs.common.readings import calibrated, model_of, recorded_segments
+from cylforce.programs.replay import replay_through
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array

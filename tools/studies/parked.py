@@ -27,7 +27,7 @@ from cylforce.estimation.model import CERTAIN_SHARE, Tares
 from cylforce.estimation.observation import chunks
 from cylforce.estimation.recursive import forget, known, solution, update
 from cylforce.estimation.residual import residual
-from cylforce.programs.identify import model_of, recorded_segments
+from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.service.adaptation import EVERY, MEMORY_SECONDS, Adapter
 from cylforce.settings.machine_file import Loaded, load
 from reference_machine.machine import draw

@@ -16,9 +16,9 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.files.truth import read_truth
+from cylforce.programs.common.score import score_cycles, score_force
 from cylforce.programs.identify import run_identify
 from cylforce.programs.replay import run_replay
-from cylforce.programs.score import score_cycles, score_force
 from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
 

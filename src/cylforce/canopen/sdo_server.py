@@ -2,13 +2,10 @@
 memory."""
 
 from struct import Struct
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from canopen.sdo import server
 from canopen.sdo.exceptions import SdoAbortedError
-
-if TYPE_CHECKING:
-    from cylforce.canopen.node import Node
 
 TOGGLE = 0x05030000
 TIMEOUT = 0x05040000
@@ -22,10 +19,37 @@ _PATIENCE_US = 1_000_000  # between two segments
 _HEAD = Struct("<BHB")
 
 
+class Owner(Protocol):
+    """The node whose objects are read and written."""
+
+    @property
+    def node_id(self) -> int:
+        """1 to 127."""
+        ...
+
+    @property
+    def answers(self) -> bool:
+        """Whether SDO works in its present NMT state."""
+        ...
+
+    @property
+    def t_us(self) -> int:
+        """The time [us]."""
+        ...
+
+    def download(self, index: int, sub: int, data: bytes, length: int | None) -> None:
+        """Write an object, or raise SdoAbortedError."""
+        ...
+
+    def check_segmented(self, index: int, sub: int) -> None:
+        """Raise SdoAbortedError where nothing can be written."""
+        ...
+
+
 class SdoServer(server.SdoServer):
     """Expedited and segmented transfers; block transfers are refused, as CiA 301 lets a server."""
 
-    def __init__(self, node: "Node") -> None:
+    def __init__(self, node: Owner) -> None:
         super().__init__(0x600 + node.node_id, 0x580 + node.node_id, node)
         self._owner = node
         self._index = self._subindex = self._toggle = 0

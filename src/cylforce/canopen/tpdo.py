@@ -1,12 +1,10 @@
 """A transmit PDO of a node: its parameters (1800h + n), its mapping (1A00h + n), when it is sent and with
 what."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
-
-if TYPE_CHECKING:
-    from cylforce.canopen.node import Node
 
 DISABLED = 1 << 31  # of a COB-ID
 NO_REMOTE = 1 << 30
@@ -19,10 +17,33 @@ DEVICE_STATE = 0x08000022
 _MOST = 8  # objects of one byte
 
 
+class Owner(Protocol):
+    """The node that sends the PDO."""
+
+    data_store: dict[int, dict[int, bytes]]
+
+    @property
+    def operational(self) -> bool:
+        """Whether it may send PDOs."""
+        ...
+
+    def raw(self, index: int, sub: int) -> int:
+        """The value of an object that is a number."""
+        ...
+
+    def variable(self, index: int, sub: int) -> ODVariable | None:
+        """The description of an object, None if there is none."""
+        ...
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        """Send a frame; False: dropped."""
+        ...
+
+
 class Tpdo:
     """TPDO `number` of `node`, as the object dictionary describes it now."""
 
-    def __init__(self, node: "Node", number: int) -> None:
+    def __init__(self, node: Owner, number: int) -> None:
         self._node = node
         self._communication, self._mapping = 0x17FF + number, 0x19FF + number
         self._syncs = 0

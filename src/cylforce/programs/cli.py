@@ -66,8 +66,9 @@ def identify(
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
     from cylforce.files.atomic import check_outputs
-    from cylforce.programs.identify import How, machine_file_of, named_segments, run_identify, show
-    from cylforce.programs.progress import progress_bar
+    from cylforce.programs.common.progress import progress_bar
+    from cylforce.programs.common.readings import machine_file_of, named_segments
+    from cylforce.programs.identify import How, run_identify, show
     from cylforce.programs.reports.report import check_extra, write_report
     from cylforce.settings.machine_file import load
 
@@ -202,9 +203,9 @@ def gap(
 ) -> None:
     """Say why recordings differ from the model: where, which effect, how far the gap shrinks with it."""
     from cylforce.files.atomic import check_outputs
+    from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.gap import Question, diagnose, known_loads
     from cylforce.programs.gap_output import Outputs, show, write_all
-    from cylforce.programs.progress import progress_bar
     from cylforce.programs.reports.report import check_extra, gap_report
     from cylforce.settings.machine_file import load as load_machine
 

@@ -10,18 +10,19 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.text import Text
 
-from cylforce.can.bus import Bus, BusError, open_bus
+from cylforce.can.bus import Bus, BusError
 from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
 from cylforce.commissioning.guidance import Guide
 from cylforce.commissioning.identification import MIN_SECONDS, Identification
 from cylforce.files.atomic import RecordingError, check_outputs
 from cylforce.files.logfile import LogWriter, file_sha256
-from cylforce.programs.identify import model_of, run_identify, show
+from cylforce.programs.common.progress import progress_bar
+from cylforce.programs.common.readings import calibrated, header_of, model_of
+from cylforce.programs.identify import run_identify, show
 from cylforce.programs.live.collector import Collector, View
 from cylforce.programs.live.picture import Screen, known, picture, summary
 from cylforce.programs.live.station import serve
-from cylforce.programs.progress import progress_bar
-from cylforce.programs.replay import calibrated, header_of
 from cylforce.programs.run import Daemon, configure_messages, status_line
 from cylforce.service.step import Core, Scale
 from cylforce.settings.identified import write_identified

@@ -17,13 +17,13 @@ from rich.console import Console
 from rich.table import Table
 
 import cylforce
-from cylforce.can.bus import open_bus
+from cylforce.can.opening import open_bus
 from cylforce.files.atomic import replacing
 from cylforce.files.truth import read_truth
+from cylforce.programs.common.readings import make_core
+from cylforce.programs.common.score import CycleScore, ForceScore, score_cycles, score_force
 from cylforce.programs.live.station import Counts, serve
-from cylforce.programs.replay import make_core
 from cylforce.programs.run import Daemon, configure_messages, show_status
-from cylforce.programs.score import CycleScore, ForceScore, score_cycles, score_force
 from cylforce.service.step import Scale
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Booking, Estimate

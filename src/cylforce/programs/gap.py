@@ -24,8 +24,8 @@ from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.progress import Watch, silent
-from cylforce.programs.recorded import SHORTEST_S, chosen
+from cylforce.programs.common.progress import Watch, silent
+from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array

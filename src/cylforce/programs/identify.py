@@ -9,67 +9,13 @@ from rich.console import Console
 from rich.table import Table as Text
 
 from cylforce.commissioning.identification import Identification, identify
-from cylforce.estimation.model import Model
-from cylforce.estimation.segments import gapless
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
-from cylforce.files.logreader import log_header
-from cylforce.files.recording import open_recording
-from cylforce.files.tables import Table
-from cylforce.programs.progress import Watch, silent, watched
-from cylforce.service.assembler import Assembler
-from cylforce.service.samples import samples
+from cylforce.programs.common.progress import Watch, silent
+from cylforce.programs.common.readings import calibrated, model_of, named_segments
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
-from cylforce.signals.events import Frame, Tick
-
-
-def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
-    """(machine file, recordings): the machine file comes first, or our own log names it."""
-    if files[0].suffix == ".toml":
-        if len(files) == 1:
-            raise RecordingError(f"{files[0]}: is a machine file; name a recording of the empty machine after it")
-        return files[0], list(files[1:])
-    header = log_header(files[0])
-    if header is None:
-        raise RecordingError(
-            f"{files[0]}: does not say which machine it is of; name the machine file (.toml) before it"
-        )
-    return Path(header.machine), list(files)
-
-
-def model_of(loaded: Loaded) -> Model:
-    """The model of a machine file."""
-    service = loaded.service
-    return Model(service.machine, service.filters, service.effects)
-
-
-def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent) -> Iterator[Array]:
-    """A recording's gapless stretches of samples (T, S), SI, as they are read."""
-    service = loaded.service
-    recording = open_recording(path, service, loaded.columns)
-    longest = int(service.health.hold_s * service.filters.rate_hz)
-    if isinstance(recording, Table):
-        yield from gapless(ordered(recording, loaded, path), longest)
-        return
-    events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
-    for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
-        yield from gapless(piece, longest)
-
-
-def named_segments(loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent) -> Iterator[tuple[str, Array]]:
-    """The gapless stretches of all recordings, each with the recording's name."""
-    return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch))
-
-
-def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
-    """The table's columns in the order of the machine's signals."""
-    place = {name: k for k, name in enumerate(table.signals)}
-    missing = [s.name for s in loaded.service.machine.signals if s.name not in place]
-    if missing:
-        raise RecordingError(f"{path}: has no column for {', '.join(missing)}")
-    return table.values[:, [place[s.name] for s in loaded.service.machine.signals]]
 
 
 class How(NamedTuple):
@@ -100,8 +46,6 @@ def run_identify(
         refuse=how.refuse,
     )
     if how.lift is not None and how.known_kg is not None:
-        from cylforce.programs.replay import calibrated
-
         found = calibrated(loaded, found, how.lift, how.known_kg)
     write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found

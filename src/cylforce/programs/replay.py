@@ -8,18 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
-from cylforce.commissioning.identification import Identification
-from cylforce.commissioning.known_load import with_known_load
-from cylforce.files.atomic import RecordingError, replacing, warn
+from cylforce.files.atomic import replacing, warn
 from cylforce.files.candump import Sent
-from cylforce.files.logfile import Header, file_sha256, mismatches, running_versions
+from cylforce.files.logfile import mismatches
 from cylforce.files.logreader import log_header, with_ticks
 from cylforce.files.recording import Events, open_recording, sensor_frames
-from cylforce.programs.identify import model_of, recorded_segments
-from cylforce.service.hanging import hanging
+from cylforce.programs.common.readings import header_of, make_core
 from cylforce.service.publication import published
 from cylforce.service.step import Core, State, step
-from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Booking, Estimate, Status
 from cylforce.signals.events import Event
@@ -33,33 +29,6 @@ class Replayed(NamedTuple):
     compared: int
     different: int
     state: State
-
-
-def make_core(loaded: Loaded, identified: Path | None) -> Core:
-    """The core of a machine file with its identified tares, or with the data sheet's."""
-    tares = model_of(loaded).data_sheet if identified is None else read_identified(identified, loaded)
-    return Core(loaded.service, tares)
-
-
-def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
-    """The same with what a lift of a known weight tells. Raises RecordingError when the weight is not seen to hang."""
-    try:
-        return with_known_load(found, recorded_segments(loaded, lift), known_kg, hanging)
-    except ValueError as error:
-        raise RecordingError(f"{lift}: {error}") from error
-
-
-def header_of(loaded: Loaded, identified: Path | None, bus: str, zero: float, tare: float) -> Header:
-    """What a log of this service begins with."""
-    return Header(
-        versions=running_versions(),
-        machine=str(loaded.path.resolve()),
-        machine_sha256=loaded.sha256,
-        identified_sha256=file_sha256(identified) if identified else None,
-        state={"zero": zero, "tare": tare},
-        bus=bus,
-        node_id=loaded.service.node_id,
-    )
 
 
 def run_replay(

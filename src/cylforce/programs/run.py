@@ -10,12 +10,13 @@ from typing import NamedTuple, TextIO, cast
 
 import structlog
 
-from cylforce.can.bus import Bus, open_bus
+from cylforce.can.bus import Bus
 from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
 from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
 from cylforce.files.logfile import LogWriter
+from cylforce.programs.common.readings import header_of, make_core
 from cylforce.programs.live.station import Counts, Station, serve
-from cylforce.programs.replay import header_of, make_core
 from cylforce.service.step import Core, Output, Scale, State, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status

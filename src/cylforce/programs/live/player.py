@@ -8,8 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
-from cylforce.can.bus import Bus, open_bus
+from cylforce.can.bus import Bus
 from cylforce.can.clock import Timer, now_us
+from cylforce.can.opening import open_bus
 from cylforce.canopen.devices import sensor_node
 from cylforce.canopen.network import Network, Send
 from cylforce.files.recording import Events, open_recording, sensor_frames

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cylforce.can.bus import Bus, open_bus
+from cylforce.can.bus import Bus
 from cylforce.can.clock import Timer, now_us
+from cylforce.can.opening import open_bus
 from cylforce.canopen.devices import sensor_node
 from cylforce.canopen.network import Network, Send
 from cylforce.files.truth import TruthWriter, truth_columns
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.sim import Play
+from cylforce.programs.common.play import Play
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame

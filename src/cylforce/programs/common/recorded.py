@@ -12,7 +12,7 @@ from cylforce.files.atomic import RecordingError, warn
 from cylforce.files.logfile import Header
 from cylforce.files.recording import Events, open_pieces
 from cylforce.files.tables import Table
-from cylforce.programs.progress import Watch, silent, watched
+from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.service.assembler import Assembler
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import Loaded

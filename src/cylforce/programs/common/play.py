@@ -1,0 +1,106 @@
+"""A run of the simulated machine, ready to be played into files or onto a bus."""
+
+import tomllib
+from collections.abc import Iterable, Iterator
+from math import inf
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+
+from cylforce.effects.imposed import Imposed, imposed
+from cylforce.files.truth import describe
+from cylforce.mechanics.installation import Service
+from cylforce.settings.machine_file import Loaded, SettingsError
+from cylforce.signals.kinds import Kind
+from cylforce.simulation.scenario import cycles as digging_cycles
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import Record, Sensors, run, sensors
+from cylforce.simulation.simulator import Truth, draw_truth
+from cylforce.simulation.trajectory import Scene
+
+
+class Play(NamedTuple):
+    """A run ready to be played: the machine as it is, its sensors, and the scenes as they come, by scene."""
+
+    loaded: Loaded
+    seed: int
+    truth: Truth
+    made: Sensors
+    header: dict[str, JsonValue]
+    records: Iterator[Record]
+
+    @property
+    def service(self) -> Service:
+        """The machine file's settings."""
+        return self.loaded.service
+
+
+class _EffectTable(BaseModel):
+    """An effect of the diagnosis' library, switched on in the simulated machine; SI units."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    at: str
+    value: float | tuple[float, ...]
+    shape: dict[str, float] = {}
+    from_s: float = 0.0
+    until_s: float = inf
+
+
+class _EffectsFile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    effects: tuple[_EffectTable, ...]
+
+
+def prepare(
+    loaded: Loaded,
+    scenario: str,
+    seed: int,
+    mass_error: float,
+    *,
+    amount: float,
+    effects: Path | None = None,
+    payload: float = 0.0,
+    turning: bool = False,
+) -> Play:
+    """A run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own."""
+    machine = loaded.service.machine
+    extra = read_effects(effects, loaded) if effects else ()
+    truth = draw_truth(machine, np.random.default_rng((seed, 0)), mass_error, extra)
+    header: dict[str, JsonValue] = {"seed": seed, "scenario": scenario, "mass_error": mass_error}
+    header |= {"machine_sha256": loaded.sha256, **describe(machine, truth)}
+    made = sensors(machine, loaded.service.nodes)
+    rng = np.random.default_rng((seed, 1))
+    if scenario == "moves":
+        scenes: Iterable[Scene] = [moves(machine, rng, amount, payload=payload, turning=turning)]
+    else:
+        scenes = _digging(loaded.service, rng, round(amount))
+    noise = np.random.default_rng((seed, 2))
+    records = run(machine, truth, made, scenes, dt=1.0 / loaded.service.filters.rate_hz, rng=noise)
+    return Play(loaded, seed, truth, made, header, records)
+
+
+def _digging(service: Service, rng: np.random.Generator, count: int) -> Iterable[Scene]:
+    swing = any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in service.machine.signals)
+    return digging_cycles(service.machine, rng, count, swing)
+
+
+def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
+    """The effects of a file. Raises SettingsError."""
+    try:
+        file = _EffectsFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        machine = loaded.service.machine
+        return tuple(
+            imposed(machine, e.name, e.at, e.value, shape=e.shape, begin=e.from_s, end=e.until_s) for e in file.effects
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read ({error.strerror}): give a file with [[effects]]") from error
+    except ValueError as error:
+        raise SettingsError(f"{path}: {error}") from error

@@ -1,0 +1,97 @@
+"""What the programs read: a machine's model and core from its files, the samples of its recordings."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from cylforce.commissioning.identification import Identification
+from cylforce.commissioning.known_load import with_known_load
+from cylforce.estimation.model import Model
+from cylforce.estimation.segments import gapless
+from cylforce.files.atomic import RecordingError
+from cylforce.files.logfile import Header, file_sha256, running_versions
+from cylforce.files.logreader import log_header
+from cylforce.files.recording import open_recording
+from cylforce.files.tables import Table
+from cylforce.programs.common.progress import Watch, silent, watched
+from cylforce.service.assembler import Assembler
+from cylforce.service.hanging import hanging
+from cylforce.service.samples import samples
+from cylforce.service.step import Core
+from cylforce.settings.identified import read_identified
+from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import Array
+from cylforce.signals.events import Frame, Tick
+
+
+def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
+    """(machine file, recordings): the machine file comes first, or our own log names it."""
+    if files[0].suffix == ".toml":
+        if len(files) == 1:
+            raise RecordingError(f"{files[0]}: is a machine file; name a recording of the empty machine after it")
+        return files[0], list(files[1:])
+    header = log_header(files[0])
+    if header is None:
+        raise RecordingError(
+            f"{files[0]}: does not say which machine it is of; name the machine file (.toml) before it"
+        )
+    return Path(header.machine), list(files)
+
+
+def model_of(loaded: Loaded) -> Model:
+    """The model of a machine file."""
+    service = loaded.service
+    return Model(service.machine, service.filters, service.effects)
+
+
+def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent) -> Iterator[Array]:
+    """A recording's gapless stretches of samples (T, S), SI, as they are read."""
+    service = loaded.service
+    recording = open_recording(path, service, loaded.columns)
+    longest = int(service.health.hold_s * service.filters.rate_hz)
+    if isinstance(recording, Table):
+        yield from gapless(ordered(recording, loaded, path), longest)
+        return
+    events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
+    for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
+        yield from gapless(piece, longest)
+
+
+def named_segments(loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent) -> Iterator[tuple[str, Array]]:
+    """The gapless stretches of all recordings, each with the recording's name."""
+    return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch))
+
+
+def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
+    """The table's columns in the order of the machine's signals."""
+    place = {name: k for k, name in enumerate(table.signals)}
+    missing = [s.name for s in loaded.service.machine.signals if s.name not in place]
+    if missing:
+        raise RecordingError(f"{path}: has no column for {', '.join(missing)}")
+    return table.values[:, [place[s.name] for s in loaded.service.machine.signals]]
+
+
+def make_core(loaded: Loaded, identified: Path | None) -> Core:
+    """The core of a machine file with its identified tares, or with the data sheet's."""
+    tares = model_of(loaded).data_sheet if identified is None else read_identified(identified, loaded)
+    return Core(loaded.service, tares)
+
+
+def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
+    """The same with what a lift of a known weight tells. Raises RecordingError when the weight is not seen to hang."""
+    try:
+        return with_known_load(found, recorded_segments(loaded, lift), known_kg, hanging)
+    except ValueError as error:
+        raise RecordingError(f"{lift}: {error}") from error
+
+
+def header_of(loaded: Loaded, identified: Path | None, bus: str, zero: float, tare: float) -> Header:
+    """What a log of this service begins with."""
+    return Header(
+        versions=running_versions(),
+        machine=str(loaded.path.resolve()),
+        machine_sha256=loaded.sha256,
+        identified_sha256=file_sha256(identified) if identified else None,
+        state={"zero": zero, "tare": tare},
+        bus=bus,
+        node_id=loaded.service.node_id,
+    )
