@@ -6,7 +6,7 @@ from cylforce.commissioning.reaches import Reach
 from cylforce.commissioning.strokes import clear_range
 from cylforce.mechanics.workspace import driven, stroke_time
 from cylforce.simulation.sensing import run, sensors
-from cylforce.simulation.trajectory import Course, Phase, Scene, Step
+from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 from scenarios import carried, truth_of
 
 BRISK, QUICK = 0.25, 0.4  # m/s
@@ -54,14 +54,14 @@ def to_pose(machine, pose, target, least, dig):
     joints, speed = driven(machine), QUICK if least else BRISK
     time = max(least, 0.3, *(stroke_time(machine, pose, j, float(target[j]), speed) for j in joints))
     courses = tuple(
-        Course(float(angle), _steady(0.1, time, float(target[j] - angle)) if j in joints else ())
+        JointCourse(float(angle), _steady(0.1, time, float(target[j] - angle)) if j in joints else ())
         for j, angle in enumerate(pose)
     )
-    return Scene(time + 0.3, courses, Course(0.0), ((0.0, Phase.AIR),), dig)
+    return Scene(time + 0.3, courses, JointCourse(0.0), ((0.0, Phase.AIR),), dig)
 
 
 def _steady(start, time, rise):
     """Steps that overlap by half, so that the speed in between hardly changes."""
     count = max(1, round(time / RAMP) - 1)
     length = 2.0 * time / (count + 1)
-    return tuple(Step(start + k * length / 2, start + k * length / 2 + length, rise / count) for k in range(count))
+    return tuple(Move(start + k * length / 2, start + k * length / 2 + length, rise / count) for k in range(count))

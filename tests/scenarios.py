@@ -17,7 +17,7 @@ from cylforce.simulation.sensing import run, sensors
 from cylforce.simulation.sensor_bus import bus_events
 from cylforce.simulation.simulator import draw_truth
 from cylforce.simulation.soil import Dig
-from cylforce.simulation.trajectory import Course, Phase, Scene, Step
+from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 EXCAVATOR = CONFIG / "excavator_20t.toml"
@@ -57,9 +57,10 @@ def carried(mass):
 def scene(begin, strokes, seconds, mass=0.0):
     """Joints at angles `begin` [rad] that make `strokes`: (joint, start [s], stop [s], rise [rad])."""
     courses = tuple(
-        Course(angle, tuple(Step(*stroke) for joint, *stroke in strokes if joint == j)) for j, angle in enumerate(begin)
+        JointCourse(angle, tuple(Move(*stroke) for joint, *stroke in strokes if joint == j))
+        for j, angle in enumerate(begin)
     )
-    return Scene(seconds, courses, Course(0.0), ((0.0, Phase.AIR),), carried(mass) if mass else None)
+    return Scene(seconds, courses, JointCourse(0.0), ((0.0, Phase.AIR),), carried(mass) if mass else None)
 
 
 def played(loaded, scenes, seed=SEED):

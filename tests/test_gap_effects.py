@@ -11,7 +11,7 @@ from cylforce.diagnosis.residuals import fixed, held_out_clean
 from cylforce.diagnosis.resimulation import read_blocks
 from cylforce.diagnosis.shrinkage import Simulation
 from cylforce.diagnosis.verdict import judged
-from cylforce.effects.fault import SHAPES, Course, Incident
+from cylforce.effects.fault import SHAPES, Incident, TimeCourse
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY
 from gap_scene import MACHINE, Reference, as_it_was, recordings
@@ -101,7 +101,7 @@ def test_an_effect_finds_itself(reference, name):
     assert answer is not None, f"{first} without {name} among its rivals"
     sizes, errors, option = answer
     kind = effect.group[0]
-    if isinstance(kind, Incident) and kind.course is Course.WINDOWS:
+    if isinstance(kind, Incident) and kind.course is TimeCourse.WINDOWS:
         sizes, errors = (inside(found, option, effect.begin, effect.end, x) for x in (sizes, errors))
         assert len(sizes) >= 3
     truth = np.array(effect.sizes)[: sizes.shape[1]]
@@ -110,7 +110,7 @@ def test_an_effect_finds_itself(reference, name):
     blocks = patch(found, [c for c in found.causes if c.known])
     for again in read_blocks(MACHINE, blocks):  # can be switched on in the simulated machine
         assert (again.where, again.group[0]) in {(p.where, p.group[0]) for p in found.original.proposals}
-        if isinstance(kind, Incident) and again.group[0] == kind and kind.course is not Course.WINDOWS:
+        if isinstance(kind, Incident) and again.group[0] == kind and kind.course is not TimeCourse.WINDOWS:
             assert again.begin == pytest.approx(effect.begin, abs=0.2)
     assert_gone(found)
     assert np.all(errors < np.maximum(np.abs(truth), kind.about.low)), "an error that says nothing"

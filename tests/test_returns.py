@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis.returns import Returns
-from cylforce.diagnosis.rows import RATE_HZ, Recorded, Rows
+from cylforce.diagnosis.rows import RATE_HZ, GapRows, Recorded
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.settings.machine_file import load
@@ -21,7 +21,7 @@ SECONDS = 120.0
 
 def recording(
     seed: int, rod: float = 0.0, scatter: float = 2e4, speeds: tuple[float, float] = (0.05, 0.3)
-) -> tuple[Recorded, Rows]:
+) -> tuple[Recorded, GapRows]:
     """The stick extends, pushed by the pump, at speeds of its own in every block; its rod side lets out oil at
     5 bar + 200 bar s^2/m^2 v^2, its zero off by `rod` [Pa]."""
     rng = np.random.default_rng(seed)
@@ -36,7 +36,7 @@ def recording(
     values[:, HEAD] = 80e5
     empty = np.zeros((len(t), 0))
     posture = np.zeros((len(t), MACHINE.size))
-    rows = Rows(empty, empty, empty, empty, empty, t, speed, force, posture, np.zeros(len(t)))
+    rows = GapRows(empty, empty, empty, empty, empty, t, speed, force, posture, np.zeros(len(t)))
     return Recorded(f"{seed}", values, 0.0), rows
 
 

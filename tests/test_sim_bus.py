@@ -10,7 +10,7 @@ from cylforce.can.clock import now_us
 from cylforce.can.opening import open_bus
 from cylforce.files.truth import TruthWriter, read_truth
 from cylforce.programs.common.play import prepare
-from cylforce.programs.live.sim_bus import STILL_S, SensorNodes, Stage, play_until
+from cylforce.programs.live.sim_bus import STILL_S, MovingStage, SensorNodes, play_until
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
 from cylforce.signals.events import Frame
@@ -35,7 +35,7 @@ class Rig:
             service = play.service._replace(nodes=nodes)
             play = play._replace(loaded=play.loaded._replace(service=service))
         self.sent, self.play = [], play
-        stage = Stage(play.service.machine, play.records)
+        stage = MovingStage(play.service.machine, play.records)
         self.writer = TruthWriter(path, play.header, stage.names)
         self.nodes = SensorNodes(play, self.send, self.writer, stage)
         self.layouts = {pdo.can_id: pdo for node in play.service.nodes for pdo in node.pdos}

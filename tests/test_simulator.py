@@ -29,7 +29,7 @@ from cylforce.simulation.simulator import (
     standing,
 )
 from cylforce.simulation.soil import Load, load
-from cylforce.simulation.trajectory import Course, Kinematics, Phase, Scene, Step, follow
+from cylforce.simulation.trajectory import JointCourse, Kinematics, Move, Phase, Scene, follow
 
 G = 9.80665
 KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.CYLINDER_LENGTH, Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
@@ -372,7 +372,7 @@ def test_a_run_is_the_same_in_pieces_and_for_one_seed():
 
 
 def test_a_course_without_strokes_stays():
-    course = Course(0.3)
+    course = JointCourse(0.3)
     np.testing.assert_array_equal(course.at(np.arange(3.0)), [[0.3] * 3, [0] * 3, [0] * 3])
-    scene = Scene(1.0, (course, Course(0.1, (Step(0.0, 1.0, 0.5),))), Course(0.0), ((0.0, Phase.AIR),))
+    scene = Scene(1.0, (course, JointCourse(0.1, (Move(0.0, 1.0, 0.5),))), JointCourse(0.0), ((0.0, Phase.AIR),))
     assert follow(scene, np.array([2.0])).theta[0].tolist() == [0.3, 0.6]

@@ -33,7 +33,7 @@ def test_noise_in_a_column_does_not_shrink_its_parameter():
     columns, torque, noise = noisy(np.random.default_rng(SEED), 20_000, 0.3)
     mark, fitted = np.zeros((len(torque), 1)), np.ones(torque.shape, dtype=bool)
     plain = least_squares(blocks.factors(columns, torque, mark, 200), np.full(2, 0.1), VAGUE)
-    told = blocks.row_factors(blocks.Rows(columns, torque, noise, fitted, mark), 200)
+    told = blocks.row_factors(blocks.BlockRows(columns, torque, noise, fitted, mark), 200)
     fit = least_squares(told, np.full(2, 0.1), VAGUE)
     error = np.sqrt(np.diag(fit.covariance))
     assert plain.values[2] == pytest.approx(1.0 / 1.09, abs=0.01)
@@ -46,7 +46,7 @@ def test_no_noise_told_is_plain_least_squares():
     columns, torque, noise = noisy(np.random.default_rng(SEED), 2000, 0.3)
     mark, fitted = np.zeros((len(torque), 1)), np.ones(torque.shape, dtype=bool)
     fit = least_squares(
-        blocks.row_factors(blocks.Rows(columns, torque, 0.0 * noise, fitted, mark), 200), np.full(2, 0.1), None
+        blocks.row_factors(blocks.BlockRows(columns, torque, 0.0 * noise, fitted, mark), 200), np.full(2, 0.1), None
     )
     expected = np.linalg.lstsq(columns.reshape(-1, 3), torque.reshape(-1), rcond=None)[0]
     np.testing.assert_allclose(fit.values, expected, rtol=1e-10)
@@ -73,7 +73,7 @@ def test_rows_set_aside_are_not_fitted_but_counted_as_unexplained():
     fitted = np.ones(torque.shape, dtype=bool)
     fitted[::4] = False
     torque[::4] += 5.0
-    held = blocks.row_factors(blocks.Rows(columns, torque, noise, fitted, np.zeros((len(torque), 1))), 200)
+    held = blocks.row_factors(blocks.BlockRows(columns, torque, noise, fitted, np.zeros((len(torque), 1))), 200)
     fit = least_squares(held, np.full(2, 0.1), VAGUE)
     np.testing.assert_allclose(fit.values, [3.0, -2.0, 1.0], atol=0.01)
     np.testing.assert_allclose(fit.row_error, np.sqrt(5.0**2 / 4 + 0.1**2), rtol=0.01)

@@ -24,7 +24,7 @@ from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 from cylforce.signals.kinds import Kind
 from cylforce.simulation.scenario import _begin
-from cylforce.simulation.trajectory import Course, Step
+from cylforce.simulation.trajectory import JointCourse, Move
 from scenarios import (
     EXCAVATOR,
     cycles,
@@ -801,7 +801,7 @@ def test_a_slew_encoder_passes_its_end(bench):
     )
     nodes = tuple(n._replace(pdos=(pdo._replace(fields=fields),)) if pdo in n.pdos else n for n in service.nodes)
     service = service._replace(machine=dataclasses.replace(service.machine, signals=signals), nodes=nodes)
-    turning = scene(bench.begin, waving(until=6.0), 6.0, LOAD)._replace(slew=Course(2.5, (Step(1.0, 5.0, 1.5),)))
+    turning = scene(bench.begin, waving(until=6.0), 6.0, LOAD)._replace(slew=JointCourse(2.5, (Move(1.0, 5.0, 1.5),)))
     endless = played(bench.loaded._replace(service=service), [turning])
     ending = with_value(endless, service, name, lambda t, angle: (angle + np.pi) % (2 * np.pi) - np.pi)
     core = Core(service, bench.core.tares)

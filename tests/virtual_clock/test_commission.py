@@ -19,7 +19,7 @@ from cylforce.programs.live.sim_bus import play_until
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import load
 from cylforce.simulation.sensing import run, sensors
-from cylforce.simulation.trajectory import Course, Phase, Scene
+from cylforce.simulation.trajectory import JointCourse, Phase, Scene
 from obedient import to_pose
 from scenarios import CONFIG, carried, truth_of
 
@@ -90,7 +90,7 @@ class Operator:
                 self.pose = target
 
     def rest(self, seconds):
-        return Scene(seconds, tuple(Course(float(a)) for a in self.pose), Course(0.0), ((0.0, Phase.AIR),))
+        return Scene(seconds, tuple(JointCourse(float(a)) for a in self.pose), JointCourse(0.0), ((0.0, Phase.AIR),))
 
     def play(self):
         service = self.loaded.service

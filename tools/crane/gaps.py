@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.diagnosis.diagnosis import Cause, Search
-from cylforce.effects.fault import Weight
+from cylforce.effects.fault import MassChange
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.gap import Diagnosed, Question, diagnose
@@ -188,7 +188,7 @@ def fitted(loaded: Loaded, model: Model, paths: Mapping[str, Path], runs: Sequen
 
 
 def _has_parameter(cause: Cause) -> bool:
-    return isinstance(cause.ranked.option.proposal.group[0], Weight) or cause.ranked.key[0] in LAWS
+    return isinstance(cause.ranked.option.proposal.group[0], MassChange) or cause.ranked.key[0] in LAWS
 
 
 def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
@@ -199,7 +199,7 @@ def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
     for cause in causes:
         proposal = cause.ranked.option.proposal
         effect = proposal.group[0]
-        if isinstance(effect, Weight):
+        if isinstance(effect, MassChange):
             found[:rigid] += effect.change(model.machine, proposal.where) @ cause.sizes
         elif proposal.name in LAWS:
             found[names.index(f"{proposal.at}.{LAWS[proposal.name]}")] += cause.sizes[0]

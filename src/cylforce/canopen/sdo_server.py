@@ -19,7 +19,7 @@ _PATIENCE_US = 1_000_000  # between two segments
 _HEAD = Struct("<BHB")
 
 
-class Owner(Protocol):
+class SdoOwner(Protocol):
     """The node whose objects are read and written."""
 
     @property
@@ -49,7 +49,7 @@ class Owner(Protocol):
 class SdoServer(server.SdoServer):
     """Expedited and segmented transfers; block transfers are refused, as CiA 301 lets a server."""
 
-    def __init__(self, node: Owner) -> None:
+    def __init__(self, node: SdoOwner) -> None:
         super().__init__(0x600 + node.node_id, 0x580 + node.node_id, node)
         self._owner = node
         self._index = self._subindex = self._toggle = 0

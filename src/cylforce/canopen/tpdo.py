@@ -17,7 +17,7 @@ DEVICE_STATE = 0x08000022
 _MOST = 8  # objects of one byte
 
 
-class Owner(Protocol):
+class PdoOwner(Protocol):
     """The node that sends the PDO."""
 
     data_store: dict[int, dict[int, bytes]]
@@ -43,7 +43,7 @@ class Owner(Protocol):
 class Tpdo:
     """TPDO `number` of `node`, as the object dictionary describes it now."""
 
-    def __init__(self, node: Owner, number: int) -> None:
+    def __init__(self, node: PdoOwner, number: int) -> None:
         self._node = node
         self._communication, self._mapping = 0x17FF + number, 0x19FF + number
         self._syncs = 0

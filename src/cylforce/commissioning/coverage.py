@@ -45,7 +45,7 @@ class Plan(NamedTuple):
     needed: Array
 
 
-class Gap(NamedTuple):
+class Missing(NamedTuple):
     """What is missing: `joint` between the angles `low` and `high` [rad], its cylinder moving `way` and `pace`;
     `seconds` are there of `needed`."""
 
@@ -114,7 +114,7 @@ def share(plan: Plan, seconds: Array) -> float:
     return float(np.sum(np.minimum(seconds, plan.needed)) / np.sum(plan.needed))
 
 
-def missing(plan: Plan, seconds: Array) -> tuple[Gap, ...]:
+def missing(plan: Plan, seconds: Array) -> tuple[Missing, ...]:
     """What the `seconds` of `coverage` lack, neighbouring bins in one, the largest lack first."""
     gaps = [
         _gap(plan, seconds, k, part, way, pace)
@@ -132,7 +132,7 @@ def _runs(lacks: NDArray[np.bool_]) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _gap(plan: Plan, seconds: Array, k: int, part: slice, way: Way, pace: Pace) -> Gap:
+def _gap(plan: Plan, seconds: Array, k: int, part: slice, way: Way, pace: Pace) -> Missing:
     low, high = float(plan.edges[k, part.start]), float(plan.edges[k, part.stop])
     there, needed = (float(np.sum(table[k, part, way, pace])) for table in (seconds, plan.needed))
-    return Gap(plan.joints[k], low, high, way, pace, there, needed)
+    return Missing(plan.joints[k], low, high, way, pace, there, needed)

@@ -37,7 +37,7 @@ class Contact(NamedTuple):
     gain: float
 
 
-class Cause(NamedTuple):
+class Explanation(NamedTuple):
     """What could explain a recording that is not the data sheet's empty machine: the `value` of that cause, its `gain`:
     by how much the sum of squares falls with it, in variances of independent samples, and the share of the torque that
     is then `left` (`misfit`)."""
@@ -47,7 +47,7 @@ class Cause(NamedTuple):
     left: float
 
 
-class Load(NamedTuple):
+class CarriedWeight(NamedTuple):
     """A load [kg], its standard error, its gain, and the share of the torque that is then `left`."""
 
     value: float
@@ -76,7 +76,7 @@ def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> str | Non
     return _loaded(load) if load.is_there else None
 
 
-def _wrong_bore(model: Model, row: int, found: Cause) -> str:
+def _wrong_bore(model: Model, row: int, found: Explanation) -> str:
     name = " and ".join(model.machine.cylinders[c].name for c in model.acting[row])
     large, fitting = found.value > 0.0, (1.0 + found.value) ** -0.5
     return (
@@ -99,7 +99,7 @@ def _touching(whole: Factors, touched: Contact, rate_hz: float) -> str:
     )
 
 
-def _loaded(load: Load) -> str:
+def _loaded(load: CarriedWeight) -> str:
     return (
         f"the bucket is not empty: about {load.value:.0f} +- {load.standard_error:.0f} kg hang on the machine beyond "
         "its data sheet; empty and clean it and start again, or, if it is empty, correct masses and tolerances in the "
@@ -132,7 +132,7 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     return Contact(up, certain, np.any((fit.trust < SPOILT) & notable, axis=1), float(np.sum(gain)))
 
 
-def hanging(model: Model, held: Factors, noise: Array, fit: Fit) -> Load:
+def hanging(model: Model, held: Factors, noise: Array, fit: Fit) -> CarriedWeight:
     """The load that best explains what lies between the recording and the data sheet with its tolerances, wherever
     within the tool's reach its centre is."""
     rated, moment = model.machine.rated_payload, model.machine.rated_payload * model.machine.payload_reach
@@ -143,10 +143,10 @@ def hanging(model: Model, held: Factors, noise: Array, fit: Fit) -> Load:
     weight = fit.trust / (noise * np.sqrt(CORRELATED))
     gain = best(held, weight, model.prior)[1] - best(wider, weight, prior)[1]
     left = misfit(held, found.row_error)
-    return Load(float(found.values[k]), float(np.sqrt(found.covariance[k, k])), gain, left)
+    return CarriedWeight(float(found.values[k]), float(np.sqrt(found.covariance[k, k])), gain, left)
 
 
-def area_errors(model: Model, held: Factors, noise: Array, fit: Fit) -> list[Cause]:
+def area_errors(model: Model, held: Factors, noise: Array, fit: Fit) -> list[Explanation]:
     """Per row, by what share its torque is larger than the masses that the other rows feel would make it: so much
     smaller is its cylinder's piston area than the machine file says."""
     weight, prior = fit.trust / (noise * np.sqrt(CORRELATED)), _beside(model.prior, np.array([AREA]))
@@ -157,7 +157,7 @@ def area_errors(model: Model, held: Factors, noise: Array, fit: Fit) -> list[Cau
         wider = beside(held, columns)
         values, squares = best(wider, weight, prior)
         left = np.sqrt(np.sum(residual_squares(wider, values), axis=0) / np.maximum(np.sum(held.samples, axis=0), 1.0))
-        found.append(Cause(float(values[-1]), alone - squares, misfit(held, left)))
+        found.append(Explanation(float(values[-1]), alone - squares, misfit(held, left)))
     return found
 
 

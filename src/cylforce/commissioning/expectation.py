@@ -31,7 +31,7 @@ class Expected(NamedTuple):
     gain: Array
 
 
-class Postures(NamedTuple):
+class PostureGrid(NamedTuple):
     """A grid (A, B) over two joints' ranges: joint angles `theta` (A, B, N) [rad], `tool` (A, B) its point x + i z [m]
     from the first pin."""
 
@@ -39,7 +39,7 @@ class Postures(NamedTuple):
     tool: Complex
 
 
-def postures(machine: Machine) -> Postures:
+def postures(machine: Machine) -> PostureGrid:
     """The working range: the two innermost driven joints through their ranges, the tool curled, others midway."""
     ranges = working_range(machine)
     low, high = ranges.T
@@ -47,7 +47,7 @@ def postures(machine: Machine) -> Postures:
     theta[..., -1] = low[-1] + CURLED * (high[-1] - low[-1])
     for axis, j in enumerate(driven(machine)[:2]):
         theta[..., j] = np.expand_dims(np.linspace(low[j], high[j], GRID), 1 - axis)
-    return Postures(theta, machine.tool_point(theta).place)
+    return PostureGrid(theta, machine.tool_point(theta).place)
 
 
 def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:

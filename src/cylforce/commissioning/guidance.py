@@ -16,7 +16,7 @@ from cylforce.commissioning.identification import row_noise
 from cylforce.commissioning.reaches import Reach, next_reach
 from cylforce.commissioning.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
 from cylforce.commissioning.suspicion import doubt
-from cylforce.commissioning.wiring import Evidence, gathered, nothing
+from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.estimation.batch import Fit, least_squares
 from cylforce.estimation.blocks import Factors, chosen, joined
 from cylforce.estimation.model import Model, Tares
@@ -52,7 +52,7 @@ class Collected(NamedTuple):
     moved_s: float
     crept_s: float
     posture: Array
-    evidence: Evidence
+    evidence: SignalHistory
     waiting: int
     judgement: Judgement
     stroke: Stroke | Reach | None

@@ -8,7 +8,7 @@ import numpy as np
 
 from cylforce.commissioning.consistency import consistent, violations
 from cylforce.commissioning.suspicion import doubt
-from cylforce.commissioning.wiring import Evidence, gathered, nothing
+from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, of_row, settled
 from cylforce.estimation.model import FRICTION, USUAL, Model, Tares
@@ -101,7 +101,7 @@ def under_load(model: Model, covariance: Array) -> Array:
     return wider
 
 
-def _watched(model: Model, segments: Iterable[Array], evidence: list[Evidence]) -> Iterator[Array]:
+def _watched(model: Model, segments: Iterable[Array], evidence: list[SignalHistory]) -> Iterator[Array]:
     """The segments; what their raw samples tell is gathered in `evidence` as they pass."""
     for segment in segments:
         evidence[0] = gathered(model, evidence[0], segment, joins=False)

@@ -84,7 +84,7 @@ def _factors(found: Identification, values: Array, hanging: Array, known_kg: flo
     columns = np.concatenate([seen.columns, load[..., 1:], known_kg * load[..., :1]], axis=-1)
     shift = seen.noise[..., -1:] - known_kg * noisy[..., :1]
     noise = np.concatenate([seen.noise[..., :size], noisy[..., 1:], known_kg * noisy[..., :1], shift], axis=-1)
-    rows = blocks.Rows(columns, observed, noise, seen.certain, _mark(seen))
+    rows = blocks.BlockRows(columns, observed, noise, seen.certain, _mark(seen))
     return blocks.row_factors(rows, int(observation.BLOCK_SECONDS * model.filters.rate_hz))
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.commissioning.coverage import BINS, Gap, Pace, Plan, Way, missing
+from cylforce.commissioning.coverage import BINS, Missing, Pace, Plan, Way, missing
 from cylforce.commissioning.reaches import Reach
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, working_range
@@ -73,9 +73,9 @@ def _under_way(stroke: Stroke, here: float) -> Stroke | None:
     return None if begun and progress > ENDED else stroke._replace(begun=begun)
 
 
-def _together(gaps: tuple[Gap, ...]) -> dict[tuple[int, Way, Pace], Gap]:
+def _together(gaps: tuple[Missing, ...]) -> dict[tuple[int, Way, Pace], Missing]:
     """The gaps of one joint, way and pace as one."""
-    found: dict[tuple[int, Way, Pace], Gap] = {}
+    found: dict[tuple[int, Way, Pace], Missing] = {}
     for gap in gaps:
         there = found.setdefault((gap.joint, gap.way, gap.pace), gap)
         both = there._replace(low=min(there.low, gap.low), high=max(there.high, gap.high))
@@ -83,7 +83,7 @@ def _together(gaps: tuple[Gap, ...]) -> dict[tuple[int, Way, Pace], Gap]:
     return found
 
 
-def _ends(machine: Machine, plan: Plan, gap: Gap) -> Stroke:
+def _ends(machine: Machine, plan: Plan, gap: Missing) -> Stroke:
     """The stroke that fills a gap, with a run-up as far as there is room."""
     k = plan.joints.index(gap.joint)
     edges = plan.edges[k]

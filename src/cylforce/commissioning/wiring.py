@@ -31,7 +31,7 @@ PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
 Exchange = tuple[tuple[int, ...], tuple[int, ...]]
 
 
-class Evidence(NamedTuple):
+class SignalHistory(NamedTuple):
     """The last samples `kept` (K, S); per signal (S,) for how many samples it has `repeated` itself while it ought to
     change, at most `longest`, and its smallest `step`."""
 
@@ -41,14 +41,14 @@ class Evidence(NamedTuple):
     step: Array
 
 
-def nothing(machine: Machine) -> Evidence:
+def nothing(machine: Machine) -> SignalHistory:
     """No samples yet."""
     size = len(machine.signals)
     none = np.zeros(size, dtype=np.intp)
-    return Evidence(np.zeros((0, size)), none, none, np.full(size, np.inf))
+    return SignalHistory(np.zeros((0, size)), none, none, np.full(size, np.inf))
 
 
-def gathered(model: Model, before: Evidence, values: Array, *, joins: bool) -> Evidence:
+def gathered(model: Model, before: SignalHistory, values: Array, *, joins: bool) -> SignalHistory:
     """With the samples (T, S) too; `joins`: they follow the last ones without a gap."""
     most = int(KEPT_S * model.filters.rate_hz)
     kept = (np.concatenate([before.kept, values]) if joins else values)[-most:]
@@ -57,7 +57,7 @@ def gathered(model: Model, before: Evidence, values: Array, *, joins: bool) -> E
     equal = np.logical_and(change == 0.0, _ought_to_change(model, values)[-len(change) :])
     repeated, longest = _runs(equal, before.repeated if joins else np.zeros_like(before.repeated))
     step = np.min(np.where(change > 0.0, change, np.inf), axis=0, initial=np.inf)
-    return Evidence(kept, repeated, np.maximum(before.longest, longest), np.minimum(before.step, step))
+    return SignalHistory(kept, repeated, np.maximum(before.longest, longest), np.minimum(before.step, step))
 
 
 def _runs(equal: NDArray[np.bool_], carried: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -85,7 +85,7 @@ def _ought_to_change(model: Model, values: Array) -> NDArray[np.bool_]:
     return ought
 
 
-def frozen_pressure(model: Model, evidence: Evidence) -> str | None:
+def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
     """A sentence when a pressure has stood still while its cylinder moved."""
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
@@ -105,7 +105,7 @@ def misfit(held: Factors, row_error: Array) -> float:
     return float(np.sqrt(np.mean((row_error[told] / np.maximum(size, 1e-9)) ** 2))) if np.any(told) else np.inf
 
 
-def miswired(model: Model, evidence: Evidence) -> str | None:
+def miswired(model: Model, evidence: SignalHistory) -> str | None:
     """For a recording that does not fit: a sentence when an exchange of two sensors makes it fit, or when a place has
     stood still."""
     if len(evidence.kept) < SHORT_S * model.filters.rate_hz:
@@ -161,7 +161,7 @@ def _exchanges(machine: Machine) -> Iterator[Exchange]:
     yield from ((a, b) for a, b in combinations(cylinders, 2) if len(a) == len(b) > 0)
 
 
-def _frozen_place(model: Model, evidence: Evidence) -> str | None:
+def _frozen_place(model: Model, evidence: SignalHistory) -> str | None:
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
         shaky = signal.standard_error >= 0.5 * evidence.step[k] or not np.isfinite(evidence.step[k])

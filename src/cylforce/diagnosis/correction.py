@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.problem import Option, Problem, Seen
-from cylforce.diagnosis.rows import Recorded, Rows, Viewer
+from cylforce.diagnosis.rows import GapRows, Recorded, Viewer
 from cylforce.diagnosis.unknown import NAME
-from cylforce.effects.fault import Alteration, Course, Distortion, Incident, Place, Sudden, places
+from cylforce.effects.fault import Alteration, Distortion, Incident, Place, Sudden, TimeCourse, places
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
@@ -32,7 +32,7 @@ def bends(option: Option) -> bool:
     if proposal.name == NAME:
         return False
     if proposal.course:
-        return proposal.course is Course.CLOCK
+        return proposal.course is TimeCourse.CLOCK
     return isinstance(proposal.group[0], Distortion | Alteration)
 
 
@@ -85,7 +85,7 @@ def aside(problem: Problem, rows: Sequence[Array]) -> Problem:
     return replace(problem, faulty=faulty, same=problem.same or problem)
 
 
-def _renewed(problem: Problem, viewer: Viewer, recorded: Recorded, applied: Sequence[Applied]) -> Rows:
+def _renewed(problem: Problem, viewer: Viewer, recorded: Recorded, applied: Sequence[Applied]) -> GapRows:
     """The rows of a corrected recording; the columns of effects that were not applied stay as they were."""
     proposals = [each.option.proposal for each in applied]
     old = next(
@@ -128,7 +128,7 @@ def _corrected(problem: Problem, machine: Machine, applied: Applied, recorded: R
             first = effect.distorted(machine, values, t, p.where, -size)
             # the error belongs to the true values: once more, from values that are nearly true
             values = first + values - effect.distorted(machine, first, t, p.where, size)
-        elif isinstance(effect, Incident) and effect.course is Course.CLOCK:
+        elif isinstance(effect, Incident) and effect.course is TimeCourse.CLOCK:
             values = _in_time(problem, machine, applied, values, t)
     return values
 

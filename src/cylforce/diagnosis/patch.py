@@ -10,7 +10,7 @@ from cylforce.diagnosis.problem import EACH, GROWTH_S, Problem, Seen
 from cylforce.diagnosis.residuals import residuals
 from cylforce.diagnosis.resimulation import known, read_blocks
 from cylforce.diagnosis.rows import BLOCK, RATE_HZ, shapes
-from cylforce.effects.fault import SHAPES, Course, Incident, Place
+from cylforce.effects.fault import SHAPES, Incident, Place, TimeCourse
 from cylforce.effects.loads.carried import RAMP
 from cylforce.signals.estimate import Array
 
@@ -57,18 +57,18 @@ def _moments(search: Search, effect: Incident, cause: Cause) -> Iterator[dict[st
     """Values and times of an incident."""
     problem, sizes = search.original, _sizes(cause)
     courses = cause.ranked.option.term.course[:: sizes.shape[1]]
-    if effect.course is Course.WINDOWS:
+    if effect.course is TimeCourse.WINDOWS:
         for own, course in zip(sizes, courses, strict=True):
             yield from _window(search, effect, own, int(np.argmax(course)))
         return
-    if effect.course is Course.CLOCK and cause.ranked.option.when == EACH:
+    if effect.course is TimeCourse.CLOCK and cause.ranked.option.when == EACH:
         for seen in problem.faulty:  # a clock that begins anew with each recording
             late, growth = sizes[:, 0].tolist()
             yield {"value": [late, growth / GROWTH_S]} | _whole(problem, seen)
         return
     sudden = len(courses) > 1 and np.count_nonzero(courses[1]) == 1
     begins = {"from_s": _instant(search, cause)} if sudden else {}
-    if effect.course is Course.CLOCK:
+    if effect.course is TimeCourse.CLOCK:
         growth = 0.0 if sudden or len(sizes) < 2 else float(sizes[1, 0]) / GROWTH_S
         yield {"value": [float(sizes[0, 0]), growth]} | begins
     else:

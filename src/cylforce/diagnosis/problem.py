@@ -12,7 +12,7 @@ import numpy as np
 from cylforce.diagnosis.evidence import Blocks, Evidence, Term, grams, own_blocks
 from cylforce.diagnosis.returns import Returns
 from cylforce.diagnosis.riding import Riding, riding
-from cylforce.diagnosis.rows import BLOCK, CENTRE, ROCKER, Recorded, Rows, Viewer
+from cylforce.diagnosis.rows import BLOCK, CENTRE, ROCKER, GapRows, Recorded, Viewer
 from cylforce.diagnosis.unknown import NAME
 from cylforce.diagnosis.whitening import Floor
 from cylforce.effects.fault import (
@@ -21,12 +21,12 @@ from cylforce.effects.fault import (
     TORQUES,
     Alteration,
     BaseMotion,
-    Course,
     Distortion,
     Fault,
     Incident,
-    Part,
-    Weight,
+    MassChange,
+    PartOfFriction,
+    TimeCourse,
 )
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.library import Proposal
@@ -55,7 +55,7 @@ class Seen(NamedTuple):
     """A recording and its rows."""
 
     recorded: Recorded
-    rows: Rows
+    rows: GapRows
 
 
 def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
@@ -265,9 +265,9 @@ class Problem:
                 yield self._option(p, "in each recording", self._of_each(places))
             elif p.course is None:
                 yield self._option(p, "", Term(places, np.ones((len(places), len(self.times)))))
-            elif p.course is Course.AFTER:
+            elif p.course is TimeCourse.AFTER:
                 yield from self._after(p, places)
-            elif p.course is Course.CLOCK:
+            elif p.course is TimeCourse.CLOCK:
                 yield from self._clocks(p, places)
             else:
                 yield from self._windows(p, places, evidence)
@@ -315,7 +315,11 @@ class Problem:
 
     def _option(self, p: Proposal, when: str, term: Term, cost: float = 0.0) -> Option:
         effect, dry = p.group[0], self._dry
-        most = min(effect.of_dry * dry[p.where], p.about.high) if isinstance(effect, Part) and dry else p.about.high
+        most = (
+            min(effect.of_dry * dry[p.where], p.about.high)
+            if isinstance(effect, PartOfFriction) and dry
+            else p.about.high
+        )
         return Option(p, when, term, cost, most)
 
     @cached_property
@@ -356,7 +360,7 @@ class Problem:
     def momentary(self) -> list[tuple[int, ...]]:
         """The columns of each effect that is free at any instant."""
         each = zip(self.proposals, self.places, strict=True)
-        return [own for p, own in each if p.name != NAME and p.course is Course.WINDOWS and not self._free(p)]
+        return [own for p, own in each if p.name != NAME and p.course is TimeCourse.WINDOWS and not self._free(p)]
 
     def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
         """Of the blocks hit those in which the size has a sign that the effect can have: in others something else
@@ -390,7 +394,7 @@ class Problem:
 
 def _sizes(effect: Fault) -> tuple[float, ...]:
     """Usual sizes of an effect's columns."""
-    if isinstance(effect, Weight | BaseMotion):
+    if isinstance(effect, MassChange | BaseMotion):
         return effect.usual
     return (effect.about.high / 2.0,)
 
@@ -413,6 +417,6 @@ def _small(effect: Fault) -> tuple[float, ...]:
         return (STILL * about.low,)
     if isinstance(effect, BaseMotion):
         return tuple(STILL * size for size in effect.usual)
-    if isinstance(effect, Weight):
+    if isinstance(effect, MassChange):
         return tuple(size * about.low / effect.usual[0] for size in effect.usual)
     return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)

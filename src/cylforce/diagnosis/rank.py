@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.diagnosis.evidence import Evidence, Told
 from cylforce.diagnosis.problem import TEMPER, Option, Problem, bent
 from cylforce.diagnosis.unknown import NAME
-from cylforce.effects.fault import Course, Distortion, Place
+from cylforce.effects.fault import Distortion, Place, TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.first_moment_change import FirstMomentChange
 from cylforce.signals.estimate import Array
@@ -45,12 +45,12 @@ class Ranked(NamedTuple):
     @property
     def free(self) -> bool:
         """Whether its sizes are free at any instant."""
-        return self.option.proposal.course is Course.WINDOWS
+        return self.option.proposal.course is TimeCourse.WINDOWS
 
     @property
     def clock(self) -> bool:
         """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
-        return self.option.proposal.course is Course.CLOCK
+        return self.option.proposal.course is TimeCourse.CLOCK
 
 
 def leading(found: Ranked, values: Array) -> Array:
@@ -59,7 +59,7 @@ def leading(found: Ranked, values: Array) -> Array:
     proposal, term = found.option.proposal, found.option.term
     width = len(dict.fromkeys(term.columns))
     sizes = values.reshape(-1, width)[:, : proposal.about.axes]
-    if proposal.course not in (None, Course.WINDOWS):
+    if proposal.course not in (None, TimeCourse.WINDOWS):
         sizes = sizes[np.count_nonzero(term.course, axis=1)[::width] > 1]
     return sizes
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.riding import Carried, quiet
-from cylforce.diagnosis.rows import Rows, Viewer
+from cylforce.diagnosis.rows import GapRows, Viewer
 from cylforce.effects.fault import BaseMotion, Share
 from cylforce.effects.friction.friction import Friction
 from cylforce.effects.imposed import (
@@ -97,7 +97,7 @@ class Resimulation:
         model = self.viewer.model
         return Viewer(replace(model, machine=altered(model.machine, self.effects)), self.viewer.tares)
 
-    def _rows(self, seen: Seen, values: Array) -> Rows:
+    def _rows(self, seen: Seen, values: Array) -> GapRows:
         other, late, size = self._other, slice(self.viewer.slow.settle_steps, None), len(self.parameters)
         moved = other.slow.channels.run(other.thinned(values))
         steps = np.arange(len(moved.usable), dtype=np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from cylforce.diagnosis.rows import BLOCK, Recorded, Rows
+from cylforce.diagnosis.rows import BLOCK, GapRows, Recorded
 from cylforce.effects.fault import Distortion
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
@@ -44,8 +44,8 @@ class Returns:
     """The faulty recordings' return pressures beside the clean ones'; each with its rows."""
 
     machine: Machine
-    clean: Sequence[tuple[Recorded, Rows]]
-    faulty: Sequence[tuple[Recorded, Rows]]
+    clean: Sequence[tuple[Recorded, GapRows]]
+    faulty: Sequence[tuple[Recorded, GapRows]]
     rate_hz: float
 
     def support(self, effect: Distortion, where: int, size: float) -> float:
@@ -99,7 +99,7 @@ class Returns:
         where = tuple((block.recording, block.rows) for block in here)
         return _Level(where, np.clip(excess, middle - most, middle + most), float(np.sqrt(variance)))
 
-    def _steady(self, k: int, recorded: Recorded, rows: Rows) -> tuple[NDArray[np.intp], Array, Array]:
+    def _steady(self, k: int, recorded: Recorded, rows: GapRows) -> tuple[NDArray[np.intp], Array, Array]:
         """Rows (n,) in which the chamber lets oil out, evenly and driven; speeds and pressures (n,) there."""
         signal = self.machine.signals[k]
         v, force = rows.speed[:, signal.index], rows.force[:, signal.index]

@@ -22,9 +22,9 @@ from cylforce.effects.fault import (
     Fault,
     ForceLaw,
     Incident,
+    MassChange,
     Place,
     Share,
-    Weight,
     places,
 )
 from cylforce.effects.library import Proposal
@@ -57,7 +57,7 @@ class Recorded(NamedTuple):
     begins: float = 0.0
 
 
-class Loaded(NamedTuple):
+class RecordedRun(NamedTuple):
     """A recording, the tares (P,) of the machine with what it carries there, how its rows change then, and the rate
     `turning` (T',) [rad/s] of its base."""
 
@@ -67,7 +67,7 @@ class Loaded(NamedTuple):
     turning: Array
 
 
-class Rows(NamedTuple):
+class GapRows(NamedTuple):
     """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
     (T, R, I) columns of incidents (see `INCIDENTAL`, `TORQUES`), `left` (T, R) [N m] what the tares leave, NaN where
     not usable, `rockers` (T, R, K) columns of linkages' bars, `t` (T,) [s], `speed`, `force` (T, C), `posture` (T, N),
@@ -165,7 +165,7 @@ class Viewer:
         """By how much a row comes after its samples [s]."""
         return self.channel_lag + self.filter_lag
 
-    def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> Rows:
+    def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> GapRows:
         """The rows of a recording; see `columns_of` for the order of the effects' columns."""
         values, late = recorded.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
@@ -182,12 +182,12 @@ class Viewer:
         tares = self.tares + self._carried(recorded.load, base[late], left[late])
         still = quiet(self.model.machine, values, self.model.filters.rate_hz)
         turning = self.slow.channels.turning(self.thinned(still))
-        loaded = Loaded(recorded, tares, self._sensitivity(values, tares), turning)
+        loaded = RecordedRun(recorded, tares, self._sensitivity(values, tares), turning)
         parts = [self._columns(p, e, loaded, base, forces) for p, e in lasting]
         effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
         m = moved.motion
         posture = np.diff(m.a, axis=1, prepend=0.0)
-        return Rows(
+        return GapRows(
             base[late].copy(),  # without the columns that stand beside it
             np.where(np.isfinite(effects), effects, 0.0)[late],
             self._incidental(loaded, moved, base)[late],
@@ -214,7 +214,7 @@ class Viewer:
         moments = np.linalg.solve(columns[:, 1:].T @ columns[:, 1:] + prior, columns[:, 1:].T @ rest)
         return np.asarray(self.model.load @ np.array([load, *moments]))
 
-    def _incidental(self, loaded: Loaded, moved: Moved, base: Array) -> Array:
+    def _incidental(self, loaded: RecordedRun, moved: Moved, base: Array) -> Array:
         """Columns (T', R, I) of incidents; a slew that is measured is none."""
         machine, f = self.model.machine, self.slow.filters
         turning = moved.motion._replace(slew=np.ones_like(moved.motion.slew))
@@ -231,7 +231,7 @@ class Viewer:
         torques = alone.reshape(*alone.shape[:2], -1)  # (T, R, R SHAPES), joint by joint
         return np.concatenate([base @ self.model.load, self._late(loaded), *shaped, torques], axis=-1)
 
-    def _late(self, loaded: Loaded) -> Array:
+    def _late(self, loaded: RecordedRun) -> Array:
         """What all pressures' being late by a second would leave (T', R, 1), from a hundredth of it."""
         step, t = 0.01, np.arange(len(loaded.recorded.values)) / self.model.filters.rate_hz
         pressures = [k for _, k in places(self.model.machine, Place.PRESSURE)]
@@ -252,11 +252,11 @@ class Viewer:
         share = self.slow.share_at_rest(self.slow.filtered.run(moved.motion).columns)
         return np.asarray(np.logical_or(unusable(self.slow, moved), share > REST_SHARE))
 
-    def _columns(self, p: Proposal, effect: Fault, loaded: Loaded, base: Array, forces: Iterator[Array]) -> Array:
+    def _columns(self, p: Proposal, effect: Fault, loaded: RecordedRun, base: Array, forces: Iterator[Array]) -> Array:
         """Columns (T', R, M) of one effect at its place."""
         if isinstance(effect, ForceLaw):
             return next(forces)[..., None]
-        if isinstance(effect, Weight):
+        if isinstance(effect, MassChange):
             return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
         if isinstance(effect, Share):
             return self._known_friction(p, effect, base, loaded.recorded.begins)
@@ -271,14 +271,14 @@ class Viewer:
         course = effect.course(begins + (steps - 0.5) / self.slow.filters.rate_hz)
         return np.asarray((base[..., chosen] @ self.tares[chosen] * course[:, None])[..., None])
 
-    def _base_motion(self, effect: BaseMotion, loaded: Loaded) -> Array:
+    def _base_motion(self, effect: BaseMotion, loaded: RecordedRun) -> Array:
         """Columns (T', R, M) of a base that moves as its pitch tells."""
         f, machine = self.slow.filters, self.model.machine
         carried = Carried(effect, loaded.turning, loaded.tares[: 3 * machine.size].reshape(-1, 3))
         plain = FilteredRegressor(Regressor(machine, (carried,)), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
         return plain.run(loaded.change.motion).columns
 
-    def _difference(self, p: Proposal, effect: Fault, loaded: Loaded) -> Array:
+    def _difference(self, p: Proposal, effect: Fault, loaded: RecordedRun) -> Array:
         """Change of what is left with the size, by central difference: measured = true + error, so that an error of
         the readings adds what distorting them once more adds, an error of the machine file what the true machine
         takes off."""

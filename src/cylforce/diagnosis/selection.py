@@ -8,7 +8,7 @@ from cylforce.diagnosis.evidence import Blocks, Evidence
 from cylforce.diagnosis.problem import TEMPER, Problem
 from cylforce.diagnosis.rank import TIE, Ranked, ranking
 from cylforce.diagnosis.unknown import NAME
-from cylforce.effects.fault import Course
+from cylforce.effects.fault import TimeCourse
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
 from cylforce.effects.loads.extra_mass import ExtraMass
 from cylforce.effects.loads.first_moment_change import FirstMomentChange
@@ -87,8 +87,8 @@ def together(problem: Problem, blocks: Blocks, held: list[Ranked]) -> list[Ranke
     """Torques of which nothing is known, and what begins at an instant, for one effect that is free at any and tells as
     much as all of them: one force at the teeth is a torque at every joint."""
     alien = {r.key for r in held if r.free and r.key[0] == NAME}
-    sudden = {r.key for r in held if r.option.proposal.course is Course.AFTER}
-    for p in (p for p in problem.proposals if alien and p.name != NAME and p.course is Course.WINDOWS):
+    sudden = {r.key for r in held if r.option.proposal.course is TimeCourse.AFTER}
+    for p in (p for p in problem.proposals if alien and p.name != NAME and p.course is TimeCourse.WINDOWS):
         for keys in (alien, alien | sudden) if sudden else (alien,):
             gone, others = ([r for r in held if (r.key in {*keys, (p.name, p.at)}) is out] for out in (True, False))
             ranked = ranking(problem, Evidence(blocks, [r.option.term for r in others]), [p]) if len(gone) > 1 else []

@@ -17,7 +17,7 @@ from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.residuals import chosen, fitted_clean, held_out_clean, residuals, rms
 from cylforce.diagnosis.resimulation import Resimulation, known, read_blocks
 from cylforce.diagnosis.verdict import OFTEN, SIGNIFICANT, Judged, Verdict
-from cylforce.effects.fault import Course
+from cylforce.effects.fault import TimeCourse
 from cylforce.effects.imposed import Imposed
 from cylforce.signals.estimate import Array
 
@@ -149,7 +149,7 @@ def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
 
 
 def _lasting(cause: Cause) -> bool:
-    return cause.significance >= SIGNIFICANT and cause.ranked.option.proposal.course in (None, Course.CLOCK)
+    return cause.significance >= SIGNIFICANT and cause.ranked.option.proposal.course in (None, TimeCourse.CLOCK)
 
 
 class Simulation:

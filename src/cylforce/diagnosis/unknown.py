@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import legval
 
-from cylforce.effects.fault import SHAPES, TORQUES, About, Course, Place
+from cylforce.effects.fault import SHAPES, TORQUES, About, Place, TimeCourse
 from cylforce.effects.library import Group
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.reading import joint_angles
@@ -43,9 +43,9 @@ class UnknownTorque:
         return TORQUES
 
     @property
-    def course(self) -> Course:
+    def course(self) -> TimeCourse:
         """How they change."""
-        return Course.WINDOWS
+        return TimeCourse.WINDOWS
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from cylforce.diagnosis.problem import TEMPER
 from cylforce.diagnosis.rank import FREER, LARGEST, TIE, Ranked, too_large, width
 from cylforce.diagnosis.residuals import contributions, rms
 from cylforce.diagnosis.residuals import fixed as fixed_residuals
-from cylforce.effects.fault import SHAPES, Course
+from cylforce.effects.fault import SHAPES, TimeCourse
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.loads.extra_mass import ExtraMass
@@ -281,7 +281,7 @@ def _little(cause: Cause) -> bool:
 
 def _otherwise(cause: Cause) -> bool:
     """Whether the cause begins at an instant, and too little speaks for that."""
-    return cause.ranked.option.proposal.course is Course.AFTER and cause.tempered < ONCE
+    return cause.ranked.option.proposal.course is TimeCourse.AFTER and cause.tempered < ONCE
 
 
 def _blurred(search: Search, cause: Cause) -> bool:
@@ -382,7 +382,7 @@ def _contains(rival: Ranked, cause: Cause) -> bool:
     """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one. A mass
     anywhere on a link has all first moments of it, and a size more; what is free at any instant follows a load that
     falls."""
-    incident = cause.ranked.option.proposal.course not in (None, Course.CLOCK)
+    incident = cause.ranked.option.proposal.course not in (None, TimeCourse.CLOCK)
     if incident and rival.free and width(rival) > width(cause.ranked):
         return rival.score < (1.0 + FREER) * cause.score
     more, less = (each.option.proposal for each in (rival, cause.ranked))

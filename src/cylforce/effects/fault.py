@@ -94,7 +94,7 @@ class Alteration(Fault, Protocol):
 
 
 @runtime_checkable
-class Weight(Fault, Protocol):
+class MassChange(Fault, Protocol):
     """Masses that differ: a change of base parameters."""
 
     @property
@@ -127,7 +127,7 @@ class Share(Fault, Protocol):
 
 
 @runtime_checkable
-class Part(Fault, Protocol):
+class PartOfFriction(Fault, Protocol):
     """A force that is no more than a part of a cylinder's dry friction."""
 
     @property
@@ -156,7 +156,7 @@ class BaseMotion(Fault, Protocol):
         ...
 
 
-class Course(StrEnum):
+class TimeCourse(StrEnum):
     """How the sizes of an incident go with time."""
 
     WINDOWS = "some stretches, each with sizes of its own"
@@ -174,7 +174,7 @@ class Incident(Fault, Protocol):
         ...
 
     @property
-    def course(self) -> Course:
+    def course(self) -> TimeCourse:
         """How they change."""
         ...
 

@@ -12,13 +12,13 @@ from cylforce.effects.fault import (
     PRESSURES,
     Alteration,
     BaseMotion,
-    Course,
     Distortion,
     Fault,
     ForceLaw,
     Incident,
+    MassChange,
     Share,
-    Weight,
+    TimeCourse,
     places,
 )
 from cylforce.effects.library import LIBRARY, Group
@@ -88,11 +88,11 @@ def imposed(
 def units(group: Group) -> tuple[str, ...]:
     """Units of all sizes of a group; a clock is late by the first, and every second by the second more."""
     first = group[0]
-    if isinstance(first, Weight | BaseMotion):
+    if isinstance(first, MassChange | BaseMotion):
         return first.units
     if isinstance(first, Incident):
         each = tuple(CHANGED[what] for what in _changed(first))
-        return (*each, "s/s") if first.course is Course.CLOCK else each
+        return (*each, "s/s") if first.course is TimeCourse.CLOCK else each
     return tuple(effect.about.unit for effect in group)
 
 
@@ -180,7 +180,7 @@ def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> 
     found = np.zeros((len(t), machine.size, 3))
     for each in effects:
         weight = each.group[0]
-        if isinstance(weight, Weight):
+        if isinstance(weight, MassChange):
             change = (weight.change(machine, each.where) @ np.array(each.sizes)).reshape(machine.size, 3)
             found += each.during(t)[:, None, None] * change
     return found
@@ -232,6 +232,11 @@ def touching(effects: Sequence[Imposed], t: Array) -> Array:
     return found
 
 
+def base_motions(effects: Sequence[Imposed]) -> list[tuple[BaseMotion, Imposed]]:
+    """The effects by which what carries the first link moves."""
+    return [(effect, each) for each in effects for effect in each.group if isinstance(effect, BaseMotion)]
+
+
 def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
     """Signals (T, S) with the sensors' errors at times (T,) [s] of the run."""
     for each in effects:
@@ -239,7 +244,7 @@ def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Ar
         for effect, size in each.members():
             if isinstance(effect, Distortion):
                 values = np.where(during, effect.distorted(machine, values, t, each.where, size), values)
-        if isinstance(each.group[0], Incident) and each.group[0].course is Course.CLOCK:
+        if isinstance(each.group[0], Incident) and each.group[0].course is TimeCourse.CLOCK:
             values = np.where(during, _late(machine, values, t, each), values)
     return values
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from cylforce.effects.fault import About, Course, Fault, Incident, places
+from cylforce.effects.fault import About, Fault, Incident, TimeCourse, places
 from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
@@ -86,7 +86,7 @@ class Proposal(NamedTuple):
         return self.about.name
 
     @property
-    def course(self) -> Course | None:
+    def course(self) -> TimeCourse | None:
         """How its sizes change, if it happens at a time; None: it lasts."""
         effect = self.group[0]
         return effect.course if isinstance(effect, Incident) else None

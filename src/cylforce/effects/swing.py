@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.effects.fault import BaseMotion
-from cylforce.effects.imposed import Imposed
+from cylforce.effects.imposed import Imposed, base_motions
 from cylforce.effects.loads.carried import smooth
 from cylforce.signals.estimate import Array
 
@@ -28,8 +27,8 @@ class Swing(NamedTuple):
 def swing(effects: Sequence[Imposed], t: Array) -> Swing:
     """The chassis' motion at times (T,) [s] of the run; without an effect that has a size it stands still."""
     found = np.zeros((3, len(t)))
-    for each in effects:
-        if isinstance(each.group[0], BaseMotion) and any(each.sizes):
+    for _, each in base_motions(effects):
+        if any(each.sizes):
             before, now, after = (_swung(each, t + s) for s in (-STEP, 0.0, STEP))
             found += now, (after - before) / (2.0 * STEP), (after - 2.0 * now + before) / STEP**2
     return Swing(*found)

@@ -30,7 +30,7 @@ class Factors(NamedTuple):
     mark: Array
 
 
-class Rows(NamedTuple):
+class BlockRows(NamedTuple):
     """Of a stretch: `columns` (T, R, K) and `observed` (T, R), NaN where not usable; `noise` (T, R, K+1): what the
     sensors' noise adds to both; `fitted` (T, R): whether a row is fitted or only counts in what is left unexplained;
     `mark` (T, M)."""
@@ -60,10 +60,10 @@ def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors
     """Factors of a stretch without noise: columns (T, R, K), observed (T, R) with NaN where not usable, mark (T, M),
     `block` samples a block."""
     exact = np.zeros((*observed.shape, columns.shape[-1] + 1))
-    return row_factors(Rows(columns, observed, exact, np.ones(observed.shape, dtype=bool), mark), block)
+    return row_factors(BlockRows(columns, observed, exact, np.ones(observed.shape, dtype=bool), mark), block)
 
 
-def row_factors(rows: Rows, block: int) -> Factors:
+def row_factors(rows: BlockRows, block: int) -> Factors:
     """Factors of a stretch, `block` samples a block."""
     both = np.concatenate([rows.columns, rows.observed[..., None]], axis=-1)
     good = np.all(np.isfinite(both), axis=-1)

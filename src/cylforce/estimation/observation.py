@@ -106,7 +106,7 @@ def _stays(bad: Array, steps: int) -> Array:
 def block_factors(model: Model, seen: Observed) -> Factors:
     """Factors of a stretch; see `observed_factors`."""
     columns = np.concatenate([seen.columns, seen.tool], axis=-1)
-    rows = blocks.Rows(columns, seen.torque, seen.noise, seen.certain, _marks(seen))
+    rows = blocks.BlockRows(columns, seen.torque, seen.noise, seen.certain, _marks(seen))
     return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))
 
 

@@ -18,8 +18,7 @@ from cylforce.diagnosis.shape import confirm, told, unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
 from cylforce.diagnosis.verdict import Judged, Verdict, judged
 from cylforce.diagnosis.where import where
-from cylforce.effects.fault import places
-from cylforce.effects.incidents.clock_fault import ClockFault
+from cylforce.effects.fault import TimeCourse, places
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.files.atomic import RecordingError
@@ -103,7 +102,7 @@ def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
 
 def _by_clock(judged: Judged) -> bool:
     """Whether the clocks come first among what is named."""
-    return bool(judged.named) and isinstance(judged.named[0].cause.ranked.option.proposal.group[0], ClockFault)
+    return bool(judged.named) and judged.named[0].cause.ranked.option.proposal.course is TimeCourse.CLOCK
 
 
 def _off_clock(late: Sequence[Slip]) -> Diagnosed:

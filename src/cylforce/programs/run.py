@@ -27,7 +27,7 @@ MISSING = 0x8250  # a sensor's PDOs stopped
 OnEstimate = Callable[[Estimate], None]
 
 
-class Told(NamedTuple):
+class LastLogged(NamedTuple):
     """What was said last: only changes are logged."""
 
     reason: Reason
@@ -43,7 +43,7 @@ class Daemon(Station):
         self.core = core
         self.state: State = core.begin(scale)
         self.on_estimate: OnEstimate = _ignore
-        self._told = Told(Reason.STARTING, Status.INVALID, 0)
+        self._told = LastLogged(Reason.STARTING, Status.INVALID, 0)
         self._every = max(1, round(core.service.publication[0].period_s * core.service.filters.rate_hz))
 
     def received(self, frame: Frame) -> int | None:
@@ -81,7 +81,7 @@ class Daemon(Station):
         lost = self.state.pipe is None
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
-        told = Told(reason, Status.INVALID if lost else Status.OK, booked)
+        told = LastLogged(reason, Status.INVALID if lost else Status.OK, booked)
         if told[:2] != self._told[:2]:
             self._say_measurement(reason)
         if estimate.booking is not None and told.booked != self._told.booked:

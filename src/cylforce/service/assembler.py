@@ -37,7 +37,7 @@ class Channel(NamedTuple):
     jumps: int
 
 
-class Counters(NamedTuple):
+class FrameCounters(NamedTuple):
     """What the bus did wrong so far."""
 
     unknown: int = 0
@@ -50,7 +50,7 @@ class Inputs(NamedTuple):
     """All channels and counters."""
 
     channels: tuple[Channel, ...]
-    counters: Counters
+    counters: FrameCounters
     long_t_us: int
 
 
@@ -74,7 +74,7 @@ class Assembler:
     def begin(self) -> Inputs:
         """Nothing received yet."""
         empty = Channel(float("nan"), NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
-        return Inputs((empty,) * len(self.service.machine.signals), Counters(), NEVER)
+        return Inputs((empty,) * len(self.service.machine.signals), FrameCounters(), NEVER)
 
     def receive(self, inputs: Inputs, frame: Frame, moving: tuple[bool, ...]) -> Inputs:
         """Take a frame in: length and range are checked, unknown identifiers counted; `moving` tells, per signal,

@@ -25,13 +25,13 @@ def _rising(value: object) -> object:
 Range = Annotated[tuple[Number, Number], BeforeValidator(_rising), Field(strict=False)]
 
 
-class Table(BaseModel):
+class SettingsTable(BaseModel):
     """A table of the file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class MachineTable(Table):
+class MachineTable(SettingsTable):
     """[machine]; `slew_axis_m`: x of the first pin seen from the slew axis; `payload_reach_m`: how far from
     the last pin the middle of a load may lie, by default as far as the tooth line."""
 
@@ -41,7 +41,7 @@ class MachineTable(Table):
     payload_reach_m: Positive | None = None
 
 
-class LinkTolerance(Table):
+class LinkTolerance(SettingsTable):
     """Half-widths within which a link's data are trusted."""
 
     mass_percent: NotNegative = 10.0
@@ -50,7 +50,7 @@ class LinkTolerance(Table):
     length_m: NotNegative = 0.0
 
 
-class LinkTable(Table):
+class LinkTable(SettingsTable):
     """[[links]], house outwards; the frame's origin is the inner pin, x points to the outer pin (the last
     link's: wherever its angle is measured to), z is x turned from forward to up. Default inertia: a slender
     rod's."""
@@ -64,20 +64,20 @@ class LinkTable(Table):
     tolerance: LinkTolerance = LinkTolerance()
 
 
-class ToolTable(Table):
+class ToolTable(SettingsTable):
     """[tool]: the tooth line in the last link's frame."""
 
     point_m: XZ
 
 
-class Pin(Table):
+class Pin(SettingsTable):
     """A pin: "chassis" or a link's name, and its place in that body's frame."""
 
     body: str = "chassis"
     at_m: XZ
 
 
-class Triangle(Table):
+class TriangleTable(SettingsTable):
     """A cylinder straight between two pins."""
 
     kind: Literal["triangle"]
@@ -85,7 +85,7 @@ class Triangle(Table):
     eye: Pin
 
 
-class FourBar(Table):
+class FourBarTable(SettingsTable):
     """A cylinder on a rocker that turns about `rocker_pin` and drives `link_pin` through a link. The rocker's
     end lies to the left or right of the direction rocker pin -> link pin. `eye_m`: the cylinder's eye in the
     rocker's frame (x from rocker pin to rocker end, z to its left); by default the rocker's end."""
@@ -100,7 +100,7 @@ class FourBar(Table):
     eye_m: XZ | None = None
 
 
-class Dogbone(Table):
+class DogboneTable(SettingsTable):
     """Two links that meet at the cylinder's eye: the inner one from `inner_pin`, the outer one to
     `outer_pin`; the eye lies to the left or right of the direction inner pin -> outer pin."""
 
@@ -113,14 +113,14 @@ class Dogbone(Table):
     side: Literal["left", "right"]
 
 
-class CylinderTolerance(Table):
+class CylinderTolerance(SettingsTable):
     """Half-widths within which a cylinder's dimensions are trusted."""
 
     bore_mm: NotNegative = 0.1
     pins_m: NotNegative = 0.001
 
 
-class CylinderTable(Table):
+class CylinderTable(SettingsTable):
     """[[cylinders]]; `count` of them side by side; `length_range_m`: pin to pin, retracted and extended;
     `rod_pressure_bar`: return pressure to reckon with where no rod-side sensor exists."""
 
@@ -130,5 +130,5 @@ class CylinderTable(Table):
     count: int = Field(default=1, ge=1, le=8)
     length_range_m: Range
     rod_pressure_bar: NotNegative | None = None
-    linkage: Triangle | FourBar | Dogbone = Field(discriminator="kind")
+    linkage: TriangleTable | FourBarTable | DogboneTable = Field(discriminator="kind")
     tolerance: CylinderTolerance = CylinderTolerance()

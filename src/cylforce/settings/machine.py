@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.mechanics import chain, linkages
 from cylforce.mechanics.linkages import Linkage
 from cylforce.mechanics.machine import Cylinder, Link, Machine
-from cylforce.settings.arm import CylinderTable, Dogbone, FourBar, LinkTable, Pin, Triangle
+from cylforce.settings.arm import CylinderTable, DogboneTable, FourBarTable, LinkTable, Pin, TriangleTable
 from cylforce.settings.error import FaultError, Key
 from cylforce.settings.model import MachineFile
 from cylforce.signals.kinds import Signal
@@ -96,14 +96,14 @@ def _cylinder(file: MachineFile, k: int) -> Cylinder:
 
 def _linkage(file: MachineFile, k: int, table: CylinderTable) -> Linkage:
     shape, key = table.linkage, ("cylinders", k, "linkage")
-    if isinstance(shape, Triangle):
+    if isinstance(shape, TriangleTable):
         return linkages.Triangle(_pin(file, key, "foot", shape.foot), _pin(file, key, "eye", shape.eye))
-    if isinstance(shape, Dogbone):
+    if isinstance(shape, DogboneTable):
         return _dogbone(file, key, shape)
     return _four_bar(file, key, shape)
 
 
-def _dogbone(file: MachineFile, key: Key, shape: Dogbone) -> Linkage:
+def _dogbone(file: MachineFile, key: Key, shape: DogboneTable) -> Linkage:
     return linkages.FourBar(
         foot=_pin(file, key, "foot", shape.foot),
         rocker_pin=_pin(file, key, "inner_pin", shape.inner_pin),
@@ -114,7 +114,7 @@ def _dogbone(file: MachineFile, key: Key, shape: Dogbone) -> Linkage:
     )
 
 
-def _four_bar(file: MachineFile, key: Key, shape: FourBar) -> Linkage:
+def _four_bar(file: MachineFile, key: Key, shape: FourBarTable) -> Linkage:
     return linkages.FourBar(
         foot=_pin(file, key, "foot", shape.foot),
         rocker_pin=_pin(file, key, "rocker_pin", shape.rocker_pin),

@@ -11,7 +11,7 @@ from cylforce.settings.arm import (
     Name,
     Positive,
     Range,
-    Table,
+    SettingsTable,
     ToolTable,
 )
 from cylforce.settings.units import in_si, kind_in_si
@@ -44,7 +44,7 @@ Address = Annotated[tuple[int, int], BeforeValidator(_address), Field(strict=Fal
 Scale = Annotated[float, AfterValidator(_not_zero)]
 
 
-class Identity(Table):
+class Identity(SettingsTable):
     """Object 1018h; what is given is checked at start."""
 
     vendor: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
@@ -53,7 +53,7 @@ class Identity(Table):
     serial: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
 
 
-class PdoTable(Table):
+class PdoTable(SettingsTable):
     """What one TPDO of a node does differently from its node's others."""
 
     number: int = Field(ge=1, le=512)
@@ -63,7 +63,7 @@ class PdoTable(Table):
     period_ms: int | None = Field(default=None, ge=1, le=65535)
 
 
-class NodeTable(Table):
+class NodeTable(SettingsTable):
     """[[nodes]]: a sensor node. `transmission` "sync": after every `sync_every`-th SYNC (`period_ms` only
     tells how often that is where SYNC is made by somebody else), "event_timer": every `period_ms` by itself.
     `eds`: the vendor's EDS file, beside the machine file. `writable_mapping` false: the mapping is fixed and
@@ -82,14 +82,14 @@ class NodeTable(Table):
     pdos: tuple[PdoTable, ...] = Field(default=(), strict=False)
 
 
-class Skipped(Table):
+class Skipped(SettingsTable):
     """An object in a PDO that nobody reads."""
 
     object: Address
     type: TypeName | None = None
 
 
-class SensorTable(Table):
+class SensorTable(SettingsTable):
     """[[sensors]]: one measured quantity; several in one PDO follow each other in the order of the file.
     `at`: the cylinder (pressures, force pin, length) or link (angle, inclination). scale, offset, range and
     standard_error carry a unit in the file (`scale_bar`, ...) and are SI here."""
@@ -114,7 +114,7 @@ class SensorTable(Table):
         return kind_in_si(raw) if isinstance(raw, dict) else raw
 
 
-class FilterTable(Table):
+class FilterTable(SettingsTable):
     """[filter]: see `core.service.Filters`."""
 
     rate_hz: float = Field(default=100.0, ge=10.0, le=1000.0)
@@ -124,7 +124,7 @@ class FilterTable(Table):
     direction_speed_m_s: Positive = 0.002
 
 
-class HealthTable(Table):
+class HealthTable(SettingsTable):
     """[health]: when signals stop being believed; see `core.service.Health`."""
 
     hold_ms: Positive = 200.0
@@ -134,7 +134,7 @@ class HealthTable(Table):
     max_step_ms: Positive = 100.0
 
 
-class PublicationTable(Table):
+class PublicationTable(SettingsTable):
     """[publication]: our own node."""
 
     node_id: int = Field(default=64, ge=1, le=127)
@@ -144,7 +144,7 @@ class PublicationTable(Table):
     rated_force_n: Positive = 300_000.0
 
 
-class FrictionTable(Table):
+class FrictionTable(SettingsTable):
     """[friction]: the friction laws to choose from; `adapt`: friction and zero of identified tares follow
     temperature and wear."""
 
@@ -154,7 +154,7 @@ class FrictionTable(Table):
     adapt: bool = True
 
 
-class TimeColumn(Table):
+class TimeColumn(SettingsTable):
     """The time in a recording's table."""
 
     column: str = Field(default="t_s", min_length=1)
@@ -166,7 +166,7 @@ class TimeColumn(Table):
         return in_si(raw, "s", ("scale",)) if isinstance(raw, dict) else raw
 
 
-class RecordingTable(Table):
+class RecordingTable(SettingsTable):
     """[table]: where CSV and Parquet files of this machine have time and signals, when not in `t_s` and under
     the sensors' names in SI. `signals` maps a sensor to {column, scale_bar, offset_bar, ...}."""
 
@@ -174,7 +174,7 @@ class RecordingTable(Table):
     signals: dict[str, dict[str, object]] = Field(default_factory=dict)
 
 
-class SignalColumn(Table):
+class SignalColumn(SettingsTable):
     """One signal's column, scale and offset in SI."""
 
     column: str = Field(min_length=1)
@@ -182,7 +182,7 @@ class SignalColumn(Table):
     offset: float = 0.0
 
 
-class MachineFile(Table):
+class MachineFile(SettingsTable):
     """A whole machine file."""
 
     machine: MachineTable

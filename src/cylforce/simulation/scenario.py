@@ -10,7 +10,7 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, stroke_time, working_range
 from cylforce.signals.estimate import Array
 from cylforce.simulation.soil import carried, draw_dig
-from cylforce.simulation.trajectory import Course, Phase, Scene, Step
+from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 
 FASTEST = 0.30  # m/s, of any cylinder
 CLEAR = 0.3  # of their range: lifting joints stay above it in empty moves, which keeps the tool off the ground
@@ -20,7 +20,7 @@ TURN = 4.0  # s for a swing of the house
 HEADWAY = 2.4  # s of empty motion before the first cycle
 
 
-class Stroke(NamedTuple):
+class Sweep(NamedTuple):
     """A stroke of the nominal cycle: from `start` to `stop` [s] to `target`, a fraction of the joint's
     working range."""
 
@@ -30,19 +30,29 @@ class Stroke(NamedTuple):
 
 
 # The nominal cycle of 14.6 s. Strokes overlap, so that while the load hangs free something always moves.
-LIFT = (Stroke(0.0, 2.4, 0.40), Stroke(2.7, 6.2, 0.46), Stroke(6.2, 11.0, 0.80), Stroke(12.2, 14.5, 0.50))
-STICK = (Stroke(0.2, 2.4, 0.90), Stroke(2.5, 6.8, 0.36), Stroke(7.0, 10.9, 0.50), Stroke(11.0, 14.2, 0.66))
+LIFT = (
+    Sweep(0.0, 2.4, 0.40),
+    Sweep(2.7, 6.2, 0.46),
+    Sweep(6.2, 11.0, 0.80),
+    Sweep(12.2, 14.5, 0.50),
+)
+STICK = (
+    Sweep(0.2, 2.4, 0.90),
+    Sweep(2.5, 6.8, 0.36),
+    Sweep(7.0, 10.9, 0.50),
+    Sweep(11.0, 14.2, 0.66),
+)
 # Where nothing else lifts, the stick does: by reaching out, away from the vertical, where it could not feel the weight.
-STICK_ALONE = (*STICK[:2], Stroke(6.9, 10.9, 0.86), Stroke(11.2, 14.3, 0.66))
+STICK_ALONE = (*STICK[:2], Sweep(6.9, 10.9, 0.86), Sweep(11.2, 14.3, 0.66))
 TOOL = (
-    Stroke(0.2, 2.4, 0.66),
-    Stroke(3.0, 6.9, 0.14),
-    Stroke(7.0, 10.3, 0.06),
-    Stroke(10.4, 12.6, 0.80),
-    Stroke(12.8, 14.5, 0.66),
+    Sweep(0.2, 2.4, 0.66),
+    Sweep(3.0, 6.9, 0.14),
+    Sweep(7.0, 10.3, 0.06),
+    Sweep(10.4, 12.6, 0.80),
+    Sweep(12.8, 14.5, 0.66),
 )
 HOME = (0.50, 0.66, 0.66)
-SWING = (Stroke(6.9, 10.7, 1.0), Stroke(12.0, 14.5, 0.0))
+SWING = (Sweep(6.9, 10.7, 1.0), Sweep(12.0, 14.5, 0.0))
 DIGGING = (2.6, 6.5, 11.0, 12.5)  # s: teeth in the soil from, to; material falls from, to
 PHASES = ((0.0, Phase.REACH), (2.6, Phase.DIG), (6.5, Phase.LIFT), (10.8, Phase.DUMP), (12.5, Phase.RETURN))
 NOMINAL = 14.6
@@ -53,7 +63,7 @@ def _role(machine: Machine, j: int) -> int:
     return max(0, 2 - (machine.size - 1 - j))
 
 
-def _nominal(machine: Machine, j: int) -> tuple[Stroke, ...]:
+def _nominal(machine: Machine, j: int) -> tuple[Sweep, ...]:
     """The strokes of joint j in the nominal cycle; none for a locked joint."""
     moved = driven(machine)
     lifts = any(_role(machine, k) == 0 for k in moved)
@@ -83,9 +93,9 @@ def cycles(machine: Machine, rng: np.random.Generator, count: int, swing: bool) 
 def _headway(machine: Machine, ranges: Array) -> Scene:
     begin, courses = _begin(machine, (0.55, 0.5, 0.5)), []
     for j in range(machine.size):
-        strokes = (Stroke(0.1, HEADWAY - 0.2, HOME[_role(machine, j)]),)
+        strokes = (Sweep(0.1, HEADWAY - 0.2, HOME[_role(machine, j)]),)
         courses.append(_course(machine, ranges, begin, j, strokes if j in driven(machine) else ()))
-    return Scene(HEADWAY, tuple(courses), Course(0.0), ((0.0, Phase.AIR),))
+    return Scene(HEADWAY, tuple(courses), JointCourse(0.0), ((0.0, Phase.AIR),))
 
 
 def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, swing: bool) -> Scene:
@@ -94,21 +104,21 @@ def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Arr
     for j in range(machine.size):
         nominal = _nominal(machine, j)
         shaken = tuple(
-            Stroke(s.start * stretch, s.stop * stretch, s.target + float(rng.uniform(-SHAKE, SHAKE))) for s in nominal
+            Sweep(s.start * stretch, s.stop * stretch, s.target + float(rng.uniform(-SHAKE, SHAKE))) for s in nominal
         )
         courses.append(_course(machine, ranges, begin, j, shaken))
     angle = float(rng.uniform(1.0, 1.5)) * (1 if rng.uniform() < 0.5 else -1) if swing else 0.0
     turns = (
-        Step(SWING[0].start * stretch, SWING[0].stop * stretch, angle),
-        Step(SWING[1].start * stretch, SWING[1].stop * stretch, -angle),
+        Move(SWING[0].start * stretch, SWING[0].stop * stretch, angle),
+        Move(SWING[1].start * stretch, SWING[1].stop * stretch, -angle),
     )
     start, stop, dump_start, dump_stop = (stretch * t for t in DIGGING)
     dig = draw_dig(rng, (start, stop, dump_start, dump_stop), machine.rated_payload, machine.payload_reach)
     phases = tuple((stretch * t, phase) for t, phase in PHASES)
-    return Scene(NOMINAL * stretch, tuple(courses), Course(0.0, turns if swing else ()), phases, dig)
+    return Scene(NOMINAL * stretch, tuple(courses), JointCourse(0.0, turns if swing else ()), phases, dig)
 
 
-def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tuple[Stroke, ...]) -> Course:
+def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tuple[Sweep, ...]) -> JointCourse:
     """Strokes to fractions of the range; one that its cylinder cannot make in time is cut short."""
     low, high = ranges[j]
     now, steps = begin.copy(), []
@@ -116,9 +126,9 @@ def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tupl
         target = float(low + np.clip(stroke.target, 0.0, 1.0) * (high - low))
         needed = stroke_time(machine, now, j, target, FASTEST)
         rise = (target - float(now[j])) * min(1.0, (stroke.stop - stroke.start) / max(needed, 1e-9))
-        steps.append(Step(stroke.start, stroke.stop, rise))
+        steps.append(Move(stroke.start, stroke.stop, rise))
         now[j] += rise
-    return Course(float(begin[j]), tuple(steps))
+    return JointCourse(float(begin[j]), tuple(steps))
 
 
 def moves(
@@ -137,28 +147,28 @@ def moves(
     pose = begin + np.array([sum(step.rise for step in strokes) for strokes in steps])
     for j in driven(machine):
         steps[j] += _wander(machine, ranges, rng, pose, j=j, window=(ALONE * duration, duration - 0.5))
-    courses = tuple(Course(float(begin[j]), tuple(steps[j])) for j in range(machine.size))
-    house = Course(0.0, _turns(rng, ALONE * duration, duration) if turning else ())
+    courses = tuple(JointCourse(float(begin[j]), tuple(steps[j])) for j in range(machine.size))
+    house = JointCourse(0.0, _turns(rng, ALONE * duration, duration) if turning else ())
     held = carried(payload, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach)) if payload else None
     return Scene(duration, courses, house, ((0.0, Phase.AIR),), held)
 
 
-def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Step, ...]:
+def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, ...]:
     """Swings of the house to either side and back, with rests, from `start` to `stop` [s]."""
-    steps: list[Step] = []
+    steps: list[Move] = []
     clock, side = start + 1.0, 1.0
     while clock + 2 * TURN + 1.0 < stop:
         angle = side * float(rng.uniform(1.0, 1.5))
-        steps += [Step(clock, clock + TURN, angle), Step(clock + TURN + 1.0, clock + 2 * TURN + 1.0, -angle)]
+        steps += [Move(clock, clock + TURN, angle), Move(clock + TURN + 1.0, clock + 2 * TURN + 1.0, -angle)]
         clock, side = clock + 2 * TURN + 3.0, -side
     return tuple(steps)
 
 
 def _one_by_one(
     machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float
-) -> list[list[Step]]:
+) -> list[list[Move]]:
     """Strokes of one joint after the other until `stop` [s]: one fast, one slow, one back between the two."""
-    steps: list[list[Step]] = [[] for _ in machine.links]
+    steps: list[list[Move]] = [[] for _ in machine.links]
     pose, clock = begin.copy(), 0.5
     while clock < stop:
         for j in driven(machine):
@@ -167,7 +177,7 @@ def _one_by_one(
             for target, speed in zip((*ends, begin[j]), (1.0, 0.35, 0.7), strict=True):
                 time = stroke_time(machine, pose, j, float(target), speed * FASTEST)
                 if 0.0 < time < stop - clock:
-                    steps[j].append(Step(clock, clock + time, float(target - pose[j])))
+                    steps[j].append(Move(clock, clock + time, float(target - pose[j])))
                     pose[j] = target
                     clock += time + 0.2
         clock += 0.5
@@ -182,12 +192,12 @@ def _wander(
     *,
     j: int,
     window: tuple[float, float],
-) -> list[Step]:
+) -> list[Move]:
     """Strokes of joint j between drawn postures at drawn speeds, with short rests."""
     low, high = ranges[j]
     now, (clock, stop) = begin.copy(), window
     clock += float(rng.uniform(0.2, 1.0))
-    steps: list[Step] = []
+    steps: list[Move] = []
     while True:
         share = (now[j] - low) / (high - low)
         far = float(rng.uniform(0.5, 1.0)) if share < 0.5 else float(rng.uniform(0.0, 0.5))
@@ -195,6 +205,6 @@ def _wander(
         time = stroke_time(machine, now, j, target, float(rng.uniform(0.25, 1.0)) * FASTEST)
         if clock + time > stop:
             return steps
-        steps.append(Step(clock, clock + time, target - float(now[j])))
+        steps.append(Move(clock, clock + time, target - float(now[j])))
         now[j] = target
         clock += time + float(rng.uniform(0.0, 0.5))

@@ -19,6 +19,7 @@ from cylforce.effects.imposed import (
     Imposed,
     added_parameters,
     altered,
+    base_motions,
     changed_load,
     excess_force,
     friction_level,
@@ -45,7 +46,7 @@ STRIBECK_SPEED = 0.015  # m/s
 SUPPLY = 4e5  # Pa: no chamber falls below this
 
 
-class Cause(NamedTuple):
+class CylinderFriction(NamedTuple):
     """A law of friction that every cylinder has, called `name`, and its sizes `value` (C,)."""
 
     name: str
@@ -59,7 +60,7 @@ class Truth(NamedTuple):
     of."""
 
     links: tuple[Link, ...]
-    friction: tuple[Cause, ...]
+    friction: tuple[CylinderFriction, ...]
     back: Array
     pitch: float
     roll: float
@@ -97,9 +98,9 @@ def draw_truth(
     area = np.array([c.area_head for c in machine.cylinders])
     coulomb, viscous = area * rng.uniform((1.0e5, 2e5), (1.6e5, 5e5), (area.size, 2)).T
     friction = (
-        Cause("coulomb", CoulombFriction(ROUNDING), coulomb),
-        Cause("viscous", ViscousFriction(), viscous),
-        Cause("stribeck", Stribeck(STRIBECK_SPEED, ROUNDING), coulomb * rng.uniform(0.3, 0.6, area.size)),
+        CylinderFriction("coulomb", CoulombFriction(ROUNDING), coulomb),
+        CylinderFriction("viscous", ViscousFriction(), viscous),
+        CylinderFriction("stribeck", Stribeck(STRIBECK_SPEED, ROUNDING), coulomb * rng.uniform(0.3, 0.6, area.size)),
     )
     seen = {signal.kind for signal in machine.signals}
     pitch, roll = rng.uniform(-0.03, 0.03, 2) * (Kind.PITCH in seen, Kind.ROLL in seen)
@@ -201,11 +202,9 @@ def carrying_torque(
 ) -> Array:
     """What a chassis that turns as `swung` asks of the joints besides (T, N) [N m]."""
     torque = np.zeros_like(course.theta)
-    for each in effects:
-        for effect in each.group:
-            if isinstance(effect, BaseMotion):
-                columns = _columns(_carried(machine, effect, value[..., :3], course, attitude, swung))
-                torque += columns @ np.array(each.sizes)
+    for effect, each in base_motions(effects):
+        columns = _columns(_carried(machine, effect, value[..., :3], course, attitude, swung))
+        torque += columns @ np.array(each.sizes)
     return torque
 
 

@@ -26,7 +26,7 @@ class Phase(IntEnum):
     RETURN = 5
 
 
-class Step(NamedTuple):
+class Move(NamedTuple):
     """A stroke of minimum jerk from `start` to `stop` [s] by `rise` [rad]."""
 
     start: float
@@ -34,11 +34,11 @@ class Step(NamedTuple):
     rise: float
 
 
-class Course(NamedTuple):
+class JointCourse(NamedTuple):
     """One joint's (or the house's) angle: `begin` [rad] and the strokes added to it."""
 
     begin: float
-    steps: tuple[Step, ...] = ()
+    steps: tuple[Move, ...] = ()
 
     @property
     def end(self) -> float:
@@ -61,8 +61,8 @@ class Scene(NamedTuple):
     digging."""
 
     duration: float
-    joints: tuple[Course, ...]
-    slew: Course
+    joints: tuple[JointCourse, ...]
+    slew: JointCourse
     phases: tuple[tuple[float, Phase], ...]
     dig: Dig | None = None
 

@@ -14,7 +14,7 @@ _NMT = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}
 _STATUS_BITS = 2
 
 
-class Signal(NamedTuple):
+class DbcSignal(NamedTuple):
     """A signal: place and length [bits], scale and offset to `unit`; `words`: names of raw values."""
 
     name: str
@@ -31,7 +31,7 @@ def dbc(pdos: Sequence[Pdo], node_id: int) -> str:
     """The file's text (ASCII): our TPDOs, heartbeat and emergency message, little endian."""
     messages = [
         *((f"{NODE}_tpdo{pdo.number}", pdo.can_id, pdo.length, _signals(pdo)) for pdo in pdos),
-        (f"{NODE}_heartbeat", 0x700 + node_id, 1, [Signal("nmt_state", 0, 8, False, 1.0, 0.0, "", _NMT)]),
+        (f"{NODE}_heartbeat", 0x700 + node_id, 1, [DbcSignal("nmt_state", 0, 8, False, 1.0, 0.0, "", _NMT)]),
         (f"{NODE}_emergency", 0x80 + node_id, 8, _emergency()),
     ]
     ordered = sorted(messages, key=lambda message: message[1])
@@ -46,8 +46,8 @@ def dbc(pdos: Sequence[Pdo], node_id: int) -> str:
     )
 
 
-def _signals(pdo: Pdo) -> list[Signal]:
-    found: list[Signal] = []
+def _signals(pdo: Pdo) -> list[DbcSignal]:
+    found: list[DbcSignal] = []
     start = 0
     for field in pdo.fields:
         found += _field(field, start)
@@ -55,38 +55,38 @@ def _signals(pdo: Pdo) -> list[Signal]:
     return found
 
 
-def _field(field: Field, start: int) -> Iterable[Signal]:
+def _field(field: Field, start: int) -> Iterable[DbcSignal]:
     if field.signal is None:
         return
     if field.signal in (PAYLOAD_QUALITY, FORCE_QUALITY):
         what = field.signal.removesuffix("_quality")
-        yield Signal(f"{what}_status", start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status))
+        yield DbcSignal(f"{what}_status", start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status))
         bits = 8 * CODES[field.code] - _STATUS_BITS
-        yield Signal(f"{what}_reason", start + _STATUS_BITS, bits, False, 1.0, 0.0, "", _names(Reason))
+        yield DbcSignal(f"{what}_reason", start + _STATUS_BITS, bits, False, 1.0, 0.0, "", _names(Reason))
         return
     unit, size = _UNITS.get(field.unit, (field.unit, 1.0))
     words = {} if field.code == "f" else {int(not_available(field.code)): "no_value"}
     scale, offset = field.scale / size, field.offset / size
-    yield Signal(field.signal, start, 8 * CODES[field.code], field.code.islower(), scale, offset, unit, words)
+    yield DbcSignal(field.signal, start, 8 * CODES[field.code], field.code.islower(), scale, offset, unit, words)
 
 
 def _names(words: type[Status] | type[Reason]) -> dict[int, str]:
     return {int(word): word.name.lower() for word in words}
 
 
-def _emergency() -> list[Signal]:
+def _emergency() -> list[DbcSignal]:
     return [
-        Signal("error_code", 0, 16, False, 1.0, 0.0, "", {0: "no_error"}),
-        Signal("error_register", 16, 8, False, 1.0, 0.0, "", {}),
-        Signal("error_information", 24, 40, False, 1.0, 0.0, "", {}),
+        DbcSignal("error_code", 0, 16, False, 1.0, 0.0, "", {0: "no_error"}),
+        DbcSignal("error_register", 16, 8, False, 1.0, 0.0, "", {}),
+        DbcSignal("error_information", 24, 40, False, 1.0, 0.0, "", {}),
     ]
 
 
-def _message(name: str, can_id: int, length: int, signals: Iterable[Signal]) -> str:
+def _message(name: str, can_id: int, length: int, signals: Iterable[DbcSignal]) -> str:
     return f"BO_ {can_id} {name}: {length} {NODE}\n" + "".join(map(_signal, signals)) + "\n"
 
 
-def _signal(signal: Signal) -> str:
+def _signal(signal: DbcSignal) -> str:
     sign = "-" if signal.signed else "+"
     place = f"{signal.start}|{signal.length}@1{sign}"
     return (
@@ -100,7 +100,7 @@ def _types(pdo: Pdo) -> str:
     return "".join(f"SIG_VALTYPE_ {pdo.can_id} {name} : 1;\n" for name in floats)
 
 
-def _words(can_id: int, signal: Signal) -> str:
+def _words(can_id: int, signal: DbcSignal) -> str:
     if not signal.words:
         return ""
     pairs = " ".join(f'{raw} "{word}"' for raw, word in signal.words.items())

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.effects.fault import About, Course, Place
+from cylforce.effects.fault import About, Place, TimeCourse
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +28,6 @@ class ClockFault:
         return ("clock",)
 
     @property
-    def course(self) -> Course:
+    def course(self) -> TimeCourse:
         """How they change."""
-        return Course.CLOCK
+        return TimeCourse.CLOCK

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.effects.fault import About, Course, Place
+from cylforce.effects.fault import About, Place, TimeCourse
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +29,6 @@ class PayloadShift:
         return ("load.X", "load.Z")
 
     @property
-    def course(self) -> Course:
+    def course(self) -> TimeCourse:
         """How they change."""
-        return Course.AFTER
+        return TimeCourse.AFTER

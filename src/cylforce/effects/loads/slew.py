@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cylforce.effects.effect import Halves, Parameter
-from cylforce.effects.fault import SHAPES, About, Course, Place
+from cylforce.effects.fault import SHAPES, About, Place, TimeCourse
 from cylforce.mechanics.machine import Link, Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
@@ -62,9 +62,9 @@ class Slew:
         return tuple(f"slew.{k}" for k in range(SHAPES))
 
     @property
-    def course(self) -> Course:
+    def course(self) -> TimeCourse:
         """How they change."""
-        return Course.WINDOWS
+        return TimeCourse.WINDOWS
 
 
 def slew_parameters(links: tuple[Link, ...]) -> Array:

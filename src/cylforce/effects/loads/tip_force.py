@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cylforce.effects.effect import Halves, Parameter
-from cylforce.effects.fault import SHAPES, About, Course, Place
+from cylforce.effects.fault import SHAPES, About, Place, TimeCourse
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
@@ -48,9 +48,9 @@ class TipForce:
         return tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
 
     @property
-    def course(self) -> Course:
+    def course(self) -> TimeCourse:
         """How they change."""
-        return Course.WINDOWS
+        return TimeCourse.WINDOWS
 
 
 def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:

@@ -29,7 +29,7 @@ LINGER_S = 2.0  # at rest after the run, so that the daemon ends on good samples
 EVENT_POLL_S, HEARTBEAT_POLL_S = 0.001, 0.01  # resolution of event timers, which is their jitter; of all else
 
 
-class Stage:
+class MovingStage:
     """The machine at any moment of the run: linear between samples, at rest before and after. The next scene
     is computed in a thread while one is played."""
 
@@ -81,7 +81,7 @@ class SensorNodes:
     """All sensors of a machine file. Feed it frames and time; it answers by `send`, and by rows of truth: one
     per SYNC, or where no sensor listens to SYNC, one per period of the service."""
 
-    def __init__(self, play: Play, send: Send, truth: TruthWriter | None, stage: Stage) -> None:
+    def __init__(self, play: Play, send: Send, truth: TruthWriter | None, stage: MovingStage) -> None:
         service = play.service
         self.network, self.stage = Network(send), stage
         self._play, self._writer = play, truth
@@ -165,7 +165,7 @@ async def _until_stopped(play: Play, bus: Bus, truth: Path | None) -> None:
 
 async def play_until(play: Play, bus: Bus, truth: Path | None, stop: asyncio.Event) -> None:
     """The same on the running loop, on a bus that is open and will not be closed, until `stop` is set."""
-    stage = Stage(play.service.machine, play.records)
+    stage = MovingStage(play.service.machine, play.records)
     with TruthWriter(truth, play.header, stage.names) if truth else nullcontext() as writer:
         nodes = SensorNodes(play, bus.send, writer, stage)
         loop, timer = asyncio.get_running_loop(), Timer(nodes.poll_s)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.commissioning.coverage import Gap, Pace
+from cylforce.commissioning.coverage import Missing, Pace
 from cylforce.commissioning.expectation import Expected, cost
 from cylforce.commissioning.identification import Identification
 from cylforce.estimation.residual import GOOD_ENOUGH
@@ -17,7 +17,7 @@ NOISY = 0.8  # of the standard error: from there on better tares would not help
 MOST = 5  # details of a step
 
 
-class Step(NamedTuple):
+class Advised(NamedTuple):
     """What to do next, and where."""
 
     text: str
@@ -58,15 +58,15 @@ def middle(expected: Expected) -> float:
     return float(np.median(np.nan_to_num(expected.standard_error, nan=np.inf)))
 
 
-def gap_sentences(machine: Machine, gaps: tuple[Gap, ...]) -> tuple[str, ...]:
+def gap_sentences(machine: Machine, gaps: tuple[Missing, ...]) -> tuple[str, ...]:
     """What is missing, for a reader at the machine: one sentence for both ways of the same motion."""
-    alike: dict[tuple[int, float, float, Pace], list[Gap]] = {}
+    alike: dict[tuple[int, float, float, Pace], list[Missing]] = {}
     for gap in gaps:
         alike.setdefault((gap.joint, gap.low, gap.high, gap.pace), []).append(gap)
     return tuple(_gap_sentence(machine, found) for found in alike.values())
 
 
-def _gap_sentence(machine: Machine, gaps: list[Gap]) -> str:
+def _gap_sentence(machine: Machine, gaps: list[Missing]) -> str:
     first = gaps[0]
     low, high = np.degrees([first.low, first.high])
     pace = "fast" if first.pace is Pace.FAST else "slowly"
@@ -92,21 +92,21 @@ def untold(found: Identification, expected: Expected) -> tuple[Untold, ...]:
 
 def next_steps(
     found: Identification, expected: Expected, lost: tuple[Untold, ...], gaps: tuple[str, ...], covered: float
-) -> tuple[Step, ...]:
+) -> tuple[Advised, ...]:
     """What to do next, the gravest first."""
     machine = found.model.machine
     matter = tuple(f"{u.name} ({u.meaning}, {u.mass:.1f} kg): {u.cure}" for u in lost if matters(machine, u))
     steps = []
     if found.violations:
-        steps.append(Step("Identify again with --enforce, and check the data sheet; broken are:", found.violations))
+        steps.append(Advised("Identify again with --enforce, and check the data sheet; broken are:", found.violations))
     if usable_share(machine, expected) < ENOUGH:
-        steps.append(Step(_where_weak(found, expected)))
+        steps.append(Advised(_where_weak(found, expected)))
     if matter:
-        steps.append(Step("Record also what this recording does not tell, identify from both:", matter[:MOST]))
+        steps.append(Advised("Record also what this recording does not tell, identify from both:", matter[:MOST]))
     if covered < ENOUGH:
-        steps.append(Step("To be sure in every posture, record also:", gaps[:MOST]))
+        steps.append(Advised("To be sure in every posture, record also:", gaps[:MOST]))
     if found.tares.scale_error == 0.0:
-        steps.append(Step("Lift a known weight once (--lift, --known-kg): the scale is still the data sheet's."))
+        steps.append(Advised("Lift a known weight once (--lift, --known-kg): the scale is still the data sheet's."))
     return tuple(steps)
 
 

@@ -19,7 +19,7 @@ STRETCH_HZ = 25.0
 REST = 3.0  # times the speed that rounds the friction's direction: from there on it is known to 1 %
 
 
-class Seen(NamedTuple):
+class DrawnSamples(NamedTuple):
     """Samples of a stretch, all passed through the same filters: `measured` and `predicted` torque (T, R) [N m], NaN
     where a row says nothing; joint angles `posture` (T, N) [rad]; of the cylinders `speed` (T, C) [m/s], `force`
     (T, C) [N] and own `lever` (T, C) [m/rad] about the joint that each moves."""
@@ -32,20 +32,20 @@ class Seen(NamedTuple):
     lever: Array
 
 
-class Stretch(NamedTuple):
+class DrawnMinute(NamedTuple):
     """The minute that shows most: recording, times (T,) [s] from its own start, samples."""
 
     recording: str
     t: Array
-    seen: Seen
+    seen: DrawnSamples
 
 
-class Evidence(NamedTuple):
+class Drawn(NamedTuple):
     """All that is drawn of a recording: some thousand `points` all over it, the `stretch`, coverage `seconds` (M, BINS,
     2, 2) of a `plan`, `planes` (M-1, BINS, BINS) [s], `duration` [s]."""
 
-    points: Seen
-    stretch: Stretch
+    points: DrawnSamples
+    stretch: DrawnMinute
     plan: Plan
     seconds: Array
     planes: Array
@@ -60,14 +60,14 @@ class _Sum(NamedTuple):
     duration: float
 
 
-def evidence(model: Model, tares: Tares, segments: Iterable[tuple[str, Array]]) -> Evidence:
+def evidence(model: Model, tares: Tares, segments: Iterable[tuple[str, Array]]) -> Drawn:
     """From (name of the recording, gapless samples (T, S)).
 
     Raises ValueError when no stretch is long enough."""
     wanted = plan(model.machine, REST * model.filters.direction_speed)
-    held: list[Seen] = []
+    held: list[DrawnSamples] = []
     total: _Sum | None = None
-    best: Stretch | None = None
+    best: DrawnMinute | None = None
     step, most = 1, 0.0
     for name, values in _pieces(model, segments):
         part = seen(model, tares, wanted, values)
@@ -77,19 +77,19 @@ def evidence(model: Model, tares: Tares, segments: Iterable[tuple[str, Array]]) 
             most, best = _worth(wanted, part), _stretch(name, part, model.filters)
     if best is None or total is None:
         raise ValueError("the recording has no stretch that is long enough to be shown")
-    points = Seen(*(np.concatenate(column) for column in zip(*held, strict=True)))
-    return Evidence(points, best, wanted, *total)
+    points = DrawnSamples(*(np.concatenate(column) for column in zip(*held, strict=True)))
+    return Drawn(points, best, wanted, *total)
 
 
 def _pieces(model: Model, segments: Iterable[tuple[str, Array]]) -> Iterator[tuple[str, Array]]:
     return ((name, piece) for name, values in segments for piece in chunks(model, [values]))
 
 
-def seen(model: Model, tares: Tares, wanted: Plan, values: Array) -> Seen:
+def seen(model: Model, tares: Tares, wanted: Plan, values: Array) -> DrawnSamples:
     """Samples (T, S) of a gapless stretch, without the filters' start."""
     rows = observe(model, values)
     moved = drives(model, wanted.joints, wanted.cylinders, values)
-    return Seen(rows.torque, rows.columns @ tares.values, rows.posture, *moved)
+    return DrawnSamples(rows.torque, rows.columns @ tares.values, rows.posture, *moved)
 
 
 def drives(model: Model, joints: Sequence[int], cylinders: Sequence[int], values: Array) -> tuple[Array, Array, Array]:
@@ -111,36 +111,36 @@ def _through(filters: Filters, x: Array) -> Array:
     return x
 
 
-def _added(total: _Sum | None, wanted: Plan, part: Seen, dt: float) -> _Sum:
+def _added(total: _Sum | None, wanted: Plan, part: DrawnSamples, dt: float) -> _Sum:
     seconds, together = (f(wanted, part.posture, part.speed, dt) for f in (coverage, planes))
     if total is None:
         return _Sum(seconds, together, len(part.speed) * dt)
     return _Sum(total.seconds + seconds, total.planes + together, total.duration + len(part.speed) * dt)
 
 
-def _every(part: Seen, step: int) -> Seen:
-    return Seen(*(column[::step] for column in part))
+def _every(part: DrawnSamples, step: int) -> DrawnSamples:
+    return DrawnSamples(*(column[::step] for column in part))
 
 
-def _thinned(held: list[Seen], step: int) -> tuple[list[Seen], int]:
+def _thinned(held: list[DrawnSamples], step: int) -> tuple[list[DrawnSamples], int]:
     """No more than MOST_POINTS in all, evenly over the recording."""
     while sum(len(part.speed) for part in held) > MOST_POINTS:
         held, step = [_every(part, 2) for part in held], 2 * step
     return held, step
 
 
-def _worth(wanted: Plan, part: Seen) -> float:
+def _worth(wanted: Plan, part: DrawnSamples) -> float:
     """How much of the joints' ranges a stretch shows, in usable rows."""
     swing = np.std(part.posture[:, list(wanted.joints)], axis=0) / (wanted.edges[:, -1] - wanted.edges[:, 0])
     return float(np.sum(swing) * np.sum(np.isfinite(part.measured)))
 
 
-def _stretch(name: str, part: Seen, filters: Filters) -> Stretch:
+def _stretch(name: str, part: DrawnSamples, filters: Filters) -> DrawnMinute:
     step = max(round(filters.rate_hz / STRETCH_HZ), 1)
-    return Stretch(name, np.arange(0, len(part.speed), step) / filters.rate_hz, _every(part, step))
+    return DrawnMinute(name, np.arange(0, len(part.speed), step) / filters.rate_hz, _every(part, step))
 
 
-def push(model: Model, part: Seen, joint: int, cylinder: int) -> Array:
+def push(model: Model, part: DrawnSamples, joint: int, cylinder: int) -> Array:
     """Residual of a joint's torque as force (T,) [N] of its cylinder, NaN where its lever is too short."""
     if joint not in model.machine.rows:
         return np.full(len(part.speed), np.nan)

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.commissioning.coverage import missing, share
-from cylforce.commissioning.expectation import Expected, Postures, cost, expected_error, postures
+from cylforce.commissioning.expectation import Expected, PostureGrid, cost, expected_error, postures
 from cylforce.commissioning.identification import Identification
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.programs.reports.advice import (
     ENOUGH,
-    Step,
+    Advised,
     Untold,
     gap_sentences,
     matters,
@@ -20,7 +20,7 @@ from cylforce.programs.reports.advice import (
     untold,
     usable_share,
 )
-from cylforce.programs.reports.evidence import Evidence
+from cylforce.programs.reports.evidence import Drawn
 
 EXPLAINED = 0.95  # of a joint's torque
 MOST_LIMITS = 8
@@ -45,7 +45,7 @@ class Row(NamedTuple):
     mass: float
 
 
-class Parameter(NamedTuple):
+class ParameterLine(NamedTuple):
     """A line of the table: data sheet and identified, each with its standard error; `told` by the recording."""
 
     name: str
@@ -62,18 +62,18 @@ class Findings(NamedTuple):
     identification; `limits`: what limits the weight at the median posture, (name, kg), the gravest first."""
 
     cards: tuple[Card, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[Advised, ...]
     rows: tuple[Row, ...]
     untold: tuple[Untold, ...]
     gaps: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    grid: Postures
+    parameters: tuple[ParameterLine, ...]
+    grid: PostureGrid
     expected: Expected
     sheet: Expected
     limits: tuple[tuple[str, float], ...]
 
 
-def findings(found: Identification, shown: Evidence) -> Findings:
+def findings(found: Identification, shown: Drawn) -> Findings:
     """Conclusions from an identification and what its recording shows."""
     grid = postures(found.model.machine)
     expected = expected_error(found.model, found.tares, grid.theta)
@@ -94,7 +94,7 @@ def findings(found: Identification, shown: Evidence) -> Findings:
     )
 
 
-def _cards(found: Identification, shown: Evidence, expected: Expected, lost: tuple[Untold, ...]) -> tuple[Card, ...]:
+def _cards(found: Identification, shown: Drawn, expected: Expected, lost: tuple[Untold, ...]) -> tuple[Card, ...]:
     rated, within = found.model.machine.rated_payload, usable_share(found.model.machine, expected)
     typical, covered, explained = middle(expected), share(shown.plan, shown.seconds), _explained(shown)
     matter = [u for u in lost if matters(found.model.machine, u)]
@@ -116,7 +116,7 @@ def _cards(found: Identification, shown: Evidence, expected: Expected, lost: tup
     )
 
 
-def _explained(shown: Evidence) -> float:
+def _explained(shown: Drawn) -> float:
     """The share of its torque's variance that the tares predict, of the worst row; nothing of one never seen."""
     rows = zip(shown.points.measured.T, shown.points.predicted.T, strict=True)
     good = [(m[np.isfinite(m)], p[np.isfinite(m)]) for m, p in rows]
@@ -134,7 +134,7 @@ def _limits(found: Identification, expected: Expected) -> tuple[tuple[str, float
     return tuple(sorted(each.items(), key=lambda item: -item[1])[:MOST_LIMITS])
 
 
-def _rows(found: Identification, shown: Evidence, grid: Postures) -> tuple[Row, ...]:
+def _rows(found: Identification, shown: Drawn, grid: PostureGrid) -> tuple[Row, ...]:
     """What is left of each row's torque."""
     machine = found.model.machine
     arms = machine.tool_point(grid.theta).gradient.imag  # what a weight at the tool does to each joint
@@ -144,10 +144,10 @@ def _rows(found: Identification, shown: Evidence, grid: Postures) -> tuple[Row, 
     return tuple(Row(n, *map(float, x)) for n, *x in zip(names, found.tares.row_error, largest, mass, strict=True))
 
 
-def _parameters(found: Identification) -> tuple[Parameter, ...]:
+def _parameters(found: Identification) -> tuple[ParameterLine, ...]:
     prior = found.model.prior
     spread, error = (np.sqrt(np.diag(c)) for c in (prior.covariance, found.tares.covariance))
     return tuple(
-        Parameter(p.name, p.unit, float(m), float(s), float(v), float(e), p.name not in found.not_identified)
+        ParameterLine(p.name, p.unit, float(m), float(s), float(v), float(e), p.name not in found.not_identified)
         for p, m, s, v, e in zip(found.model.parameters, prior.mean, spread, found.tares.values, error, strict=True)
     )

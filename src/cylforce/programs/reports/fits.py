@@ -20,13 +20,13 @@ from cylforce.programs.reports.drawing import (
     noted,
     nothing,
 )
-from cylforce.programs.reports.evidence import Evidence, Seen, Stretch, friction, push
+from cylforce.programs.reports.evidence import Drawn, DrawnMinute, DrawnSamples, friction, push
 from cylforce.signals.estimate import Array
 
 SPEED_BINS = 16
 
 
-def torques(found: Identification, shown: Evidence) -> Figure:
+def torques(found: Identification, shown: Drawn) -> Figure:
     """Per joint: measured and predicted torque over the stretch, what is left of it, and the one against the other."""
     machine = found.model.machine
     figure = canvas(0.4 + 2.35 * len(machine.rows))
@@ -40,7 +40,7 @@ def torques(found: Identification, shown: Evidence) -> Figure:
     return figure
 
 
-def _series(figure: Figure, place: SubplotSpec, stretch: Stretch, row: int, last: bool) -> Axes:
+def _series(figure: Figure, place: SubplotSpec, stretch: DrawnMinute, row: int, last: bool) -> Axes:
     """Measured and predicted, below them the difference."""
     inner = place.subgridspec(2, 1, height_ratios=(2.6, 1.0), hspace=0.0)
     upper = figure.add_subplot(inner[0])
@@ -60,7 +60,7 @@ def _series(figure: Figure, place: SubplotSpec, stretch: Stretch, row: int, last
     return upper
 
 
-def _against(axes: Axes, points: Seen, row: int) -> None:
+def _against(axes: Axes, points: DrawnSamples, row: int) -> None:
     measured, predicted = (part[:, row] * 1e-3 for part in points[:2])
     good = np.isfinite(measured)
     if not np.any(good):
@@ -73,7 +73,7 @@ def _against(axes: Axes, points: Seen, row: int) -> None:
     axes.set_ylabel("measured")
 
 
-def residuals(found: Identification, shown: Evidence) -> Figure:
+def residuals(found: Identification, shown: Drawn) -> Figure:
     """Per cylinder, over its speed: friction found and what the rows say of it; below, what no law explains."""
     machine, wanted = found.model.machine, shown.plan
     pairs = [(j, c) for j, c in zip(wanted.joints, wanted.cylinders, strict=True) if j in machine.rows]
@@ -93,7 +93,7 @@ def residuals(found: Identification, shown: Evidence) -> Figure:
     return figure
 
 
-def _law(figure: Figure, axes: Axes, found: Identification, points: Seen, left: Array, c: int) -> None:
+def _law(figure: Figure, axes: Axes, found: Identification, points: DrawnSamples, left: Array, c: int) -> None:
     """The friction's law at the usual force, with its 95 % band, on the points it was found from."""
     good = np.isfinite(left)
     speed, force = points.speed[good, c], points.force[good, c]

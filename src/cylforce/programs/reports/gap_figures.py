@@ -24,7 +24,7 @@ from cylforce.programs.reports.drawing import (
     noted,
     nothing,
 )
-from cylforce.programs.reports.evidence import Seen, push
+from cylforce.programs.reports.evidence import DrawnSamples, push
 from cylforce.programs.reports.gap_shown import Heat, Overlay, Shown, excess, movers, plain
 from cylforce.signals.estimate import Array
 
@@ -108,7 +108,7 @@ def friction(search: Search, shown: Shown) -> Figure:
     return figure
 
 
-def _pushed(figure: Figure, axes: Axes, part: Seen, force: Array, c: int) -> None:
+def _pushed(figure: Figure, axes: Axes, part: DrawnSamples, force: Array, c: int) -> None:
     good = np.isfinite(force)
     if not np.any(good):
         nothing(axes)

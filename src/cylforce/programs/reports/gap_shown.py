@@ -45,8 +45,8 @@ class Shown(NamedTuple):
     them, residual as measured torque); overlays; `steps`: (label, residual (R,) [N m, rms])."""
 
     heat: Heat
-    before: evidence.Seen
-    after: evidence.Seen
+    before: evidence.DrawnSamples
+    after: evidence.DrawnSamples
     overlays: tuple[Overlay, ...]
     steps: tuple[tuple[str, Array], ...]
 
@@ -84,15 +84,15 @@ def _rms(parts: list[Array]) -> float:
     return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")
 
 
-def _points(problem: Problem, residuals: list[Array]) -> evidence.Seen:
+def _points(problem: Problem, residuals: list[Array]) -> evidence.DrawnSamples:
     viewer = Viewer(problem.model, np.zeros(len(problem.model.parameters)))
     joints, cylinders = movers(problem)
     parts = []
     for seen, left in zip(problem.faulty, residuals, strict=True):
         moved = evidence.drives(viewer.slow, joints, cylinders, viewer.thinned(seen.recorded.values))
-        parts.append(evidence.Seen(left, np.zeros_like(left), seen.rows.posture, *moved))
+        parts.append(evidence.DrawnSamples(left, np.zeros_like(left), seen.rows.posture, *moved))
     step = -(-sum(len(p.speed) for p in parts) // evidence.MOST_POINTS)
-    return evidence.Seen(*(np.concatenate(column)[::step] for column in zip(*parts, strict=True)))
+    return evidence.DrawnSamples(*(np.concatenate(column)[::step] for column in zip(*parts, strict=True)))
 
 
 def movers(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:

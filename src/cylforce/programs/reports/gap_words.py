@@ -20,7 +20,7 @@ CLOSED = 0.9  # of the gap's energy
 FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit
 
 
-class Line(NamedTuple):
+class CauseLine(NamedTuple):
     """A cause that is named, for the table."""
 
     effect: str
@@ -82,7 +82,7 @@ def _causes(count: int) -> str:
     return "no cause is named" if not count else "one cause" if count == 1 else f"{count} causes"
 
 
-def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[Line, ...]:
+def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[CauseLine, ...]:
     """The named causes."""
     return tuple(
         _line(machine, named.cause.ranked.option.proposal, effect)
@@ -90,10 +90,10 @@ def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[Lin
     )
 
 
-def _line(machine: Machine, proposal: Proposal, effect: dict[str, Any]) -> Line:
+def _line(machine: Machine, proposal: Proposal, effect: dict[str, Any]) -> CauseLine:
     size, unit = effect["parameters"]["size"], unit_of(machine, proposal)
     form = [f"{name} {shown(effect['shape'][name], si)}" for name, si in FORMS.items() if name in effect["shape"]]
-    return Line(
+    return CauseLine(
         effect["name"].replace("_", " "),
         effect["at"],
         shown(size["value"], unit),

@@ -15,8 +15,8 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven
 from cylforce.programs.reports.advice import meaning
 from cylforce.programs.reports.drawing import AMBER, BLUE, GRID, INK, PALE, RED, canvas, noted
-from cylforce.programs.reports.evidence import Evidence
-from cylforce.programs.reports.findings import Findings, Parameter
+from cylforce.programs.reports.evidence import Drawn
+from cylforce.programs.reports.findings import Findings, ParameterLine
 from cylforce.signals.estimate import Array
 
 LINES = (
@@ -32,7 +32,7 @@ NEVER = "#f6d9d5"
 WIDE = 4.0  # of the data sheet's tolerances: what lies farther out stands at the edge
 
 
-def covered(machine: Machine, shown: Evidence) -> Figure:
+def covered(machine: Machine, shown: Drawn) -> Figure:
     """Per joint the seconds per angle, way and pace, what is missing framed; beside it the joints against each
     other."""
     count = len(shown.plan.joints)
@@ -51,7 +51,7 @@ def covered(machine: Machine, shown: Evidence) -> Figure:
     return figure
 
 
-def _cells(axes: Axes, shown: Evidence, k: int) -> None:
+def _cells(axes: Axes, shown: Drawn, k: int) -> None:
     table = np.stack([shown.seconds[k, :, way, pace] for way, pace in LINES])
     needed = np.stack([shown.plan.needed[k, :, way, pace] for way, pace in LINES])
     axes.imshow(table, cmap="Greens", vmin=0.0, vmax=MUCH_S, aspect="auto", extent=(0.0, BINS, len(LINES), 0.0))
@@ -151,7 +151,7 @@ def parameters(concluded: Findings) -> Figure:
     return figure
 
 
-def _bar(axes: Axes, k: int, p: Parameter) -> None:
+def _bar(axes: Axes, k: int, p: ParameterLine) -> None:
     away, error = (p.value - p.sheet) / p.sheet_error, 1.96 * p.error / p.sheet_error
     colour = AMBER if not p.told else RED if abs(away) > 3.0 else BLUE
     axes.errorbar(np.clip(away, -WIDE, WIDE), k, xerr=error, color=colour, fmt="o", markersize=5, capsize=3)

@@ -11,12 +11,12 @@ from cylforce.commissioning.expectation import Expected
 from cylforce.commissioning.identification import Identification
 from cylforce.programs.reports import fits, maps
 from cylforce.programs.reports.advice import middle
-from cylforce.programs.reports.evidence import Evidence
+from cylforce.programs.reports.evidence import Drawn
 from cylforce.programs.reports.findings import Findings
 from cylforce.programs.reports.template import Wanted, drawn, rendered
 
 
-def page(found: Identification, shown: Evidence, told: Findings, origin: Mapping[str, Any]) -> str:
+def page(found: Identification, shown: Drawn, told: Findings, origin: Mapping[str, Any]) -> str:
     """The HTML. `origin`: what identified.toml says of its provenance, its own name `output` and `output_sha256`."""
     machine = found.model.machine
     return rendered(
@@ -50,7 +50,7 @@ def _scale(found: Identification) -> str:
     return f"In it: the scale from a known weight, {tares.scale:.4f} ± {tares.scale_error:.4f}."
 
 
-def _figures(found: Identification, shown: Evidence, told: Findings) -> dict[str, Markup]:
+def _figures(found: Identification, shown: Drawn, told: Findings) -> dict[str, Markup]:
     machine = found.model.machine
     wanted: Wanted = {
         "torques": (lambda: fits.torques(found, shown), "measured and predicted torque of every joint"),
