@@ -11,6 +11,7 @@ import pytest
 
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.imposed import Imposed
+from cylforce.effects.loads.carried import CarriedLoad
 from cylforce.mechanics.linkages import FourBar, Triangle
 from cylforce.mechanics.machine import Cylinder, Link, Machine
 from cylforce.mechanics.motion import Attitude, joint_torque
@@ -28,7 +29,7 @@ from cylforce.simulation.simulator import (
     simulate,
     standing,
 )
-from cylforce.simulation.soil import Load, load
+from cylforce.simulation.soil import load
 from cylforce.simulation.trajectory import JointCourse, Kinematics, Move, Phase, Scene, follow
 
 G = 9.80665
@@ -213,7 +214,7 @@ def test_at_rest_with_a_load_the_joints_hold_weights_by_hand():
     machine = two_links()
     still = np.zeros((1, 2))
     course = Kinematics(np.array([[0.0, -pi / 2]]), still, still, np.zeros(1), np.zeros(1), np.zeros(1))
-    carried = Load(np.array([800.0]), np.array([[0.7, 0.1]]), np.array([500.0]))
+    carried = CarriedLoad(np.array([800.0]), np.array([[0.7, 0.1]]), np.array([500.0]))
     tau = rigid_torque(machine, base_values(machine.links, carried), course, Attitude())[0]
     stick, bucket = machine.links
     # the bucket's x axis points down, its z axis forward
@@ -224,9 +225,9 @@ def test_at_rest_with_a_load_the_joints_hold_weights_by_hand():
 
 def test_load_changes_the_base_parameters_as_one_more_body_would():
     machine = excavator()
-    carried = Load(np.array([600.0]), np.array([[0.7, 0.1]]), np.array([400.0]))
+    carried = CarriedLoad(np.array([600.0]), np.array([[0.7, 0.1]]), np.array([400.0]))
     values = base_values(machine.links, carried)[0]
-    empty = base_values(machine.links, Load(np.zeros(1), np.zeros((1, 2)), np.zeros(1)))[0]
+    empty = base_values(machine.links, CarriedLoad(np.zeros(1), np.zeros((1, 2)), np.zeros(1)))[0]
     difference = (values - empty)[:, :3]
     expected = [[600 * 5.7**2, 600 * 5.7, 0], [600 * 2.9**2, 600 * 2.9, 0], [400, 420, 60]]
     np.testing.assert_allclose(difference, expected, rtol=1e-12, atol=1e-9)

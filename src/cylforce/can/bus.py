@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from cylforce.signals.events import Frame
 
 OnFrame = Callable[[Frame], None]
+OnSent = Callable[[int, bytes], None]
 
 BURST = 256  # frames per wake-up: after so many the loop gets its turn, so that a flood cannot starve the ticks
 FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # back-off of opening again
@@ -36,19 +37,23 @@ class Counters:
 
 class Bus(ABC):
     """A CAN bus. `name` is what it was opened by, `counters` what it has seen. Subclasses own the transport:
-    they open it in `_open`, which may raise OSError or BusError, and call `_frame` and `_lost`."""
+    they open it in `_open`, which may raise OSError or BusError, count and pass on what they receive by `_on_frame`,
+    count and report what they send by `_sent`, and call `_lost` when the transport fails."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.counters = Counters()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._on_frame: OnFrame = _ignore
+        self._on_sent: OnSent = _ignore_sent
         self._delay_s = FIRST_DELAY_S
+        self._passed = 0  # frames that had passed either way when the bus failed last
         self._again: asyncio.TimerHandle | None = None
 
-    def attach(self, loop: asyncio.AbstractEventLoop, on_frame: OnFrame) -> None:
-        """From now on `on_frame` is called, in the loop's thread, with each frame received."""
-        self._loop, self._on_frame = loop, on_frame
+    def attach(self, loop: asyncio.AbstractEventLoop, on_frame: OnFrame, on_sent: OnSent | None = None) -> None:
+        """From now on `on_frame` is called, in the loop's thread, with each frame received, and `on_sent` with
+        identifier and data of each frame sent."""
+        self._loop, self._on_frame, self._on_sent = loop, on_frame, on_sent or _ignore_sent
         self._listen(loop)
 
     @abstractmethod
@@ -64,7 +69,7 @@ class Bus(ABC):
         if self._again is not None:
             self._again.cancel()
         self._shut()
-        self._loop, self._on_frame = None, _ignore
+        self._loop, self._on_frame, self._on_sent = None, _ignore, _ignore_sent
 
     @abstractmethod
     def _open(self) -> None: ...
@@ -75,18 +80,22 @@ class Bus(ABC):
     @abstractmethod
     def _shut(self) -> None: ...
 
-    def _frame(self, t_us: int, can_id: int, data: bytes) -> None:
-        self.counters.received += 1
-        self._delay_s = FIRST_DELAY_S
-        self._on_frame(Frame(t_us, can_id, data))
+    def _sent(self, can_id: int, data: bytes) -> bool:
+        self.counters.sent += 1
+        self._on_sent(can_id, data)
+        return True
 
     def _drop(self) -> bool:
         self.counters.dropped += 1
         return False
 
     def _lost(self) -> None:
-        """The transport failed: close it, open it again later, each time later than before."""
+        """The transport failed: close it, open it again later; each time later than before, unless frames have passed
+        since."""
         self.counters.errors += 1
+        passed = self.counters.received + self.counters.sent
+        if passed != self._passed:
+            self._passed, self._delay_s = passed, FIRST_DELAY_S
         self._shut()
         if self._loop is not None:
             self._again = self._loop.call_later(self._delay_s, self._reopen)
@@ -106,3 +115,7 @@ class Bus(ABC):
 
 def _ignore(frame: Frame) -> None:
     """Before `attach` and after `close`."""
+
+
+def _ignore_sent(can_id: int, data: bytes) -> None:
+    """Nobody wants to know what was sent."""

@@ -13,7 +13,7 @@ import can
 from can.interfaces import virtual
 
 from cylforce.can.bus import BURST, Bus, BusError
-from cylforce.signals.events import ERROR, EXTENDED, REMOTE
+from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame
 
 if TYPE_CHECKING:
     import can_remote
@@ -92,7 +92,8 @@ class Virtual(Bus):
                 message = self._mailbox.get_nowait()
             except queue.Empty:
                 return
-            self._frame(t_us, _can_id(message), bytes(message.data))
+            self.counters.received += 1
+            self._on_frame(Frame(t_us, _can_id(message), bytes(message.data)))
         self._arrived()
 
     def send(self, can_id: int, data: bytes) -> bool:
@@ -100,8 +101,7 @@ class Virtual(Bus):
         if self._bus is None:
             return self._drop()
         self._bus.send(_message(can_id, data))
-        self.counters.sent += 1
-        return True
+        return self._sent(can_id, data)
 
     def overflow(self) -> int:
         """See Bus.overflow."""
@@ -157,7 +157,8 @@ class Remote(Bus):
                 self._lost()
                 return
             if message is not None:
-                self._frame(t_us, _can_id(message), bytes(message.data))
+                self.counters.received += 1
+                self._on_frame(Frame(t_us, _can_id(message), bytes(message.data)))
 
     def send(self, can_id: int, data: bytes) -> bool:
         """See Bus.send."""
@@ -168,8 +169,7 @@ class Remote(Bus):
         except OSError:
             self._lost()
             return self._drop()
-        self.counters.sent += 1
-        return True
+        return self._sent(can_id, data)
 
 
 class Relay:

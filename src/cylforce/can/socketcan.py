@@ -6,7 +6,8 @@ import socket
 from collections.abc import Callable
 from struct import Struct
 
-from cylforce.can.bus import BURST, FIRST_DELAY_S, Bus, BusError
+from cylforce.can.bus import BURST, Bus, BusError
+from cylforce.signals.events import Frame
 
 _FRAME = Struct("=IB3x8s")  # struct can_frame
 _ERROR_FILTER, _ERROR_MASK = 2, 0x1FFFFFFF  # CAN_RAW_ERR_FILTER, CAN_ERR_MASK: the socket module lacks them
@@ -68,7 +69,8 @@ class SocketCan(Bus):
             except OSError:  # ENETDOWN, ENODEV
                 self._lost()
                 return
-            self._frame(t_us, can_id, data[:length])
+            self.counters.received += 1
+            self._on_frame(Frame(t_us, can_id, data[:length]))
             if self._socket is not opened:  # closed by whoever got the frame
                 return
 
@@ -82,9 +84,7 @@ class SocketCan(Bus):
             if error.errno not in _BUSY:
                 self._lost()
             return self._drop()
-        self.counters.sent += 1
-        self._delay_s = FIRST_DELAY_S
-        return True
+        return self._sent(can_id, data)
 
     def overflow(self) -> int:
         """See Bus.overflow: the kernel's own count for this socket and those before it."""

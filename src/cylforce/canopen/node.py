@@ -14,7 +14,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from cylforce.canopen.emergency import Emergencies
 from cylforce.canopen.heartbeat import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Heartbeats, OnPeer
-from cylforce.canopen.network import Network
+from cylforce.canopen.network import Network, Send
 from cylforce.canopen.objects import NO_COMMANDS, RANGE, Commands, Objects
 from cylforce.canopen.sdo_server import SdoServer
 from cylforce.canopen.tpdo import Tpdo
@@ -53,10 +53,16 @@ def _nobody(node_id: int, state: int | None) -> None:
     """Other nodes do not matter."""
 
 
+def _no_network(can_id: int, data: bytes) -> bool:  # noqa: ARG001  # as every way to send
+    """How a node sends that is in no network yet: not at all."""
+    return False
+
+
 class Node(Objects):
     """A CANopen node. `pdos`: what each of its TPDOs carries, for `publish` and `store`. `timers`: it sends
     its event-driven TPDOs by itself; without, `publish` sends them. `autostart`: operational right after
-    boot-up. `on_peer`: see Heartbeats. `state` is the NMT state, 0 before boot-up."""
+    boot-up. `on_peer`: see Heartbeats. `send(can_id, data)` sends a
+    frame; False: dropped. `state` is the NMT state, 0 before boot-up."""
 
     def __init__(
         self,
@@ -73,6 +79,7 @@ class Node(Objects):
         self._tpdos: dict[int, Tpdo] = {}
         super().__init__(node_id, dictionary, commands)
         self._ours: Network | None = None
+        self.send: Send = _no_network
         self.sdo = SdoServer(self)
         self._write_callbacks.clear()
         self.nmt = _Nmt(self)
@@ -104,7 +111,7 @@ class Node(Objects):
         if not isinstance(network, Network):
             raise TypeError("a Node needs a cylforce.canopen.network.Network, which feeds it frames and time")
         super().associate_network(network)
-        self._ours = network
+        self._ours, self.send = network, network.send
         network.subscribe(_SYNC, self._on_sync)
         network.every_poll(self._poll)
 
@@ -165,10 +172,6 @@ class Node(Objects):
     def transmit(self, number: int) -> bool:
         """Send TPDO `number` now, whatever its trigger, if operational and enabled."""
         return self._tpdos[number].send()
-
-    def send(self, can_id: int, data: bytes) -> bool:
-        """Send a frame; False: dropped, or there is no network."""
-        return self._ours is not None and self._ours.send(can_id, data)
 
     def produce_sync(self) -> None:
         """Send SYNC, if 1005h says that this node does, and act on it."""

@@ -1,6 +1,7 @@
 """A transmit PDO of a node: its parameters (1800h + n), its mapping (1A00h + n), when it is sent and with
 what."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 from canopen.objectdictionary import ODVariable
@@ -21,6 +22,7 @@ class PdoOwner(Protocol):
     """The node that sends the PDO."""
 
     data_store: dict[int, dict[int, bytes]]
+    send: Callable[[int, bytes], bool]
 
     @property
     def operational(self) -> bool:
@@ -33,10 +35,6 @@ class PdoOwner(Protocol):
 
     def variable(self, index: int, sub: int) -> ODVariable | None:
         """The description of an object, None if there is none."""
-        ...
-
-    def send(self, can_id: int, data: bytes) -> bool:
-        """Send a frame; False: dropped."""
         ...
 
 

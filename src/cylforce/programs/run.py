@@ -4,6 +4,7 @@ import asyncio
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from math import degrees
 from pathlib import Path
 from typing import NamedTuple, TextIO, cast
@@ -17,10 +18,9 @@ from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING,
 from cylforce.files.logfile import LogWriter
 from cylforce.programs.common.readings import header_of, make_core
 from cylforce.programs.live.station import Counts, Station, serve
-from cylforce.service.step import Core, Output, Scale, State, step
+from cylforce.service.step import Core, Scale, State, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status
-from cylforce.signals.events import Event, Frame, Tick
 
 MISSING = 0x8250  # a sensor's PDOs stopped
 
@@ -35,39 +35,25 @@ class LastLogged(NamedTuple):
     booked: int
 
 
-class Daemon(Station):
+class Daemon(Station[State]):
     """The service on a bus. `on_estimate` sees every estimate after it was sent."""
 
     def __init__(self, loaded: Loaded, core: Core, bus: Bus, log: LogWriter | None, scale: Scale) -> None:
-        super().__init__(core.service, bus, log)
+        super().__init__(core.service, partial(step, core), core.begin(scale), bus, log)
         self.core = core
-        self.state: State = core.begin(scale)
         self.on_estimate: OnEstimate = _ignore
         self._told = LastLogged(Reason.STARTING, Status.INVALID, 0)
-        self._every = max(1, round(core.service.publication[0].period_s * core.service.filters.rate_hz))
 
-    def received(self, frame: Frame) -> int | None:
-        """Into the core: its verdict."""
-        return self._enter(frame).verdict
-
-    def ticked(self, tick: Tick) -> None:
-        """Into the core; what it concludes goes out."""
-        out = self._enter(tick)
-        if self.counts.steps % self._every == 0:
-            for number, data in out.frames:
-                self.node.publish(number, data)
-            self._show_drift()
+    def commanded(self, verdict: int) -> None:
+        """Log the command."""
+        self._tell.info("zero or tare", abort=hex(verdict), **self.state.scale._asdict())
 
     def after_sync(self) -> None:
-        """Tell what has changed."""
+        """Show what adaptation does, tell what has changed."""
+        if self.counts.steps % self._every == 0:
+            self._show_drift()
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
-
-    def _enter(self, event: Event) -> Output:
-        self.state, out = step(self.core, self.state, event)
-        if out.verdict is not None:
-            self._tell.info("zero or tare", abort=hex(out.verdict), **self.state.scale._asdict())
-        return out
 
     def _show_drift(self) -> None:
         """What adaptation does, for whoever reads the object dictionary."""

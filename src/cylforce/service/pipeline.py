@@ -39,20 +39,18 @@ class Pipeline:
         )
 
     def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows]:
-        """To the channels `periods` steps later; missing steps are filled along a straight line."""
-        first, channels = pipe.raw, self.model.channels.follow(pipe.raw, channels)
+        """To the channels `periods` steps later; missing steps are filled along a straight line
+        (`periods` >= 1)."""
+        first, here = pipe.raw, self.model.channels.follow(pipe.raw, channels)
         for k in range(1, periods):
-            pipe, _ = self._step(pipe, first + (channels - first) * (k / periods))
-        return self._step(pipe, channels)
-
-    def _step(self, pipe: Pipe, channels: Array) -> tuple[Pipe, Rows]:
-        smooth_state, smooth = self.model.channels.smooth.step(pipe.smooth_state, channels)
+            pipe, _ = self.advance(pipe, first + (here - first) * (k / periods), 1)
+        smooth_state, smooth = self.model.channels.smooth.step(pipe.smooth_state, here)
         four = np.concatenate([pipe.smooth, smooth[None]])
         moved = self.model.channels.between(four)
         filters = self.model.filtered.begin(moved.motion) if pipe.filters is None else pipe.filters
         filters, rows = self.model.filtered.step(filters, moved.motion)
         waiting = np.where(self._rows_usable(moved), np.maximum(pipe.waiting - 1, 0), self.model.settle_steps)
-        return Pipe(channels, smooth_state, four[1:], filters, pipe.steps + 1, waiting, moved.motion.speed), rows
+        return Pipe(here, smooth_state, four[1:], filters, pipe.steps + 1, waiting, moved.motion.speed), rows
 
     def _rows_usable(self, moved: Moved) -> Array:
         return np.array([all(moved.usable[c] for c in acting) for acting in self.model.acting])

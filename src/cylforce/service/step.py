@@ -10,7 +10,7 @@ import numpy as np
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import residual
+from cylforce.estimation.residual import Residual, residual
 from cylforce.mechanics.installation import Service
 from cylforce.service import commands
 from cylforce.service.adaptation import Adapter, Drift
@@ -124,6 +124,11 @@ class Core:
         """Whether friction and zeros follow temperature and wear; a data sheet's tares would follow their errors."""
         return self.service.adapt and self.tares.identified
 
+    @cached_property
+    def longest_step(self) -> float:
+        """Periods between two ticks from which on the filters start anew."""
+        return self.service.health.max_step_s * self.service.filters.rate_hz + TICK_SLACK
+
     @property
     def period_us(self) -> int:
         """The fixed step."""
@@ -141,14 +146,10 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     if isinstance(event, Tick):
         state = _tick(core, state, event.t_us)
         return state, Output(None, state.estimate, frames(core.service.publication, state.estimate))
-    return _receive(core, state, event)
-
-
-def _receive(core: Core, state: State, frame: Frame) -> tuple[State, Output]:
-    obeyed = None if frame.can_id in core.assembler.decoders else _obey(core, state, frame)
+    obeyed = None if event.can_id in core.assembler.decoders else _obey(core, state, event)
     if obeyed is not None:
         return obeyed
-    return State(core.assembler.receive(state.inputs, frame, state.moving), *state[1:]), NOTHING
+    return State(core.assembler.receive(state.inputs, event, state.moving), *state[1:]), NOTHING
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -169,36 +170,39 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
 
 
 def _tick(core: Core, state: State, t_us: int) -> State:
+    """A sample is taken, turned into rows, and the rows into an estimate; or the reason why there is none."""
     sample = core.assembler.sample(state.inputs, t_us)
+    if sample.held is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
+        return state._replace(estimate=_hold(state.estimate, t_us, sample.held))
+    channels = _channels(core, sample)
+    if isinstance(channels, Reason):
+        return _lose(core, state, t_us, channels)
+    periods = (t_us - state.sampled_us) / core.period_us
+    if state.pipe is None or not TICK_SLACK < periods < core.longest_step:
+        reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
+        return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
+    pipe, rows = core.pipeline.advance(state.pipe, channels, round(periods))
+    state = state._replace(pipe=pipe, sampled_us=t_us, moving=_moving(core, pipe))
+    if pipe.steps <= core.model.settle_steps:
+        return state._replace(estimate=_nothing(t_us, Reason.STARTING, state.estimate.booking))
+    usable = pipe.waiting == 0
+    left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ state.drift.values)
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
+    force = core.force_sensor.estimate(rows, left, usable)
+    drift = _drift(core, state.drift, weighing, rows, left, usable)
+    state = state._replace(weighing=weighing, drift=drift)
+    return state._replace(estimate=_estimate(core, state, load, force, t_us))
+
+
+def _channels(core: Core, sample: Sample) -> Array | Reason:
+    """Joint angles, cylinder forces and attitude (D,) of a sample; or why nothing can be measured from it."""
     worst = max(sample.reasons, default=Reason.NONE)
     if worst is not Reason.NONE:
-        return _lose(core, state, t_us, worst)
-    if sample.held is not Reason.NONE and state.pipe is not None:
-        return state._replace(estimate=_hold(state.estimate, t_us, sample.held))
-    return _measure(core, state, sample)
-
-
-def _measure(core: Core, state: State, sample: Sample) -> State:
+        return worst
     if _tilted(core, sample):
-        return _lose(core, state, sample.t_us, Reason.TILT)
+        return Reason.TILT
     channels = core.model.channels.read(sample.values)
-    if not np.isfinite(channels).all():
-        return _lose(core, state, sample.t_us, Reason.END_STOP)
-    periods = (sample.t_us - state.sampled_us) / core.period_us
-    if state.pipe is None:
-        return _restart(core, state, sample, channels, Reason.STARTING)
-    if not TICK_SLACK < periods < core.service.health.max_step_s * core.service.filters.rate_hz + TICK_SLACK:
-        return _restart(core, state, sample, channels, Reason.TIME_JUMP)
-    pipe, rows = core.pipeline.advance(state.pipe, channels, round(periods))
-    state = state._replace(pipe=pipe, sampled_us=sample.t_us, moving=_moving(core, pipe))
-    if pipe.steps <= core.model.settle_steps:
-        return state._replace(estimate=_nothing(sample.t_us, Reason.STARTING, state.estimate.booking))
-    return _conclude(core, state, pipe, rows, sample.t_us)
-
-
-def _restart(core: Core, state: State, sample: Sample, channels: Array, reason: Reason) -> State:
-    lost = _lose(core, state, sample.t_us, reason)
-    return lost._replace(pipe=core.pipeline.begin(channels), sampled_us=sample.t_us)
+    return channels if np.isfinite(channels).all() else Reason.END_STOP
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
@@ -211,21 +215,22 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
     )
 
 
-def _conclude(core: Core, state: State, pipe: Pipe, rows: Rows, t_us: int) -> State:
-    drift = state.drift
-    left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ drift.values)
-    usable = pipe.waiting == 0
-    weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
-    if core.adapts:
-        empty = np.logical_and(usable, core.weigher.is_empty(weighing))
-        drift = core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
-    force = core.force_sensor.estimate(rows, left, usable)
+def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Residual, usable: Array) -> Drift:
+    """Friction and zeros after this instant: they follow while the bucket is known to be empty."""
+    if not core.adapts:
+        return drift
+    empty = np.logical_and(usable, core.weigher.is_empty(weighing))
+    return core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
+
+
+def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> Estimate:
+    """What is published of load and force: zeroed, tared, within the declared ranges."""
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         load, force = Load(*(_degrade(q) for q in load)), _each(force, _degrade)
-    gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], core.service.machine.rated_payload)
-    net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], core.service.machine.rated_payload)
-    estimate = Estimate(t_us, load, gross, net, force, weighing.booking)
-    return state._replace(weighing=weighing, estimate=estimate, drift=drift)
+    rated = core.service.machine.rated_payload
+    gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], rated)
+    net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], rated)
+    return Estimate(t_us, load, gross, net, force, state.weighing.booking)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:

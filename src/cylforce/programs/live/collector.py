@@ -15,9 +15,10 @@ from cylforce.programs.live.station import Station
 from cylforce.service import commands
 from cylforce.service.assembler import Assembler
 from cylforce.service.samples import is_whole, skipped
+from cylforce.service.step import NOTHING, Output
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
-from cylforce.signals.events import Frame, Tick
+from cylforce.signals.events import Event, Frame, Tick
 
 PATIENCE_S = 3.0  # without one whole sample, after which it is told
 STILL_S = 30.0  # without motion, after which it is told
@@ -40,11 +41,11 @@ class View(NamedTuple):
         return self.trouble or self.advice.say
 
 
-class Collector(Station):
+class Collector(Station[None]):
     """Samples from the bus into the guidance, which thinks in a thread so that no tick is late."""
 
     def __init__(self, loaded: Loaded, guide: Guide, bus: Bus, log: LogWriter | None) -> None:
-        super().__init__(loaded.service, bus, log)
+        super().__init__(loaded.service, self._collect, None, bus, log)
         self.service, self.guide = loaded.service, guide
         self.collected: Collected = guide.begin()
         self._assembler = Assembler(self.service)
@@ -57,6 +58,13 @@ class Collector(Station):
         self._moved_s = 0.0
         self._pool = ThreadPoolExecutor(1, "guidance")
         self._thought: Future[Collected] | None = None
+
+    def _collect(self, _: None, event: Event) -> tuple[None, Output]:
+        """The step of this station: its state is its own."""
+        if isinstance(event, Frame):
+            return None, Output(self.received(event))
+        self.ticked(event)
+        return None, NOTHING
 
     def received(self, frame: Frame) -> int | None:
         """Into the sample; zero and tare are refused while nothing is weighed."""

@@ -1,12 +1,11 @@
-"""Our node on a bus, with one loop and one clock: every event is logged, then concluded from by whoever derives from
-the station; the sensors are commissioned beside the loop."""
+"""Our node on a bus, with one loop and one clock: every event is logged, then goes into the step; the sensors are
+commissioned beside the loop."""
 
 import asyncio
 import gc
 import signal
-from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import structlog
 
@@ -18,7 +17,11 @@ from cylforce.canopen.startup import Commissioner, Outcome, Stage
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import LogWriter
 from cylforce.mechanics.installation import Service
+from cylforce.service.step import Output
 from cylforce.signals.events import Event, Frame, Tick
+
+S = TypeVar("S")  # what the step remembers
+Step = Callable[[S, Event], tuple[S, Output]]
 
 OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
 ON_TIME = 100  # steps without an overrun after which it counts as over
@@ -31,29 +34,27 @@ class Counts(NamedTuple):
     overruns: int = 0
 
 
-class Station(ABC):
-    """A service on a bus."""
+class Station(Generic[S]):
+    """A service on a bus: `step(state, event)` gives the new state and what to send out."""
 
-    def __init__(self, service: Service, bus: Bus, log: LogWriter | None) -> None:
+    def __init__(self, service: Service, step: Step[S], state: S, bus: Bus, log: LogWriter | None) -> None:
+        self._step, self.state = step, state
+        self._every = max(1, round(service.publication[0].period_s * service.filters.rate_hz))
         self.bus, self.log = bus, log
         self.counts = Counts()
         self.outcomes: dict[int, Outcome] = {}
         self._tell = structlog.get_logger("cylforce")
         self._verdict: int | None = None
-        self.network = Network(self._send)
+        self.network = Network(bus.send)
         self.node = own_node(service, self._last_verdict, self._on_peer)
         self.network.add_node(self.node)
         heard = self.node.heartbeats.state
         self.commissioner = Commissioner(service.nodes, self.network, heard, self._commissioned)
         self._timer = Timer(1.0 / service.filters.rate_hz)
 
-    @abstractmethod
-    def received(self, frame: Frame) -> int | None:
-        """Conclude from a frame: the verdict on the command that it holds, if any."""
-
-    @abstractmethod
-    def ticked(self, tick: Tick) -> None:
-        """Conclude from a tick and send, before SYNC asks for the next samples."""
+    def commanded(self, verdict: int) -> None:
+        """A command was obeyed (0) or refused (an SDO abort code)."""
+        return
 
     def after_sync(self) -> None:
         """What can wait until SYNC is out."""
@@ -62,7 +63,7 @@ class Station(ABC):
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Join the bus and begin to step; the sensors are commissioned beside the loop."""
         self.network.poll(now_us())
-        self.bus.attach(loop, self.on_frame)
+        self.bus.attach(loop, self.on_frame, self._on_sent)
         self.node.boot()
         self.commissioner.start()
         loop.add_reader(self._timer.fileno(), self.on_timer)
@@ -79,7 +80,10 @@ class Station(ABC):
     def on_frame(self, frame: Frame) -> None:
         """A frame: logged, concluded from, then to our node, which answers with the verdict."""
         self._keep(frame)
-        self._verdict = self.received(frame)
+        self.state, out = self._step(self.state, frame)
+        self._verdict = out.verdict
+        if out.verdict is not None:
+            self.commanded(out.verdict)
         self.network.on_frame(frame)
         self._verdict = None
 
@@ -93,7 +97,10 @@ class Station(ABC):
         self.counts = Counts(self.counts.steps + 1, self.counts.overruns + late)
         tick = Tick(self._timer.deadline_us)
         self._keep(tick)
-        self.ticked(tick)
+        self.state, out = self._step(self.state, tick)
+        if self.counts.steps % self._every == 0:
+            for number, data in out.frames:
+                self.node.publish(number, data)
         self.node.produce_sync()
         self.network.poll(tick.t_us)
         if late:
@@ -107,11 +114,8 @@ class Station(ABC):
         if self.log is not None:
             self.log.log(event)
 
-    def _send(self, can_id: int, data: bytes) -> bool:
-        sent = self.bus.send(can_id, data)
-        if sent:
-            self._keep(Sent(now_us(), can_id, bytes(data)))
-        return sent
+    def _on_sent(self, can_id: int, data: bytes) -> None:
+        self._keep(Sent(now_us(), can_id, bytes(data)))
 
     def _last_verdict(self) -> int | None:
         return self._verdict
@@ -126,7 +130,7 @@ class Station(ABC):
         say("sensor", name=outcome.node.name, node=outcome.node.node_id, stage=outcome.stage, why=outcome.reason)
 
 
-async def serve(station: Station, until: asyncio.Event, look: Callable[[], None], every_s: float = 1.0) -> None:
+async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], None], every_s: float = 1.0) -> None:
     """Run until `until` is set or SIGTERM or SIGINT comes; meanwhile `look` every so often."""
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
