@@ -1,4 +1,4 @@
-"""The README's own effect: the very example is run, and finds the effect that it adds."""
+"""The effect of one's own in the chapter on effects: the very example is run, and finds the effect that it adds."""
 
 import re
 from pathlib import Path
@@ -17,8 +17,8 @@ LOAD, SIZE = 1000.0, 0.03
 
 
 def example() -> str:
-    """The code of the README's section on the Python API."""
-    section = (ROOT / "README.md").read_text().partition("### Python API")[2]
+    """The code of that section."""
+    section = (ROOT / "src/cylforce/effects/README.md").read_text().partition("## An effect of your own")[2]
     return re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
 
 
@@ -32,7 +32,7 @@ def recordings(kind, service, seed, effects=()):
         write_table(Path(f"{kind}_{what}.csv"), Table(record.t, record.values, tuple(s.name for s in machine.signals)))
 
 
-def test_an_effect_of_ones_own_is_found_as_the_readme_says(tmp_path, monkeypatch):
+def test_an_effect_of_ones_own_is_found_as_the_chapter_says(tmp_path, monkeypatch):
     """The stick's head pressure reads 3 % of the bucket's as well."""
     (tmp_path / "config").symlink_to(ROOT / "config")
     monkeypatch.chdir(tmp_path)
