@@ -108,7 +108,7 @@ def _relay(bus: str) -> Iterator[str]:
 
 async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, console: Console) -> Watched:
     """Daemon here, simulated machine in a process of its own, until that has ended."""
-    console.print(f"3. {cycles} digging cycles of at most 15 s on the real clock")
+    console.print(f"3. {cycles} digging cycles of at most 15 s on the bus")
     daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, Scale())
     watched = Watched([], [], Counts())
 
