@@ -11,6 +11,8 @@ from cylforce.can.clock import now_us
 from cylforce.canopen.devices import own_node
 from cylforce.canopen.network import Network
 from cylforce.canopen.node import SILENT
+from cylforce.diagnosis.verdict import Verdict
+from cylforce.effects.library import LIBRARY
 from cylforce.estimation.filters import fours, mean
 from cylforce.estimation.model import Model
 from cylforce.programs.live.station import OVERRUN
@@ -147,3 +149,15 @@ def test_every_section_of_the_physics_that_is_cited_exists() -> None:
             cited |= {int(number) for number in re.findall(r"\d+", numbers)}
     assert cited
     assert cited <= written
+
+
+def test_the_library_is_listed_with_its_plausible_sizes() -> None:
+    rows = {row[0]: row[1:4] for row in rows_of((ROOT / "src/cylforce/diagnosis/README.md").read_text())}
+    for about in {group[0].about for group in LIBRARY}:
+        assert rows[f"`{about.name}`"] == [str(about.place), about.unit, f"{about.low:g} to {about.high:g}"]
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_every_verdict_is_explained(verdict: Verdict) -> None:
+    page = (ROOT / "src/cylforce/diagnosis/README.md").read_text()
+    assert [row for row in rows_of(page) if row[0] == f"`{verdict}`"]
