@@ -145,6 +145,7 @@ def test_every_section_of_the_physics_that_is_cited_exists() -> None:
     written = {int(number) for number in re.findall(r"^## (\d+)\. ", page, re.MULTILINE)}
     cited: set[int] = set()
     for source in [*ROOT.glob("src/**/*.py"), *ROOT.glob("tests/*.py"), *ROOT.glob("tools/**/*.py")]:
+        assert not re.search(r"PHYSICS[ ,]+(section|\d)", source.read_text()), f"{source}: cite mechanics/README.md"
         for numbers in re.findall(r"mechanics/README\.md,\s+sections? ([\d, and]+)", source.read_text()):
             cited |= {int(number) for number in re.findall(r"\d+", numbers)}
     assert cited
