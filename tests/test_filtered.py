@@ -136,7 +136,7 @@ def test_slew_equals_an_independent_library() -> None:
 def test_paper_equation_1_is_the_special_case_at_rest() -> None:
     """At rest, two links, a weight W at (l_x, alpha_x): the torques beyond the tares are the paper's (1) with the
     term that
-    its second row drops (PHYSICS section 12): tau_2 = W l_x sin(..), tau_1 = tau_2 + W l_B sin(..)."""
+    its second row drops (mechanics/README.md, section 12): tau_2 = W l_x sin(..), tau_1 = tau_2 + W l_B sin(..)."""
     from machines import stick_and_bucket
 
     machine = stick_and_bucket()

@@ -33,7 +33,7 @@ PHI = [f"{joint}.{symbol}" for joint in JOINTS for symbol in "JXZ"]
 
 
 def physics(lengths, phi, a, rates, turns, up, slew=(0.0, 0.0, None)):
-    """Joint torques by PHYSICS sections 3 and 4: Q_j of absolute angles, summed outwards.
+    """Joint torques by mechanics/README.md, sections 3 and 4: Q_j of absolute angles, summed outwards.
 
     `up` = (s_x, s_z): specific force in the axes of `a`; `slew` = (rate, distance of the boom pin, (D, E) per link)."""
     J, X, Z = np.reshape(phi, (3, 3)).T
@@ -57,7 +57,7 @@ def physics(lengths, phi, a, rates, turns, up, slew=(0.0, 0.0, None)):
 
 
 def loaded_phi(specimen, mass, x, z, gyration):
-    """PHYSICS section 9: the links' parameters with a payload in the bucket."""
+    """mechanics/README.md, section 9: the links' parameters with a payload in the bucket."""
     phi, load = links_parameters(specimen), mass * (x * x + z * z + gyration**2)
     for joint in ("boom", "stick"):
         phi[f"{joint}.J"] += mass * specimen.lengths[joint] ** 2
@@ -68,7 +68,7 @@ def loaded_phi(specimen, mass, x, z, gyration):
 
 
 def spread(specimen, payload):
-    """(D, E) of PHYSICS section 4 for each link, the payload in the bucket's."""
+    """(D, E) of mechanics/README.md, section 4 for each link, the payload in the bucket's."""
     mass, x, z, gyration = payload
     found = []
     phi = loaded_phi(specimen, *payload)

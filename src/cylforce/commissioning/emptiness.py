@@ -1,5 +1,6 @@
 """Is the machine in a recording empty and free? Signatures of a load, of a tool that touches something and of a wrong
-piston area in the factors of a recording: what each would change lies along known columns (PHYSICS sections 8, 9)."""
+piston area in the factors of a recording: what each would change lies along known columns
+(mechanics/README.md, sections 8 and 9)."""
 
 from typing import NamedTuple
 

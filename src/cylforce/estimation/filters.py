@@ -59,7 +59,8 @@ class Filter:
 
 
 def first_order(cutoff_hz: float, dt: float) -> Filter:
-    """L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2 (PHYSICS 5)."""
+    """L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2
+    (mechanics/README.md, section 5)."""
     a = pi * cutoff_hz * dt
     return Filter((a / (1 + a), a / (1 + a)), (1.0, -(1 - a) / (1 + a)))
 

@@ -137,7 +137,8 @@ class Model:
 
     @cached_property
     def load(self) -> Array:
-        """(P, 4): what a load's (m, m x, m z, J about the last pin) adds to the parameters (PHYSICS section 9)."""
+        """(P, 4): what a load's (m, m x, m z, J about the last pin) adds to the parameters
+        (mechanics/README.md, section 9)."""
         place = {p.name: k for k, p in enumerate(self.parameters)}
         table = np.zeros((len(place), 4))
         for link in self.machine.links[:-1]:

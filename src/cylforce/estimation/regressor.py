@@ -1,5 +1,5 @@
 """The regressor: a Machine and an ordered tuple of effects, their columns side by side, filtered so that no
-acceleration is needed (PHYSICS section 5)."""
+acceleration is needed (mechanics/README.md, section 5)."""
 
 from collections.abc import Collection
 from dataclasses import dataclass

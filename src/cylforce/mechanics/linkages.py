@@ -1,4 +1,5 @@
-"""Linkages between cylinders and joints: length, d(length)/d(angle), nearness of a dead point (PHYSICS section 2).
+"""Linkages between cylinders and joints: length, d(length)/d(angle), nearness of a dead point
+(mechanics/README.md, section 2).
 
 A pin is (body, local): body 0 is the chassis, body j the j-th link; `local` is x + i z in that body's frame. A linkage
 may reach over several joints (a loader's tilt cylinder), so every gradient has one entry per joint.

@@ -184,7 +184,8 @@ NEWTON_STEPS = 3
 
 
 def base_parameters(links: tuple[Link, ...]) -> Array:
-    """Phi (3N,) = (J, X, Z) of each link from its data sheet (PHYSICS section 3), mu_j the mass beyond link j:
+    """Phi (3N,) = (J, X, Z) of each link from its data sheet (mechanics/README.md, section 3), mu_j the mass
+    beyond link j:
     J = I + m (cx^2 + cz^2) + mu l^2 [kg m^2], X = m cx + mu l, Z = m cz [kg m]."""
     beyond = np.array([sum(k.mass for k in links[j + 1 :]) for j in range(len(links))])
     rows = [

@@ -1,4 +1,5 @@
-"""Interaction force: what the actuators had to supply beyond the tares is -(dP/dq)^T F (PHYSICS section 8)."""
+"""Interaction force: what the actuators had to supply beyond the tares is -(dP/dq)^T F
+(mechanics/README.md, section 8)."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,5 +1,5 @@
 """Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
-tares (PHYSICS sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
+tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,5 @@
-"""Friction of all cylinders at once, as columns of the model: any law (PHYSICS section 6), and what hides at rest."""
+"""Friction of all cylinders at once, as columns of the model: any law (mechanics/README.md, section 6), and what
+hides at rest."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Gravity and inertia of the links: three base parameters (J, X, Z) each (PHYSICS sections 3 and 5)."""
+"""Gravity and inertia of the links: three base parameters (J, X, Z) each (mechanics/README.md, sections 3 and 5)."""
 
 from dataclasses import dataclass
 

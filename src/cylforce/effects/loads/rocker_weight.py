@@ -14,8 +14,8 @@ from cylforce.mechanics.motion import Motion
 class RockerWeight:
     """V = w g sin(angle of the rocker from the horizontal), torque dV/d(theta): w is the first moment about the
     rocker's pin of the rocker and of what hangs at its end. The three parameters per link absorb what turns with
-    neither of them in the mean only (PHYSICS section 3, limit), and otherwise on another slope. Its inertia is left
-    out."""
+    neither of them in the mean only (mechanics/README.md, section 3, limit), and otherwise on another slope. Its
+    inertia is left out."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """One moment [kg m] per four-bar linkage."""

@@ -1,4 +1,4 @@
-"""A zero error of a cylinder's pressures: a constant force that is not there (PHYSICS section 6)."""
+"""A zero error of a cylinder's pressures: a constant force that is not there (mechanics/README.md, section 6)."""
 
 from dataclasses import dataclass
 
