@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-TOOL = Path(__file__).resolve().parents[1] / "tools" / "crane" / "figures.py"
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
 RATED_KG = 1000.0
 TWO_JOINTS = ("Dual1SineRun", "Dual2SineTest", "Dual2SineTestFlowShare")
 
 
 def measure(folder, output):
-    command = [sys.executable, TOOL, folder, "--json", output]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "crane.figures", folder, "--json", output]
+    return subprocess.run(command, cwd=TOOLS, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")

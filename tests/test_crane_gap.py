@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-TOOL = Path(__file__).resolve().parents[1] / "tools" / "crane" / "gaps.py"
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
 RUNS = ("JibSineTest", "Dual1SineRun", "Dual2SineTest", "Dual2SineTestFlowShare")
 TRAPS = ("clocks part, four runs", "clocks part, Dual1SineRun")
 
 
 def measure(folder, output):
-    command = [sys.executable, TOOL, folder, "--quick", "--json", output]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "crane.gaps", folder, "--quick", "--json", output]
+    return subprocess.run(command, cwd=TOOLS, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")

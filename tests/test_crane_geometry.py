@@ -14,12 +14,13 @@ from cylforce.files.tables import read_table
 from cylforce.settings.machine_file import load
 from cylforce.signals.units import DEGREE
 
-TOOL = Path(__file__).resolve().parents[1] / "tools" / "crane"
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
 CURVES = ("p_m_stroke_to_angle", "p_k_stroke_to_angle")
 
 
 def write(folder, output):
-    return subprocess.run([sys.executable, TOOL, folder, "-o", output], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "crane", folder, "-o", output]
+    return subprocess.run(command, cwd=TOOLS, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")

@@ -365,7 +365,7 @@ def test_effects_come_in_from_outside():
     pushed = replace(
         machine,
         extra=(lambda t, angles, rates: (-2e4, 0.0, 0.0),),
-        edits=(lambda plan: plan.at(wear=plan.wear * 0.5),),
+        edits=(lambda plan: replace(plan, wear=plan.wear * 0.5),),
         sensors=replace(machine.sensors, analog=(late,)),
     )
     plain, other = (m.run("commissioning", duration_s=6) for m in (machine, pushed))

@@ -79,6 +79,13 @@ activate_venv() {
   export VIRTUAL_ENV=$venv PATH=$venv/bin:$PATH
 }
 
+# run_module MODULE [ARG ...] - runs a module below tools/ instead of this shell, in the caller's folder. That folder itself
+# is searched for no modules. One BLAS thread, as the service has: numpy reads this number when it is imported.
+run_module() {
+  export PYTHONPATH=$root/tools${PYTHONPATH:+:$PYTHONPATH} PYTHONSAFEPATH=1 OPENBLAS_NUM_THREADS=1
+  exec python -m "$@"
+}
+
 # The caller's kernel has a vcan0 and it is up.
 host_has_vcan() { (($(cat /sys/class/net/vcan0/flags 2>/dev/null || echo 0) & 1)); }
 

@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from geometry import CURVES, PARAMETERS, crane
-from machine_file import text
+from .geometry import CURVES, PARAMETERS, crane
+from .machine_file import text
 
 
 def main() -> int:

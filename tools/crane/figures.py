@@ -10,9 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry import crane
-from machine_file import text
-from measure import Run, Weights, disagreement, measured, moments, unexplained, weights
 from rich.console import Console
 from rich.table import Table
 
@@ -22,6 +19,10 @@ from cylforce.programs.common.readings import recorded_segments
 from cylforce.programs.identify import run_identify
 from cylforce.programs.replay import run_replay
 from cylforce.settings.machine_file import Loaded, load
+
+from .geometry import crane
+from .machine_file import text
+from .measure import Run, Weights, disagreement, measured, moments, unexplained, weights
 
 FITTED = "Dual1SineRun"
 DAY = "_230425"

@@ -10,10 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from figures import FITTED, data_sheet, number, recordings, samples
-from geometry import crane
-from machine_file import text
-from measure import Run, measured
 from rich.console import Console
 from rich.table import Table
 
@@ -25,6 +21,11 @@ from cylforce.programs.gap import Diagnosed, Question, diagnose
 from cylforce.programs.gap_output import sentence
 from cylforce.programs.identify import run_identify
 from cylforce.settings.machine_file import Loaded, load
+
+from .figures import FITTED, data_sheet, number, recordings, samples
+from .geometry import crane
+from .machine_file import text
+from .measure import Run, measured
 
 USED = ("JibSineTest", FITTED, "Dual2SineTest", "Dual2SineTestFlowShare")
 PRESSURES = ("MainPaCyl", "MainPbDCV", "JibPaCyl", "JibPbCyl")
@@ -219,9 +220,13 @@ def plain(model: Model, runs: Sequence[Run]) -> np.ndarray:
 
 def left(pairs: Sequence[tuple[Run, Fits]]) -> Unseen:
     """What is left of runs by what was fitted for each."""
-    kinds = [[(run, fits[kind]) for run, fits in pairs] for kind in range(3)]
-    names, lack = (sorted({name for _, fits in pairs for name in fits[kind]}) for kind in (3, 4))
-    return Unseen(*(_rms(each) for each in kinds), names, lack)
+    return Unseen(
+        sheet=_rms([(run, fits.sheet) for run, fits in pairs]),
+        causes=_rms([(run, fits.causes) for run, fits in pairs]),
+        plain=_rms([(run, fits.plain) for run, fits in pairs]),
+        names=sorted({name for _, fits in pairs for name in fits.names}),
+        lack=sorted({name for _, fits in pairs for name in fits.lack}),
+    )
 
 
 def _rms(pairs: Sequence[tuple[Run, np.ndarray]]) -> list[float | None]:

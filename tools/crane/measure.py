@@ -8,6 +8,7 @@ from math import nan
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
 from cylforce.estimation.filters import fours
@@ -25,7 +26,7 @@ class Run(NamedTuple):
 
     columns: Array
     torque: Array
-    counts: Array
+    counts: NDArray[np.bool_]
 
 
 class Weights(NamedTuple):

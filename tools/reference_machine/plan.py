@@ -1,6 +1,6 @@
 """What a run shall do, at 100 Hz: lengths to follow, slew, payload, known force at the teeth, oil temperature."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,6 @@ class Plan:
     def rows(self) -> int:
         """T."""
         return len(self.slew)
-
-    def at(self, **columns: object) -> "Plan":
-        """The same plan with other columns."""
-        return replace(self, **columns)
 
 
 def empty(lengths: Array, kelvin: float) -> Plan:

@@ -7,7 +7,6 @@ bucket. An empty bucket weighs what is shown last between where a load would be 
 
 import argparse
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,8 +16,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.commissioning.identification import identify
 from cylforce.programs.common.readings import model_of, recorded_segments
@@ -109,7 +106,7 @@ def summary(found: list[dict[str, Any]]) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy adaptation", description=__doc__)
     parser.add_argument("--machines", type=int, default=6)
     parser.add_argument("--seed", type=int, default=400, help="of the first machine")
     parser.add_argument("--pieces", type=int, default=24, help="of the hour, that are recorded")

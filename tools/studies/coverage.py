@@ -127,7 +127,9 @@ def summary(found: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
 
 def main() -> int:
     """Measure and print; 1 when the coverage is not what was promised."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="accuracy coverage", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--machines", type=int, default=40)
     parser.add_argument("--seed", type=int, default=5000, help="of the first machine")
     parser.add_argument("--seconds", type=float, default=300.0, help="of empty moves")

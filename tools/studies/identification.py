@@ -4,7 +4,6 @@ errors."""
 
 import argparse
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,8 +13,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.commissioning.identification import Identification, identify
 from cylforce.estimation.filters import fours
@@ -178,7 +175,7 @@ def summary(found: list[dict[str, Any]], inside: list[bool]) -> dict[str, float]
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy identification", description=__doc__)
     parser.add_argument("--machines", type=int, default=30, help="half own friction laws, half foreign")
     parser.add_argument("--seed", type=int, default=100, help="of the first machine")
     parser.add_argument("--coverage", type=int, help="machines whose intervals are counted; default: half of them")

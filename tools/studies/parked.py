@@ -8,7 +8,6 @@ adaptation follows (friction and pressure zeros), in units of their prior standa
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -19,8 +18,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.commissioning.identification import identify
 from cylforce.estimation.model import CERTAIN_SHARE, Tares
@@ -167,7 +164,7 @@ def figures(options: argparse.Namespace) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy parked", description=__doc__)
     parser.add_argument("--minutes", type=float, default=40.0)
     parser.add_argument("--friction", choices=("own", "foreign"), default="foreign")
     parser.add_argument("--seed", type=int, default=1)

@@ -14,12 +14,9 @@ from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from rich.console import Console
 from rich.progress import track
 
-import cylforce  # noqa: F401 - before numpy: it sets the number of BLAS threads
 from trial.cases import simulated, write
 from trial.diagnosis import COMMAND, Diagnosis
 from trial.field import Lengths, Site

@@ -4,6 +4,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -29,7 +30,7 @@ class Case:
     field: dict[str, Array]
     begins: dict[str, float]
     machine_toml: str
-    label: dict[str, object]
+    label: dict[str, Any]
 
 
 def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, dict[str, Array]]:
@@ -57,7 +58,7 @@ def drawn(order: Order, pieces: tuple[Piece, ...], rng: np.random.Generator) -> 
     return faults, clutter(draw, seen, order.names) if order.clutter else []
 
 
-def label(order: Order, faults: list[Fault], small: list[Fault]) -> dict[str, object]:
+def label(order: Order, faults: list[Fault], small: list[Fault]) -> dict[str, Any]:
     """What is sealed."""
     return {
         "case": order.number,

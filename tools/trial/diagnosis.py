@@ -46,7 +46,8 @@ class Diagnosis:
             reason = f"no answer within {LIMIT_S} s"
         if not out.exists():
             return {"verdict": "failed", "effects": [], "reason": reason, "seconds": time.monotonic() - start}
-        return json.loads(out.read_text()) | {"seconds": time.monotonic() - start}
+        answer: dict[str, Any] = json.loads(out.read_text())
+        return answer | {"seconds": time.monotonic() - start}
 
 
 def _environment() -> dict[str, str]:

@@ -109,7 +109,8 @@ class Site:
             seconds = dict.fromkeys(seconds, min(15.0, self.lengths.field_empty))
         if poor in ("empty_only", "no_load"):
             del seconds[LOADED]
-        pieces, begin = [], 0.0
+        pieces: list[Piece] = []
+        begin = 0.0
         for name, duration in seconds.items():
             pieces.append(self._piece(name, begin, duration, rng, run + len(pieces), poor))
             begin += duration + PAUSE_S
@@ -153,7 +154,7 @@ class TwoLinks(Site):
         """With the boom where it was first."""
         lengths = plan.lengths.copy()
         lengths[:, 0] = lengths[0, 0]
-        return plan.at(lengths=lengths)
+        return replace(plan, lengths=lengths)
 
 
 def lacking(plan: Plan, poor: str, joint: int) -> Plan:

@@ -1,7 +1,7 @@
 """Effects of friction on the reference machine, in forms of their own."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import copysign, exp, sqrt
 
 from reference_machine.datasheet import JOINTS
@@ -116,7 +116,8 @@ def scaled(law: Friction, factors: dict[str, float]) -> Friction:
     """The law with some of its innermost figures multiplied."""
     if isinstance(law, Law):
         return replace(law, inner=scaled(law.inner, factors))
-    assert is_dataclass(law)
+    if not isinstance(law, OwnFriction | LuGre):
+        raise TypeError("a machine without friction has none that could change")
     known = {f.name for f in fields(law)} & set(factors)
     return replace(law, **{name: getattr(law, name) * factors[name] for name in known})
 

@@ -18,20 +18,20 @@ BINS = 5
 
 
 class Share(NamedTuple):
-    """`hits` of `count`."""
+    """`hits` of `cases`."""
 
     hits: int
-    count: int
+    cases: int
 
     @property
     def value(self) -> float | None:
         """The share, None of nothing."""
-        return self.hits / self.count if self.count else None
+        return self.hits / self.cases if self.cases else None
 
 
 def bounds(share: Share, confidence: float = 0.95) -> tuple[float, float]:
     """Clopper-Pearson's interval of a share."""
-    tail, hits, misses = (1.0 - confidence) / 2.0, share.hits, share.count - share.hits
+    tail, hits, misses = (1.0 - confidence) / 2.0, share.hits, share.cases - share.hits
     low = float(beta.ppf(tail, hits, misses + 1)) if hits else 0.0
     return low, float(beta.ppf(1.0 - tail, hits + 1, misses)) if misses else 1.0
 
@@ -203,10 +203,8 @@ def baselines(cases: Sequence[Judged]) -> dict[str, Share]:
     """Top-1 of the simple methods that the answers carry beside the diagnosis, of detected known effects."""
     known = [c for c in cases if c.kind == "known" and c.detected]
     names = sorted({name for c in known for name in c.answer.get("baselines") or {}})
-    return {
-        name: share(
-            [c for c in known if name in (c.answer.get("baselines") or {})],
-            lambda c, n=name: place(c.answer["baselines"][n]) in c.truth,
-        )
-        for name in names
-    }
+    return {name: _baseline([c for c in known if name in (c.answer.get("baselines") or {})], name) for name in names}
+
+
+def _baseline(cases: Sequence[Judged], name: str) -> Share:
+    return share(cases, lambda case: place(case.answer["baselines"][name]) in case.truth)

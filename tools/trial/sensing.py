@@ -55,7 +55,7 @@ def pressure_drift(draw: Draw, scene: Scene) -> Fault:
     def apply(machine: Machine, stretch: Stretch) -> Machine:
         def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
             grown = -np.expm1(-(t + stretch.begin_s) / constant) / -np.expm1(-end / constant)
-            return values + size * BAR * grown
+            return np.asarray(values + size * BAR * grown)
 
         return on_sensors(machine, only(at, change))
 
@@ -155,7 +155,7 @@ def compliance(draw: Draw, scene: Scene) -> Fault:
         def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
             load = torque(machine.specimen, at, dict(truth))
             load = lfilter(b, a, load, zi=lfilter_zi(b, a) * load[0])[0]
-            return values + give * knee * np.arcsinh(load / knee)
+            return np.asarray(values + give * knee * np.arcsinh(load / knee))
 
         return on_sensors(machine, only(f"{at}_angle", change))
 
@@ -198,7 +198,7 @@ def clock_fault(draw: Draw, scene: Scene) -> Fault:
                 return values
             clock = t + stretch.begin_s
             delay = {"drift": size * clock / end, "jump": size * (clock > at_s), "pairing": size * t / 100.0}[form]
-            return late(t, values, delay)
+            return late(t, values, np.asarray(delay, dtype=np.float64))
 
         return on_sensors(machine, effect)
 

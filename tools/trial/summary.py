@@ -44,7 +44,7 @@ def result(records: Sequence[Record]) -> Record:
     return {
         **{name: part.value for name, part in found.items()},
         **figures(cases),
-        "bounds": {name: list(bounds(part)) for name, part in found.items() if part.count},
+        "bounds": {name: list(bounds(part)) for name, part in found.items() if part.cases},
         "counts": {name: list(part) for name, part in found.items()},
         "baselines": {name: part.value for name, part in baselines(cases).items()} | {"chance": 1.0 / CANDIDATES},
         "failed": sum(c.answer["verdict"] == "failed" for c in cases),
@@ -95,7 +95,7 @@ def show(records: Sequence[Record], console: Console) -> None:
             name,
             "-" if value is None else f"{value:.3f}",
             "" if low is None else f"{low:.3f} ... {high:.3f}",
-            f"{part.hits}/{part.count}" if part.count else "",
+            f"{part.hits}/{part.cases}" if part.cases else "",
             f"{way} {aim:g}",
             met,
         )
