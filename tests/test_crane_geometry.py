@@ -80,7 +80,7 @@ def test_bus_carries_the_digits_of_the_recording(loaded, data):
 
 def test_a_folder_without_parameters_is_refused_with_a_sentence(tmp_path):
     done = write(tmp_path, tmp_path / "crane.toml")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stderr.startswith("hmf_crane: ")
     assert "model_parameters.json" in done.stderr
     assert not (tmp_path / "crane.toml").exists()
@@ -99,5 +99,5 @@ def test_expressions_are_evaluated_and_never_run(tmp_path, texts, said):
     (tmp_path / "model_parameters.json").write_text(json.dumps(texts))
     (tmp_path / "stroke_to_angle_poly.json").write_text("{}")
     done = write(tmp_path, tmp_path / "crane.toml")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert said in done.stderr

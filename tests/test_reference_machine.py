@@ -438,5 +438,5 @@ def test_command_line(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holds.csv", "machine.toml", "truth"]
     wrong = ask("--scenario", "holds", "--option", "payload = 3")
-    assert wrong.returncode == 1
+    assert wrong.returncode == 2
     assert wrong.stderr.startswith("reference_machine: scenario holds: ")

@@ -6,7 +6,8 @@ venv=$root/.venv
 cache=${XDG_CACHE_HOME:-${HOME:-/tmp}/.cache}/cylforce
 
 say() { printf '%s: %s\n' "${0##*/}" "$*" >&2; }
-die() { say "$@"; exit 1; }
+# die [STATUS] MESSAGE
+die() { local status=1; [ $# = 1 ] || { status=$1; shift; }; say "$@"; exit "$status"; }
 
 # need_debian COMMAND:PACKAGE ... - installs what is missing where it may (root, apt-get), else says what to install.
 need_debian() {

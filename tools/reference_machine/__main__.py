@@ -46,7 +46,7 @@ def main() -> int:
             print(recording.write(asked.output, asked.form))
     except (ValueError, OSError) as error:
         print(f"reference_machine: {error}", file=sys.stderr)
-        return 1
+        return 2
     return 0
 
 

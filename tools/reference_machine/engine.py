@@ -1,4 +1,4 @@
-"""Runs a plan: MuJoCo for the bodies, our own cylinders, valves, friction and soil around it, 1 kHz in plain floats."""
+"""Runs a plan at 1 kHz: MuJoCo for the bodies; own cylinders, valves, friction and soil around it, in Python floats."""
 
 from dataclasses import dataclass
 from math import cos, sin
@@ -82,7 +82,7 @@ class Engine:
         self._begin()
 
     def _begin(self) -> None:
-        """The first pose, held by the pressures."""
+        """The first pose, with pressures that balance it."""
         plan, arm = self.plan, self.arm
         angles = Geometry(self.plant.specimen).exact_angles(plan.lengths[0])
         arm.place(float(plan.slew[0]), tuple(angles))

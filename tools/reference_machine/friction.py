@@ -148,7 +148,7 @@ class PinFriction:
         return {"coefficient": self.coefficient, "radius": self.radius, "weight": self.weight, "give": self.give}
 
 
-# Half of the usual figures to twice them lie within: lowest and highest f_c [N] and f_v [N s/m]
+# Half of typical figures to twice them lie within: lowest and highest f_c [N] and f_v [N s/m]
 COULOMB = {"boom": (2200.0, 4000.0), "stick": (1500.0, 3200.0), "bucket": (1000.0, 2400.0)}
 VISCOUS = {"boom": (8e3, 15e3), "stick": (5e3, 12e3), "bucket": (3e3, 8e3)}
 PIN_WEIGHT = {"boom": 40e3, "stick": 18e3, "bucket": 8e3}

@@ -1,7 +1,7 @@
 """Cylinders, valves and pump: two chambers of compressible oil, a flow-compensated inlet, an outlet orifice that a
 counterbalance piston throttles while the load drives, make-up and relief valves, a load-sensing pump. SI units.
 
-The inner step of the simulation: plain floats, because numpy costs a microsecond a call. Pressures are above
+The inner step of the simulation: Python floats, because numpy costs a microsecond a call. Pressures are above
 atmospheric; each chamber's balance is solved implicitly in its own pressure, so that no valve can make it overshoot.
 """
 

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Recording:
-    """What the sensors said, `t_s` (T,) and `values` (T, S) of `signals`, SI units; `truth` (T,) by name at the same
+    """What the sensors read, `t_s` (T,) and `values` (T, S) of `signals`, SI units; `truth` (T,) by name at the same
     instants, and `header`, what the machine is; see `Machine.run`."""
 
     name: str

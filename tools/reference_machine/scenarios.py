@@ -1,4 +1,4 @@
-"""What the machine does: empty moves, known payloads, known forces, held poses, parking, warming up.
+"""What the machine does: empty moves, known payloads, known forces, poses at rest, parking, warming up.
 
 A scenario is a function (site, duration_s, options) -> plans, one after the other; see SCENARIOS.
 """
@@ -178,7 +178,7 @@ def known_lift(site: Site, duration_s: float = 75.0, *, weight_kg: float = 1000.
 
 
 def holds(site: Site, duration_s: float = 200.0, *, payload_kg: float = 0.0) -> list[Plan]:
-    """Poses reached from either direction, each held for 4 s."""
+    """Poses reached from either direction, each kept for 4 s."""
     path, held = Path(site.posture()), []
     path.rest(2.0)
     while path.seconds < duration_s:

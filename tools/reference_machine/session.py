@@ -15,7 +15,7 @@ REMEMBERED = round(0.5 * RATE)  # rows: longer than any sensor's lag and skew
 
 
 class Session:
-    """The empty machine under an operator's hands. `path.now` is where its cylinders were last told to be."""
+    """The empty machine under an operator's hands. `path.now` is where its cylinders were last commanded to."""
 
     def __init__(self, machine: Machine, *, seed: int = 0) -> None:
         rng = stream(machine.seed, RUN, seed)

@@ -3,7 +3,7 @@ then an hour of work in which the oil warms from 10 to 60 degC; the same hour wi
 bucket is shown to weigh and what is booked for loads, with adaptation and without, from the same recordings.
 
 The hour is recorded in pieces of 46 s, every 150 s: some empty motion, a cycle with a known load, one with an empty
-bucket. An empty bucket weighs what is shown last between where a load would be free and where it would be dumped."""
+bucket. An empty bucket weighs what is shown last between lifting off the ground and dumping."""
 
 import argparse
 import json

@@ -62,7 +62,7 @@ def guide_of(machine: Machine, folder: Path) -> tuple[Loaded, Guide]:
 
 
 def obedient(machine: Machine) -> dict[str, Any]:
-    """The operator does what he is told until it is enough; then the tares weigh working cycles."""
+    """The operator follows the guidance until it ends; then working cycles are weighed with the identified tares."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         loaded, guide = guide_of(machine, folder)
@@ -106,7 +106,7 @@ def _commissioned(session: Session, guide: Guide) -> tuple[Advice, Array, int]:
 
 
 def _make(session: Session, guide: Guide, stroke: Stroke | Reach | None) -> None:
-    """The stroke by the cylinders' places and the time that the sentence tells, as well as a hand can."""
+    """The stroke by the cylinders' places and the time of the sentence, with the errors of a hand."""
     site, path = session.site, session.path
     path.rest(READS_S)
     if stroke is None:

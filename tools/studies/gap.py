@@ -82,8 +82,8 @@ def of_length(minutes: float, options: argparse.Namespace) -> dict[str, Any]:
     """The same in a process of its own, on recordings of that length."""
     with TemporaryDirectory() as folder:
         files = simulated(Path(folder), minutes, options.seed, options.form)
-        told = subprocess.check_output([sys.executable, "-m", "studies.gap", "--diagnose", *map(str, files)])
-    return {"minutes": minutes, **json.loads(told)}
+        figures = subprocess.check_output([sys.executable, "-m", "studies.gap", "--diagnose", *map(str, files)])
+    return {"minutes": minutes, **json.loads(figures)}
 
 
 def main() -> None:

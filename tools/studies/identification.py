@@ -120,7 +120,7 @@ def weights(loaded: Loaded, found: Identification, path: Path, truth: Recording,
 
 
 def covered(seed: int) -> list[bool]:
-    """Whether each parameter's 95 % interval holds the truth, where the model family is right: exact geometry,
+    """Whether each parameter's 95 % interval contains the truth, where the model family is right: exact geometry,
     massless linkages, friction of our own laws, and of the sensors' errors those that are no bias (noise, resolution,
     jitter). The intervals are the fit's own: what the tares add for friction under loads that the empty machine never
     reaches is for a family that is wrong."""
@@ -134,9 +134,11 @@ def covered(seed: int) -> list[bool]:
         found = identify(model, recorded_segments(loaded, path))
     true = {p.name: _true_parameter(recording, p.name) for p in found.model.parameters} | _true_friction(recording)
     error = np.sqrt(np.diag(found.fit.covariance))
-    told = [k for k, p in enumerate(found.model.parameters) if p.name not in found.not_identified]
-    names = [found.model.parameters[k].name for k in told]
-    return [abs(found.tares.values[k] - true[name]) < 1.96 * error[k] for k, name in zip(told, names, strict=True)]
+    identified = [k for k, p in enumerate(found.model.parameters) if p.name not in found.not_identified]
+    names = [found.model.parameters[k].name for k in identified]
+    return [
+        abs(found.tares.values[k] - true[name]) < 1.96 * error[k] for k, name in zip(identified, names, strict=True)
+    ]
 
 
 def _true_friction(recording: Recording) -> dict[str, float]:

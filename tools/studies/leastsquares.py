@@ -74,9 +74,9 @@ def by_factors(problem: Problem) -> tuple[Array, float]:
             yield factors(columns, observed, np.zeros((MINUTE, 1)), int(BLOCK_SECONDS * RATE))
             spent += process_time() - begin  # the joining of this part included
 
-    held = joined(parts(), MOST_BLOCKS)
+    blocks = joined(parts(), MOST_BLOCKS)
     begin = process_time()
-    values, _ = best(held, np.ones_like(held.samples), None)
+    values, _ = best(blocks, np.ones_like(blocks.samples), None)
     return values, spent + process_time() - begin
 
 
@@ -119,9 +119,9 @@ def error(values: Array, true: Array) -> float:
 def figures(options: argparse.Namespace) -> dict[str, float]:
     """All that is measured."""
     size = columns_of_the_model()
-    usual = Problem(size, options.minutes, options.seed, 1e3, NOISE)
+    typical = Problem(size, options.minutes, options.seed, 1e3, NOISE)
     peaks = [peak_of(way, options) for way in ("factors", "lstsq")]
-    found = [(by_factors(usual), by_lstsq(usual)) for _ in range(RUNS)]
+    found = [(by_factors(typical), by_lstsq(typical)) for _ in range(RUNS)]
     times = np.median([[ours[1], theirs[1]] for ours, theirs in found], axis=0)
     hard = Problem(size, options.minutes, options.seed, 1e8, 0.0)
     ours, normal = error(by_factors(hard)[0], hard.true), error(by_normal_equations(hard), hard.true)

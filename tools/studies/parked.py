@@ -109,9 +109,9 @@ def _bierman(upper: Array, diagonal: Array, row: Array) -> Array:
     for j in range(len(f)):
         after = before + f[j] * v[j]
         diagonal[j] *= before / after
-        held = upper[:j, j].copy()
+        column = upper[:j, j].copy()
         upper[:j, j] -= gain[:j] * f[j] / before
-        gain[:j] += held * v[j]
+        gain[:j] += column * v[j]
         gain[j], before = v[j], after
     return gain / before
 
@@ -135,7 +135,7 @@ def drift(path: Array, first: int) -> float:
 
 
 def modelled(data: Data, seed: int) -> Data:
-    """The same rows, but what is observed is what they say for some parameters, with unit noise."""
+    """The same rows, but what is observed is computed from them with some parameters, plus unit noise."""
     rng = np.random.default_rng(seed)
     true = rng.uniform(-1.0, 1.0, data.columns.shape[-1])
     return data._replace(observed=data.columns @ true + rng.normal(size=data.observed.shape))

@@ -37,8 +37,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--csv", type=Path, metavar="OUT", help="a line per case: what was hidden, what was answered")
     parser.add_argument("--table", type=Path, metavar="FILE", help="where results are appended, a line each")
     parser.add_argument("--workers", type=int, default=2, metavar="N")
-    parser.add_argument("--diagnosis", type=shlex.split, default=COMMAND, metavar="COMMAND", help="another than ours")
-    parser.add_argument("--no-oracle", action="store_true", help="do not ask the diagnosis that is told the name")
+    parser.add_argument(
+        "--diagnosis", type=shlex.split, default=COMMAND, metavar="COMMAND", help="default: cylforce gap"
+    )
+    parser.add_argument(
+        "--no-oracle", action="store_true", help="do not run the diagnosis that is given the effect's name"
+    )
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="only write the cases, with their labels")
     return parser.parse_args()
 
@@ -80,8 +84,10 @@ def main() -> int:
     asked = _arguments()
     if asked.write:
         if not asked.development:
-            print("withheld_trial: labels are only written with --development", file=sys.stderr)
-            return 1
+            print(
+                "withheld_trial: --write needs --development: labels of scored cases are not written", file=sys.stderr
+            )
+            return 2
         write_all(_orders(asked), asked.write)
         return 0
     table = asked.table or ROOT / ".cache" / f"withheld_trial_{asked.seed}{'_development' * asked.development}.jsonl"

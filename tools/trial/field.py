@@ -99,7 +99,7 @@ class Site:
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
-        """The field of a usual case: motions and slopes of its own."""
+        """The field recordings of a case with good excitation: motions and slopes of its own."""
         return self.field(np.random.default_rng([self.seed, 5]), 2)
 
     def field(self, rng: np.random.Generator, run: int, poor: str = "") -> tuple[Piece, ...]:

@@ -55,8 +55,8 @@ def end_cushioning(draw: Draw, scene: Scene) -> Fault:
     def cushion(t: float, angles: list[float], rates: list[float]) -> Torques:
         into = rates[k] if angles[k] > 0.5 * (low + high) else -rates[k]
         depth = max(0.0, 1.0 - min(high - angles[k], angles[k] - low) / zone)
-        held = size * TYPICAL_TORQUE[at] * depth * tanh(max(into, 0.0) / 0.08)
-        return _at(at, -held if rates[k] > 0.0 else held)
+        force = size * TYPICAL_TORQUE[at] * depth * tanh(max(into, 0.0) / 0.08)
+        return _at(at, -force if rates[k] > 0.0 else force)
 
     return Fault("end_cushioning", at, size, "of torque", lambda m, _: pushed(m, cushion))
 
@@ -133,9 +133,9 @@ def held_values(draw: Draw, scene: Scene) -> Fault:
         rng, source, k = np.random.default_rng(seed), np.arange(len(values)), 0
         while k < len(values):
             k += max(1, int(rng.exponential(size / share) * 100.0))
-            held = int(size * rng.uniform(0.5, 1.5) * 100.0)
-            source[k : k + held] = k
-            k += held
+            repeated = int(size * rng.uniform(0.5, 1.5) * 100.0)
+            source[k : k + repeated] = k
+            k += repeated
         return values[np.minimum(source, len(values) - 1)]
 
     return Fault("held_values", at, size, "s", lambda m, _: on_sensors(m, only(at, change), digital=True))

@@ -133,8 +133,8 @@ class Truth:
         found: Record = {"closure": self._closure(folder / "residuals.npz")}
         effects = label["effects"]
         if trial and len(effects) == 1 and "--only" in trial.diagnosis.options and label["kind"] == "known":
-            told = trial.diagnosis.answer(folder, ("--only", f"{effects[0]['name']}@{effects[0]['at']}"))
-            payload = (told.get("end_quantities") or {}).get("payload_kg") or {}
+            answer = trial.diagnosis.answer(folder, ("--only", f"{effects[0]['name']}@{effects[0]['at']}"))
+            payload = (answer.get("end_quantities") or {}).get("payload_kg") or {}
             found["oracle_payload_kg"] = payload.get("after")
         return found
 

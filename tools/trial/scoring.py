@@ -1,4 +1,4 @@
-"""Pure functions of (label, answer) pairs: what the trial says of the diagnosis.
+"""Pure functions of (label, answer) pairs: how good the diagnosis was.
 
 A label has `kind`, `clutter`, `effects` [{name, at, sigmas}], `sigmas`; an answer is the diagnosis' JSON. A share comes
 with its count, so that `bounds` can say how sure it is."""

@@ -98,23 +98,23 @@ def sensor_delay(draw: Draw, scene: Scene) -> Fault:
 
 
 def tilt_ignored(draw: Draw, scene: Scene) -> Fault:
-    """The tilt sensor says level, or what it said last, on a slope of up to 5 degrees; a small kind of it misses that
-    share of 0.3-5 degrees."""
+    """The tilt sensor reads level, or keeps its last value, on a slope of up to 5 degrees; as a small effect it misses
+    a share of 0.3-5 degrees."""
     stuck = [0.0, 0.0] if draw.uniform(0.0, 1.0) < 0.5 else [draw.uniform(-1.0, 1.0) * DEGREE for _ in range(2)]
-    held = dict(zip(("pitch", "roll"), stuck, strict=True))
+    frozen = dict(zip(("pitch", "roll"), stuck, strict=True))
     whole = max(abs(s.pitch - stuck[0]) for s in scene.stretches) / DEGREE
     share = 1.0 if draw.share is None else min(draw.size(0.3, 5.0) / whole, 1.0)
     size = share * whole
 
     def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
-        return values + share * (held[signal] - values) if signal in held else values
+        return values + share * (frozen[signal] - values) if signal in frozen else values
 
     form = "last" if any(stuck) else "level"
     return Fault("tilt_ignored", "machine", size, "deg", lambda m, _: on_sensors(m, effect, digital=True), form)
 
 
 def slew_ignored(draw: Draw, scene: Scene) -> Fault:
-    """The gyro says zero while the house turns."""
+    """The gyro reads zero while the house turns."""
     share = 1.0 if draw.share is None else draw.share
 
     def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:

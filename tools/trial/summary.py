@@ -38,7 +38,7 @@ def judged(records: Sequence[Record]) -> list[Judged]:
 
 
 def result(records: Sequence[Record]) -> Record:
-    """All figures by the issue's names, `bounds` {name: [low, high]}, `counts` {name: [hits, count]}."""
+    """All figures by name, `bounds` {name: [low, high]}, `counts` {name: [hits, count]}."""
     cases = judged(records)
     found = shares(cases)
     return {
