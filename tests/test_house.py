@@ -1,6 +1,7 @@
 """The rules that the house stands on: sizes, annotations, top level, lock, skips, systemd units."""
 
 import configparser
+import os
 import re
 import shutil
 import subprocess
@@ -43,6 +44,16 @@ def test_every_function_is_annotated():
 def test_the_top_level_is_complete_and_no_more():
     generated = {line.strip("/\n") for line in (ROOT / ".gitignore").read_text().splitlines()} | {".git"}
     assert {path.name for path in ROOT.iterdir()} - generated == TOP_LEVEL
+
+
+def test_the_tools_chapter_names_every_command_and_study():
+    text = (ROOT / "tools/README.md").read_text()
+    commands = {path.name for path in (ROOT / "tools").iterdir() if path.is_file() and os.access(path, os.X_OK)}
+    studies = {path.stem for path in (ROOT / "tools/studies").glob("[a-z]*.py")}
+    assert {"accuracy", "structure", "test"} <= commands
+    assert [name for name in commands if f"`tools/{name}" not in text] == []
+    assert [name for name in studies if f"`tools/accuracy {name}" not in text] == []
+    assert len(text.splitlines()) <= 200
 
 
 def test_the_lock_is_exact_and_names_no_place():

@@ -1,8 +1,7 @@
 """Friction in the cylinders and the pins, of the estimator's own form or of a foreign one.
 
 `step` gives what opposes the motion in two parts: a force that depends smoothly on the state, and a dry limit that
-MuJoCo's solver holds (no force is needed to stand still, and none is made up). A foreign bristle needs no limit.
-"""
+MuJoCo's solver enforces (so that standing still is exact). Friction with bristles, such as LuGre's, needs no limit."""
 
 from dataclasses import asdict, dataclass
 from math import copysign, exp, sqrt
@@ -32,14 +31,14 @@ class Friction(Protocol):
 
 @dataclass(slots=True)
 class NoFriction:
-    """None."""
+    """No friction."""
 
     def step(self, speed: float, oil: float, on_head: float, on_rod: float) -> tuple[float, float]:
         """Nothing."""
         return 0.0, 0.0
 
     def condition(self, kelvin: float, level: float) -> None:
-        """No matter."""
+        """Nothing depends on it."""
 
     def numbers(self) -> dict[str, float]:
         """Nothing."""

@@ -51,7 +51,7 @@ class Geometry:
         return np.stack([np.interp(angles[..., k], g, t) for k, (g, t) in enumerate(tables)], axis=-1)
 
     def exact_angles(self, lengths: Array) -> list[float]:
-        """Joint angles of one set of lengths, to rounding."""
+        """Joint angles of one set of lengths, exact to rounding."""
         ends = [(float(g[0]), float(g[-1])) for g in self._grid]
         return [inverse(link, float(x), *e) for link, x, e in zip(self.linkages, lengths, ends, strict=True)]
 

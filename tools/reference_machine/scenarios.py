@@ -39,7 +39,7 @@ def _there_and_back(site: Site, path: Path, j: int, speed: float, farthest: floa
 
 
 def _one_by_one(site: Site, path: Path, until_s: float, duration_s: float) -> None:
-    """Each joint alone, slowly, briskly, fast, in ever new postures."""
+    """Each joint alone, slowly, briskly, fast, each time in a new posture."""
     slow = max(0.04, 12.0 / duration_s)
     for speed in (slow, 0.12, 0.22, slow, 0.2, 0.08) * 100:
         for j in site.rng.permutation(3).tolist():

@@ -1,4 +1,4 @@
-"""A run that is decided while it goes on: whoever moves the machine sees what its sensors said before the next move."""
+"""A run in pieces: whoever moves the machine sees the sensor readings before deciding on the next move."""
 
 from dataclasses import replace
 

@@ -17,7 +17,7 @@ ZERO = 273.15
 @dataclass
 class Site:
     """Where and with what a scenario is planned. The oil starts at `degc` and warms by `degc_per_s`; `haste`: share of
-    the normal speeds, less when a load would make every stop a blow."""
+    the normal speeds, less with a load, so that stops are not shocks."""
 
     geometry: Geometry
     rng: np.random.Generator

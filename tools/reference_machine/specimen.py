@@ -1,4 +1,4 @@
-"""One machine of the model: what its maker's tolerances have made of the data sheet. Drawn from a seed."""
+"""One machine of the model: the data sheet with deviations within its tolerances, drawn from a seed."""
 
 from dataclasses import dataclass, replace
 from math import cos, radians, sin

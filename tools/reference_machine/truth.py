@@ -71,7 +71,7 @@ def effective_parameters(
     specimen: Specimen, rng: np.random.Generator, states: int = 400
 ) -> tuple[dict[str, float], Array]:
     """(J, X, Z) that fit MuJoCo's own dynamics best over the working range, the linkages' masses included, and the rms
-    torque (N,) [N m] that they leave: nothing when the linkages are massless."""
+    torque (N,) [N m] that they leave: zero when the linkages are massless."""
     arm, lengths = Arm(specimen), tuple(specimen.lengths[j] for j in JOINTS)
     rows, torques = [], []
     for _ in range(states):

@@ -1,6 +1,6 @@
 """Withheld trial of `cylforce gap`: effects hidden in recordings of reference machines, diagnosed blind, scored.
 
-tools/withheld_trial --cases 60 --seed 3 --json OUT                     scored; stopped and called again, it goes on
+tools/withheld_trial --cases 60 --seed 3 --json OUT                     scored; when stopped, call it again to go on
 tools/withheld_trial --cases 60 --seed 3 --development --write FOLDER   cases with their labels, to develop with
 """
 

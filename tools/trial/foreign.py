@@ -62,7 +62,7 @@ def end_cushioning(draw: Draw, scene: Scene) -> Fault:
 
 
 def sensor_hysteresis(draw: Draw, scene: Scene) -> Fault:
-    """A pressure transmitter that drags behind: play operators that make 3-15 bar."""
+    """Hysteresis of a pressure transmitter: play operators of 3-15 bar."""
     at, size = draw.one(PRESSURES), draw.size(3.0, 15.0)
     widths = np.array([0.3, 0.7, 1.4]) * size * BAR
 
@@ -84,7 +84,7 @@ def _play(values: Array, width: float) -> Array:
 
 @dataclass(frozen=True)
 class Rocking:
-    """A base on soft ground that rocks by `angle` [rad]: gravity turns, and the tilt sensor is too slow to tell."""
+    """A base on soft ground that rocks by `angle` [rad]: gravity turns, and the tilt sensor is too slow to follow."""
 
     specimen: Specimen
     angle: Callable[[float, list[float]], float]
@@ -116,7 +116,7 @@ def rocking_base(draw: Draw, scene: Scene) -> Fault:
 
 
 def cross_talk(draw: Draw, scene: Scene) -> Fault:
-    """1-8 % of another transmitter's pressure in one."""
+    """A transmitter reads 1-8 % of another one's pressure as well."""
     at, size = draw.one(PRESSURES), draw.signed(0.01, 0.08)
     joint = at.split("_", maxsplit=1)[0]
     other = draw.one(tuple(p for p in PRESSURES if not p.startswith(joint)))
@@ -164,7 +164,7 @@ def angle_ripple(draw: Draw, scene: Scene) -> Fault:
 
 
 def saturated_sensor(draw: Draw, scene: Scene) -> Fault:
-    """A transmitter that compresses what lies above 20-60 bar by 5-30 %."""
+    """A transmitter whose gain is 5-30 % lower above 20-60 bar."""
     at, size, knee = draw.one(PRESSURES), draw.size(0.05, 0.3), draw.uniform(20.0, 60.0) * BAR
     fault = only(at, lambda s, t, values, truth: values - size * np.maximum(values - knee, 0.0))
     return Fault("saturated_sensor", at, size, "of excess", lambda m, _: on_sensors(m, fault))

@@ -91,7 +91,7 @@ def with_edit(machine: Machine, edit: Callable[[Plan], Plan]) -> Machine:
 
 
 def soil_contact(draw: Draw, scene: Scene) -> Fault:
-    """The teeth touch where none was assumed: a few pulses of 3-20 kN, rough, for 0.8-4 s each."""
+    """Contact of the teeth with soil where none is expected: a few rough pulses of 3-20 kN, 0.8-4 s each."""
     size, seed = draw.size(3e3, 20e3), int(draw.rng.integers(2**31))
 
     def apply(machine: Machine, stretch: Stretch) -> Machine:

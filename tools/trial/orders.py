@@ -19,8 +19,8 @@ NONE_OF_TWO_LINKS = 8  # one of so many cases without an effect is a system of s
 
 @dataclass(frozen=True)
 class Order:
-    """Case `number`: its kind, the effects' names, whether small others clutter it, the poor excitation; the seed of
-    its machine, the friction there, and the seed of its own random numbers."""
+    """Case `number`: its kind, the effects' names, whether 16 other effects are added, what its motion lacks; the seed
+    of its machine, the friction there, and the seed of its own random numbers."""
 
     number: int
     kind: str
@@ -70,7 +70,7 @@ def _shuffled(seed: int, stream: int, block: int, members: tuple[str, ...]) -> t
 
 
 def _cycle(seed: int, stream: int, members: tuple[str, ...], index: int) -> str:
-    """Every member once before any comes again."""
+    """Members in random order; each comes once before any comes again."""
     return _shuffled(seed, stream, index // len(members), members)[index % len(members)]
 
 

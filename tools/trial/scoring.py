@@ -1,7 +1,7 @@
 """Pure functions of (label, answer) pairs: how good the diagnosis was.
 
 A label has `kind`, `clutter`, `effects` [{name, at, sigmas}], `sigmas`; an answer is the diagnosis' JSON. A share comes
-with its count, so that `bounds` can say how sure it is."""
+with its count, so that `bounds` can give its confidence interval."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ def bounds(share: Share, confidence: float = 0.95) -> tuple[float, float]:
 
 
 def share(cases: Iterable["Judged"], holds: Callable[["Judged"], bool]) -> Share:
-    """Of how many cases something holds."""
+    """Share of the cases for which something is true."""
     found = [holds(case) for case in cases]
     return Share(sum(found), len(found))
 
@@ -200,7 +200,7 @@ def true_closure(difference: np.ndarray, before: np.ndarray, after: np.ndarray, 
 
 
 def baselines(cases: Sequence[Judged]) -> dict[str, Share]:
-    """Top-1 of the simple methods that the answers carry beside the diagnosis, of detected known effects."""
+    """How often the simple methods in the answers name a detected known effect first."""
     known = [c for c in cases if c.kind == "known" and c.detected]
     names = sorted({name for c in known for name in c.answer.get("baselines") or {}})
     return {name: _baseline([c for c in known if name in (c.answer.get("baselines") or {})], name) for name in names}

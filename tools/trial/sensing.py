@@ -1,4 +1,5 @@
-"""Effects on the reference machine's signals: pressures, angles, delays, clocks, tilt, gyro, lines, play, give."""
+"""Effects on the reference machine's signals: pressures, angles, delays, clocks, tilt, gyro, lines, backlash,
+compliance."""
 
 from collections.abc import Mapping
 
@@ -47,7 +48,7 @@ def pressure_gain(draw: Draw, scene: Scene) -> Fault:
 
 
 def pressure_drift(draw: Draw, scene: Scene) -> Fault:
-    """1-8 bar at the field's end, as a sensor that warms: fast first, then slower."""
+    """1-8 bar at the field's end, as of a sensor that warms: exponential."""
     at, size = draw.one(PRESSURES), draw.signed(1.0, 8.0)
     end = max(s.begin_s + s.duration_s for s in scene.stretches)
     constant = end * draw.uniform(0.4, 1.5)
@@ -144,8 +145,8 @@ STIFFNESS = {"boom": (4e6, 20e6), "stick": (0.8e6, 5e6), "bucket": (0.25e6, 3e6)
 
 
 def compliance(draw: Draw, scene: Scene) -> Fault:
-    """A link that gives way under its joint's torque, a little less the more it is loaded; the angle sensor turns
-    with the side that the cylinder pushes."""
+    """A link that bends under its joint's torque, stiffer the more it is loaded; the angle sensor turns with the side
+    that the cylinder pushes."""
     at = draw.one(JOINTS)
     low, high = STIFFNESS[at]
     give, knee = draw.size(1.0 / high, 1.0 / low), TYPICAL_TORQUE[at] * draw.uniform(0.8, 2.0)

@@ -1,4 +1,4 @@
-"""How large an effect is against the floor of the clean machine: what an ideal detector would have, from the truth.
+"""How large an effect is, in standard errors of an ideal detector that knows the truth.
 
 The case and its twin (the clean machine, same motion asked for, same noise) differ by the effect alone. Both are turned
 into joint torques by the estimator's geometry and less what the clean machine's parameters explain; the difference,
@@ -32,7 +32,7 @@ class Rows:
 
 
 class Floor:
-    """The clean machine as its references and its field show it."""
+    """The residual of the clean machine on its references and its field recordings."""
 
     def __init__(self, loaded: Loaded, load_kg: float) -> None:
         service = loaded.service
@@ -141,7 +141,7 @@ def explained(signal: Array, other: Array, level: Array) -> Array:
 
 
 def _fit(columns: Array, torque: Array, level: Array) -> Array:
-    """Least squares with the rows' levels; columns that say nothing of their own get zero."""
+    """Least squares with the rows' levels; columns without information get zero."""
     flat = (columns / level[:, None]).reshape(-1, columns.shape[-1])
     norm = np.linalg.norm(flat, axis=0)
     scale = 1.0 / np.where(norm > 0.0, norm, 1.0)
