@@ -18,14 +18,15 @@ def test_a_step_costs_little_against_fixed_work(tmp_path):
     output = tmp_path / "bench.json"
     command = [
         sys.executable,
-        ROOT / "tools/bench.py",
+        "-m",
+        "bench",
         ROOT / "config/excavator_20t.toml",
         "--rounds",
         "3",
         "--json",
         output,
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (found,) = json.loads(output.read_text()).values()
     assert set(found["parts_us"]) == {"decode", "sample", "regressor", "recursion", "force", "encode", "rest"}

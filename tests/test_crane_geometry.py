@@ -14,12 +14,13 @@ from cylforce.files.tables import read_table
 from cylforce.settings.machine_file import load
 from cylforce.signals.units import DEGREE
 
-TOOL = Path(__file__).resolve().parents[1] / "tools" / "crane"
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
 CURVES = ("p_m_stroke_to_angle", "p_k_stroke_to_angle")
 
 
 def write(folder, output):
-    return subprocess.run([sys.executable, TOOL, folder, "-o", output], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "crane", folder, "-o", output]
+    return subprocess.run(command, cwd=TOOLS, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +80,7 @@ def test_bus_carries_the_digits_of_the_recording(loaded, data):
 
 def test_a_folder_without_parameters_is_refused_with_a_sentence(tmp_path):
     done = write(tmp_path, tmp_path / "crane.toml")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stderr.startswith("hmf_crane: ")
     assert "model_parameters.json" in done.stderr
     assert not (tmp_path / "crane.toml").exists()
@@ -98,5 +99,5 @@ def test_expressions_are_evaluated_and_never_run(tmp_path, texts, said):
     (tmp_path / "model_parameters.json").write_text(json.dumps(texts))
     (tmp_path / "stroke_to_angle_poly.json").write_text("{}")
     done = write(tmp_path, tmp_path / "crane.toml")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert said in done.stderr

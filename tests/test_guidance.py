@@ -1,5 +1,5 @@
 """The guidance: who does what it says is done within five minutes of motion; a load is refused meanwhile; what is asked
-for is what is missing. (Twenty machines each: tools/studies/commissioning.py.)"""
+for is what is missing. (Twenty machines each: tools/accuracy commission.)"""
 
 from functools import cache
 

@@ -1,51 +1,27 @@
 """The rules that the house stands on: sizes, annotations, top level, lock, skips, systemd units."""
 
-import ast
 import configparser
+import os
 import re
 import shutil
-import statistics
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from structure import broken, functions, modules, structure
+
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = sorted((ROOT / "src").rglob("*.py"))
 TOP_LEVEL = {
     *("pyproject.toml", "src", "config", "systemd", "tests", "tools", "README.md"),
     *("requirements.lock", "CHANGELOG.md", "LICENSE", ".gitignore", ".ci"),
 }
 
 
-def functions():
-    for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                yield f"{path.relative_to(ROOT)}:{node.lineno} {node.name}", node
-
-
-def body_lines(function):
-    """Lines of the body without the docstring."""
-    body = function.body[1:] if ast.get_docstring(function) is not None else function.body
-    return body[-1].end_lineno - body[0].lineno + 1 if body else 0
-
-
-def share_within(sizes, limit):
-    return sum(size <= limit for size in sizes) / len(sizes)
-
-
-def test_functions_are_short():
-    sizes = {name: body_lines(node) for name, node in functions()}
-    assert not {name: size for name, size in sizes.items() if size > 50}
-    assert statistics.median(sizes.values()) <= 8
-    assert share_within(sizes.values(), 25) >= 0.9, sorted(sizes.items(), key=lambda item: -item[1])[:20]
-
-
-def test_files_are_short():
-    sizes = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in SOURCES}
-    assert share_within(sizes.values(), 250) >= 0.9, {name: size for name, size in sizes.items() if size > 250}
+def test_sizes_circles_and_names_are_within_their_limits():
+    """The limits are those of tools/structure."""
+    assert broken(structure(modules())) == []
 
 
 def unannotated(function):
@@ -62,12 +38,22 @@ def unannotated(function):
 
 
 def test_every_function_is_annotated():
-    assert not {name: missing for name, node in functions() if (missing := unannotated(node))}
+    assert not {name: missing for name, node in functions(modules()) if (missing := unannotated(node))}
 
 
 def test_the_top_level_is_complete_and_no_more():
     generated = {line.strip("/\n") for line in (ROOT / ".gitignore").read_text().splitlines()} | {".git"}
     assert {path.name for path in ROOT.iterdir()} - generated == TOP_LEVEL
+
+
+def test_the_tools_chapter_names_every_command_and_study():
+    text = (ROOT / "tools/README.md").read_text()
+    commands = {path.name for path in (ROOT / "tools").iterdir() if path.is_file() and os.access(path, os.X_OK)}
+    studies = {path.stem for path in (ROOT / "tools/studies").glob("[a-z]*.py")}
+    assert {"accuracy", "structure", "test"} <= commands
+    assert [name for name in commands if f"`tools/{name}" not in text] == []
+    assert [name for name in studies if f"`tools/accuracy {name}" not in text] == []
+    assert len(text.splitlines()) <= 200
 
 
 def test_the_lock_is_exact_and_names_no_place():

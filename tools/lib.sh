@@ -6,7 +6,8 @@ venv=$root/.venv
 cache=${XDG_CACHE_HOME:-${HOME:-/tmp}/.cache}/cylforce
 
 say() { printf '%s: %s\n' "${0##*/}" "$*" >&2; }
-die() { say "$@"; exit 1; }
+# die [STATUS] MESSAGE
+die() { local status=1; [ $# = 1 ] || { status=$1; shift; }; say "$@"; exit "$status"; }
 
 # need_debian COMMAND:PACKAGE ... - installs what is missing where it may (root, apt-get), else says what to install.
 need_debian() {
@@ -77,6 +78,13 @@ use_venv() {
 activate_venv() {
   exec 9>&-
   export VIRTUAL_ENV=$venv PATH=$venv/bin:$PATH
+}
+
+# run_module MODULE [ARG ...] - runs a module below tools/ instead of this shell, in the caller's folder. That folder itself
+# is searched for no modules. One BLAS thread, as the service has: numpy reads this number when it is imported.
+run_module() {
+  export PYTHONPATH=$root/tools${PYTHONPATH:+:$PYTHONPATH} PYTHONSAFEPATH=1 OPENBLAS_NUM_THREADS=1
+  exec python -m "$@"
 }
 
 # The caller's kernel has a vcan0 and it is up.

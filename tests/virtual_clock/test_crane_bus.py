@@ -19,7 +19,7 @@ from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Status
 from cylforce.signals.events import Frame, Tick
 
-TOOL = Path(__file__).resolve().parents[2] / "tools" / "crane"
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
 SECONDS = 20
 COMMAND = (sys.executable, "-m", "cylforce")
 
@@ -29,7 +29,7 @@ def crane(shared, tmp_path_factory):
     """Machine file, tares, and the first seconds of a run that they were not identified from."""
     folder, data = tmp_path_factory.mktemp("crane"), shared / "data" / "hmf_crane"
     machine, tares, short = folder / "crane.toml", folder / "identified.toml", folder / "short.csv"
-    subprocess.run([sys.executable, TOOL, data, "-o", machine], check=True)
+    subprocess.run([sys.executable, "-m", "crane", data, "-o", machine], cwd=TOOLS, check=True)
     loaded = load(machine)
     run_identify(loaded, [data / "Dual1SineRun_230425.csv"], tares)
     with (data / "Dual2SineTest_230425.csv").open() as whole:

@@ -4,12 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from geometry import CURVES, PARAMETERS, crane
-from machine_file import text
+from .geometry import CURVES, PARAMETERS, crane
+from .machine_file import text
 
 
 def main() -> int:
-    """Write the file; 1 with a sentence where the folder is not what it should be."""
+    """Write the file; exit code 2 where the folder lacks something."""
     parser = argparse.ArgumentParser(prog="hmf_crane", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help=f"with {PARAMETERS} and {CURVES}")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.toml")
@@ -18,7 +18,7 @@ def main() -> int:
         options.output.write_text(text(crane(options.folder)))
     except (OSError, ValueError, KeyError) as error:
         print(f"hmf_crane: {error}", file=sys.stderr)
-        return 1
+        return 2
     return 0
 
 

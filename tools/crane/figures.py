@@ -10,9 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry import crane
-from machine_file import text
-from measure import Run, Weights, disagreement, measured, moments, unexplained, weights
 from rich.console import Console
 from rich.table import Table
 
@@ -23,11 +20,15 @@ from cylforce.programs.identify import run_identify
 from cylforce.programs.replay import run_replay
 from cylforce.settings.machine_file import Loaded, load
 
+from .geometry import crane
+from .machine_file import text
+from .measure import Run, Weights, disagreement, measured, moments, unexplained, weights
+
 FITTED = "Dual1SineRun"
 DAY = "_230425"
-# The other runs' unexplained torque [N m] at boom and jib that the data's README tells.
+# Unexplained torque [N m] of the other runs at boom and jib, from the README beside the recordings.
 MARKS = {
-    "plain fit on the same run": (339.0, 435.0),
+    "least squares of the same run": (339.0, 435.0),
     "within reach": (320.0, 400.0),
     "fitted on all runs, the scored ones too": (291.0, 266.0),
 }
@@ -92,12 +93,12 @@ def jib_moments(model: Model, runs: Sequence[Run]) -> dict[str, Any]:
     wanted = [place["jib.X"], place["jib.Z"]]
     beside = [place["boom.X"], place["boom.Z"], place["boom.coulomb"]]
 
-    def told(some: Sequence[Run]) -> tuple[np.ndarray, np.ndarray, float]:
+    def of_runs(some: Sequence[Run]) -> tuple[np.ndarray, np.ndarray, float]:
         own, far = moments(some, 1, wanted, [place["jib.coulomb"]]), moments(some, 0, wanted, beside)
         return own, far, 100.0 * disagreement(some, 1, wanted, own, far)
 
-    own, far, apart = told(runs)
-    together = told([run for run in runs if np.all(np.any(run.counts, axis=0))])[2]
+    own, far, apart = of_runs(runs)
+    together = of_runs([run for run in runs if np.all(np.any(run.counts, axis=0))])[2]
     moment = {"own_kg_m": own.tolist(), "boom_kg_m": far.tolist()}
     return moment | {"difference_percent": apart, "difference_both_moving_percent": together}
 
@@ -118,7 +119,7 @@ def torque_table(found: Figures) -> Table:
     for name, values in found.unexplained.items():
         table.add_row(f"other runs: {name}", *map(number, values))
     for name, mark in MARKS.items():
-        table.add_row(f"  the data's own mark: {name}", *map(number, mark))
+        table.add_row(f"  published beside the data: {name}", *map(number, mark))
     for name, values in found.by_run.items():
         table.add_row(titled(name), *map(number, values))
     return table
@@ -126,13 +127,13 @@ def torque_table(found: Figures) -> Table:
 
 def weight_table(found: Figures) -> Table:
     """The weight read on the empty crane."""
-    table = Table(title="Weight of the empty crane, in kg (first while OK, then while degraded)")
+    table = Table(title="Weight of the empty crane, in kg (while OK, then while DEGRADED; error: published)")
     table.add_column("", no_wrap=True)
-    for name in ("OK", "mean", "std", "told", "degr.", "mean", "std", "told"):
+    for name in ("OK", "mean", "std", "error", "degr.", "mean", "std", "error"):
         table.add_column(name, justify="right")
     for name, w in found.weight.items():
-        good = (number(w.mean_kg, 1), number(w.standard_deviation_kg, 1), number(w.told_kg, 1))
-        doubtful = map(number, (w.degraded_mean_kg, w.degraded_standard_deviation_kg, w.degraded_told_kg))
+        good = (number(w.mean_kg, 1), number(w.standard_deviation_kg, 1), number(w.published_kg, 1))
+        doubtful = map(number, (w.degraded_mean_kg, w.degraded_standard_deviation_kg, w.degraded_published_kg))
         table.add_row(titled(name), f"{w.ok_share:.0%}", *good, f"{w.degraded_share:.0%}", *doubtful)
     return table
 
@@ -178,7 +179,7 @@ def as_json(found: Figures) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Measure and print; 1 with a sentence where the folder is not what it should be."""
+    """Measure and print; exit code 2 where the folder lacks something."""
     parser = argparse.ArgumentParser(prog="crane_figures", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="with the recordings and the crane's parameters")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there, too")
@@ -188,7 +189,7 @@ def main() -> int:
             found = figures(options.folder, Path(work))
     except (OSError, ValueError, KeyError, RecordingError) as error:
         print(f"crane_figures: {error}", file=sys.stderr)
-        return 1
+        return 2
     show(found, Console(highlight=False))
     if options.json:
         options.json.write_text(json.dumps(as_json(found), indent=1) + "\n")

@@ -1,5 +1,6 @@
-"""Why a real crane differs from its data sheet, and from the model that was identified on one run: what the diagnosis
-names, how far that holds on runs that it has not seen, and what it says of clocks that part."""
+"""Why a real crane differs from its data sheet, and from the model that was identified from one run: what the diagnosis
+names, how well that predicts runs that it has not seen, and what it answers where the clocks of pressures and positions
+drift apart."""
 
 import argparse
 import json
@@ -10,10 +11,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from figures import FITTED, data_sheet, number, recordings, samples
-from geometry import crane
-from machine_file import text
-from measure import Run, measured
 from rich.console import Console
 from rich.table import Table
 
@@ -26,6 +23,11 @@ from cylforce.programs.gap_output import sentence
 from cylforce.programs.identify import run_identify
 from cylforce.settings.machine_file import Loaded, load
 
+from .figures import FITTED, data_sheet, number, recordings, samples
+from .geometry import crane
+from .machine_file import text
+from .measure import Run, measured
+
 USED = ("JibSineTest", FITTED, "Dual2SineTest", "Dual2SineTestFlowShare")
 PRESSURES = ("MainPaCyl", "MainPbDCV", "JibPaCyl", "JibPbCyl")
 PERIODS = 5.0 / 10.0  # of the pressures, once they are resampled, and of the positions
@@ -36,10 +38,10 @@ LAWS = {
     "asymmetric_friction": "directional",
 }
 TOGETHER = "all four so, together"
-PLAIN = ("X", "Z", "coulomb")  # parameters of a plain fit: gravity and Coulomb friction
+GRAVITY_AND_COULOMB = ("X", "Z", "coulomb")  # parameters of the least-squares fit beside
 
 
-class Told(NamedTuple):
+class Answer(NamedTuple):
     """What the diagnosis says: the verdict, a sentence, the causes {name, at, sizes, errors, units, confused_with}, the
     gap [N m] by joint {fixed, refit, after, floor}, warnings."""
 
@@ -52,26 +54,27 @@ class Told(NamedTuple):
 
 class Unseen(NamedTuple):
     """Unexplained torque [N m] by joint of runs that neither names nor sizes come from: by the data sheet, with the
-    causes, with a plain fit; the causes' names, and those among them that `lack` a parameter and so predict nothing."""
+    causes, with least squares; the causes' names, and those that `lack` a parameter and so predict nothing."""
 
     sheet: list[float | None]
     causes: list[float | None]
-    plain: list[float | None]
+    least_squares: list[float | None]
     names: list[str]
     lack: list[str]
 
 
 class Gaps(NamedTuple):
-    """All that is told: by comparison; by run left out, of all of these together, and of all others from one."""
+    """All figures: answers by what is compared; unexplained torque by run left out, of these runs together, and of all
+    other runs predicted from one."""
 
     joints: tuple[str, ...]
-    told: dict[str, Told]
+    answers: dict[str, Answer]
     unseen: dict[str, Unseen]
 
 
 def gaps(folder: Path, work: Path, quick: bool = False) -> Gaps:
-    """All figures, or, if it has to be `quick`, those of the data sheet and of the clocks alone; `work` takes the
-    machine file, the tares and the recordings with clocks that part."""
+    """All figures; with `quick` only those of the data sheet and of the clocks; `work` takes the
+    machine file, the tares and the recordings with clocks that drift apart."""
     (work / "crane.toml").write_text(text(crane(folder)))
     loaded = load(work / "crane.toml")
     paths = recordings(folder)
@@ -80,18 +83,18 @@ def gaps(folder: Path, work: Path, quick: bool = False) -> Gaps:
     if not quick:
         run_identify(loaded, [paths[FITTED]], work / "identified.toml")
         asked |= identified_questions(paths, work / "identified.toml")
-    told = {name: _told(diagnose(loaded, question)) for name, question in asked.items()}
+    answers = {name: _answer(diagnose(loaded, question)) for name, question in asked.items()}
     found = Unknown(loaded, paths)
-    return Gaps(joints, told, found.by_others() | ({} if quick else found.by_one()))
+    return Gaps(joints, answers, found.by_others() | ({} if quick else found.by_one()))
 
 
 def sheet_questions(paths: Mapping[str, Path], work: Path) -> dict[str, Question]:
-    """What is asked of the data sheet, also with clocks that part."""
+    """What is asked of the data sheet, also with clocks that drift apart."""
     late = tuple(trapped(paths[name], work) for name in USED)
     return {
         "data sheet": Question(tuple(paths[name] for name in USED)),
-        "clocks part, four runs": Question(late),
-        f"clocks part, {FITTED}": Question(late[USED.index(FITTED) : USED.index(FITTED) + 1]),
+        "clocks drift apart, four runs": Question(late),
+        f"clocks drift apart, {FITTED}": Question(late[USED.index(FITTED) : USED.index(FITTED) + 1]),
     }
 
 
@@ -116,9 +119,9 @@ def trapped(path: Path, work: Path) -> Path:
     return work / path.name
 
 
-def _told(found: Diagnosed) -> Told:
+def _answer(found: Diagnosed) -> Answer:
     answer = found.answer
-    return Told(
+    return Answer(
         answer["verdict"],
         sentence(answer),
         [_cause(each.cause, e) for each, e in zip(found.judged.named, answer["effects"], strict=True)]
@@ -167,12 +170,12 @@ class Unknown:
 
 
 class Fits(NamedTuple):
-    """Parameters (P,) by the data sheet, by the diagnosis, by a plain fit; names of the causes, and of those without a
+    """Parameters (P,) by the data sheet, the diagnosis and least squares; names of the causes, and of those without a
     parameter."""
 
     sheet: np.ndarray
     causes: np.ndarray
-    plain: np.ndarray
+    least_squares: np.ndarray
     names: list[str]
     lack: list[str]
 
@@ -184,7 +187,7 @@ def fitted(loaded: Loaded, model: Model, paths: Mapping[str, Path], runs: Sequen
     lack = [cause.ranked.key for cause in named if not _has_parameter(cause)]
     causes = caused(model, found.search, named) if found.search else data_sheet(model)
     names, without = ([" at ".join(key) for key in keys] for keys in ([c.ranked.key for c in named], lack))
-    return Fits(data_sheet(model), causes, plain(model, runs), names, without)
+    return Fits(data_sheet(model), causes, least_squares(model, runs), names, without)
 
 
 def _has_parameter(cause: Cause) -> bool:
@@ -206,10 +209,10 @@ def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
     return found
 
 
-def plain(model: Model, runs: Sequence[Run]) -> np.ndarray:
+def least_squares(model: Model, runs: Sequence[Run]) -> np.ndarray:
     """Gravity and Coulomb friction by least squares, inertias as the data sheet has them."""
     found, names = data_sheet(model), [p.name for p in model.parameters]
-    free = [k for k, name in enumerate(names) if name.split(".")[1] in PLAIN]
+    free = [k for k, name in enumerate(names) if name.split(".")[1] in GRAVITY_AND_COULOMB]
     found[free] = 0.0
     columns = np.concatenate([run.columns[run.counts] for run in runs])
     torque = np.concatenate([run.torque[run.counts] for run in runs])
@@ -219,9 +222,13 @@ def plain(model: Model, runs: Sequence[Run]) -> np.ndarray:
 
 def left(pairs: Sequence[tuple[Run, Fits]]) -> Unseen:
     """What is left of runs by what was fitted for each."""
-    kinds = [[(run, fits[kind]) for run, fits in pairs] for kind in range(3)]
-    names, lack = (sorted({name for _, fits in pairs for name in fits[kind]}) for kind in (3, 4))
-    return Unseen(*(_rms(each) for each in kinds), names, lack)
+    return Unseen(
+        sheet=_rms([(run, fits.sheet) for run, fits in pairs]),
+        causes=_rms([(run, fits.causes) for run, fits in pairs]),
+        least_squares=_rms([(run, fits.least_squares) for run, fits in pairs]),
+        names=sorted({name for _, fits in pairs for name in fits.names}),
+        lack=sorted({name for _, fits in pairs for name in fits.lack}),
+    )
 
 
 def _rms(pairs: Sequence[tuple[Run, np.ndarray]]) -> list[float | None]:
@@ -236,16 +243,18 @@ def closed(before: float | None, after: float | None) -> float | None:
     return None if before is None or after is None else 100.0 * (1.0 - after**2 / before**2)
 
 
-def told_table(found: Gaps) -> Table:
+def answer_table(found: Gaps) -> Table:
     """What is named."""
     table = Table(title="What the diagnosis says (gap: N m with fixed parameters, refitted, with the causes, floor)")
     for column in ("against", "verdict", "cause", "size +- standard error", "may be", *found.joints):
         table.add_column(column, overflow="fold")
-    for name, told in found.told.items():
-        sizes = [" / ".join(number(told.joints[j][key]) for key in GAP) if told.joints else "-" for j in found.joints]
-        causes = [(f"{c['name']} at {c['at']}", _in_words(c), _confused(c)) for c in told.causes] or [("-", "", "")]
+    for name, answer in found.answers.items():
+        sizes = [
+            " / ".join(number(answer.joints[j][key]) for key in GAP) if answer.joints else "-" for j in found.joints
+        ]
+        causes = [(f"{c['name']} at {c['at']}", _in_words(c), _confused(c)) for c in answer.causes] or [("-", "", "")]
         for k, cause in enumerate(causes):
-            head = (name, told.verdict) if k == 0 else ("", "")
+            head = (name, answer.verdict) if k == 0 else ("", "")
             table.add_row(*head, *cause, *(sizes if k == 0 else ("",) * len(sizes)))
         table.add_section()
     return table
@@ -268,11 +277,11 @@ def unseen_table(found: Gaps) -> Table:
     table = Table(title="Unexplained torque while moving, rms in N m, of runs that the diagnosis has not seen")
     table.add_column("run")
     for joint in found.joints:
-        for column in (f"{joint}: sheet", "causes", "closed %", "plain fit", "closed %"):
+        for column in (f"{joint}: sheet", "causes", "closed %", "least squares", "closed %"):
             table.add_column(column, justify="right")
     for name, each in found.unseen.items():
         cells = []
-        for sheet, causes, fit in zip(each.sheet, each.causes, each.plain, strict=True):
+        for sheet, causes, fit in zip(each.sheet, each.causes, each.least_squares, strict=True):
             cells += [number(sheet), number(causes), number(closed(sheet, causes), 1)]
             cells += [number(fit), number(closed(sheet, fit), 1)]
         table.add_row(name, *cells)
@@ -281,9 +290,9 @@ def unseen_table(found: Gaps) -> Table:
 
 def show(found: Gaps, console: Console) -> None:
     """All tables."""
-    console.print(told_table(found))
-    for name, told in found.told.items():
-        for line in (told.sentence, *told.warnings) if not told.causes or told.warnings else ():
+    console.print(answer_table(found))
+    for name, answer in found.answers.items():
+        for line in (answer.sentence, *answer.warnings) if not answer.causes or answer.warnings else ():
             console.print(f"{name}: {line}")
     console.print(unseen_table(found))
     for name, each in found.unseen.items():
@@ -295,17 +304,19 @@ def as_json(found: Gaps) -> dict[str, Any]:
     """The figures."""
     unseen = {}
     for name, each in found.unseen.items():
-        plain = each._asdict() | {
+        figures = each._asdict() | {
             "closed_percent": [closed(a, b) for a, b in zip(each.sheet, each.causes, strict=True)],
-            "plain_closed_percent": [closed(a, b) for a, b in zip(each.sheet, each.plain, strict=True)],
+            "least_squares_closed_percent": [closed(a, b) for a, b in zip(each.sheet, each.least_squares, strict=True)],
         }
-        by_joint = {k: dict(zip(found.joints, v, strict=True)) for k, v in plain.items() if k not in ("names", "lack")}
+        by_joint = {
+            k: dict(zip(found.joints, v, strict=True)) for k, v in figures.items() if k not in ("names", "lack")
+        }
         unseen[name] = by_joint | {"names": each.names, "lack": each.lack}
-    return {"told": {name: told._asdict() for name, told in found.told.items()}, "unseen": unseen}
+    return {"answers": {name: answer._asdict() for name, answer in found.answers.items()}, "unseen": unseen}
 
 
 def main() -> int:
-    """Diagnose and print; 1 with a sentence where the folder is not what it should be."""
+    """Diagnose and print; exit code 2 where the folder lacks something."""
     parser = argparse.ArgumentParser(prog="crane_gap", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="with the recordings and the crane's parameters")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there, too")
@@ -316,7 +327,7 @@ def main() -> int:
             found = gaps(options.folder, Path(work), options.quick)
     except (OSError, ValueError, KeyError, RecordingError) as error:
         print(f"crane_gap: {error}", file=sys.stderr)
-        return 1
+        return 2
     show(found, Console(highlight=False))
     if options.json:
         options.json.write_text(json.dumps(as_json(found), indent=1) + "\n")

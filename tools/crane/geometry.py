@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from expressions import Expressions
 
 from cylforce.mechanics.linkages import FourBar
 from cylforce.mechanics.machine import Cylinder, Link, Machine
+
+from .expressions import Expressions
 
 PARAMETERS, CURVES = "model_parameters.json", "stroke_to_angle_poly.json"
 SLACK = 0.01  # m: a stroke measured just beyond the end of the cylinder still has an angle
@@ -156,26 +157,26 @@ def lumps(
         Lump(gh[0], place(p, "G") * turn),
         Lump(jib[0], place(p, "K") * turn),
     ]
-    winch = Lump(p["Winch_mass"], place(p, "W"), p["Winch_MOI"][2])
+    winch = Lump(p["Winch_mass"], place(p, "W"), p.several("Winch_MOI")[2])
     return boom, [body(p, "JibBoom", 1.0), Lump(jib[1] + gh[1] + sum(ih), place(p, "I")), winch]
 
 
 def body(p: Expressions, name: str, turn: complex) -> Lump:
     """A boom, from its CAD part's frame."""
-    along, across, _ = p[f"{name}_COM"]
-    return Lump(p[f"{name}_mass"], complex(along, across) * turn, p[f"{name}_MOI"][2])
+    along, across, _ = p.several(f"{name}_COM")
+    return Lump(p[f"{name}_mass"], complex(along, across) * turn, p.several(f"{name}_MOI")[2])
 
 
 def rod_ends(p: Expressions, name: str, length: float) -> tuple[float, float]:
     """Point masses at the first and the second named pin."""
-    share = p[f"{name}_COM"][0] / length
+    share = p.several(f"{name}_COM")[0] / length
     return p[f"{name}_mass"] * (1 - share), p[f"{name}_mass"] * share
 
 
 def cylinder_ends(p: Expressions, name: str, length: float) -> tuple[float, float]:
     """Point masses at foot and eye; the barrel's centre is measured from the foot, the rod's from the eye."""
     barrel, rod = p[f"{name}_bottom_mass"], p[f"{name}_rod_mass"]
-    far = (barrel * p[f"{name}_bottom_COM"][2] + rod * (length + p[f"{name}_rod_COM"][2])) / length
+    far = (barrel * p.several(f"{name}_bottom_COM")[2] + rod * (length + p.several(f"{name}_rod_COM")[2])) / length
     return barrel + rod - far, far
 
 

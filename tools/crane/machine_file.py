@@ -2,10 +2,10 @@
 
 from string import Template
 
-from geometry import Crane, Lump, total
-
 from cylforce.mechanics.linkages import FourBar
 from cylforce.signals.units import DEGREE
+
+from .geometry import Crane, Lump, total
 
 HEAD = Template("""\
 # Written by tools/hmf_crane from the crane's own parameters. Not to be passed on.

@@ -1,4 +1,4 @@
-"""How figures are measured on the crane: as the README beside its recordings says, so that they compare with its own.
+"""How figures are measured on the crane: as the README beside its recordings does, so that they compare with its own.
 
 Strokes and pressures pass a second-order 2 Hz Butterworth low-pass forward and back, joint torque nothing beyond that;
 the first and the last second are left out; a joint's torque counts while its own cylinder moves faster than 1 mm/s."""
@@ -8,6 +8,7 @@ from math import nan
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
 from cylforce.estimation.filters import fours
@@ -25,21 +26,21 @@ class Run(NamedTuple):
 
     columns: Array
     torque: Array
-    counts: Array
+    counts: NDArray[np.bool_]
 
 
 class Weights(NamedTuple):
     """Weight read on the empty crane [kg] while it is OK: share of the time, mean, standard deviation, mean of the
-    standard errors told; then the same while it is shown as DEGRADED."""
+    published standard errors; then the same while its status is DEGRADED."""
 
     ok_share: float
     mean_kg: float
     standard_deviation_kg: float
-    told_kg: float
+    published_kg: float
     degraded_share: float
     degraded_mean_kg: float
     degraded_standard_deviation_kg: float
-    degraded_told_kg: float
+    degraded_published_kg: float
 
 
 def measured(model: Model, values: Array) -> Run:
@@ -67,7 +68,7 @@ def unexplained(runs: Sequence[Run], parameters: Array) -> list[float | None]:
 
 
 def moments(runs: Sequence[Run], row: int, wanted: Sequence[int], beside: Sequence[int]) -> Array:
-    """The parameters `wanted` from one joint's torque alone, by a plain fit with those `beside`."""
+    """The parameters `wanted` from one joint's torque alone, by least squares with those `beside`."""
     use = [*wanted, *beside]
     columns = np.concatenate([run.columns[run.counts[:, row], row] for run in runs])[:, use]
     torque = np.concatenate([run.torque[run.counts[:, row], row] for run in runs])

@@ -7,6 +7,7 @@ import argparse
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from .machine import draw
 from .scenarios import SCENARIOS
@@ -29,7 +30,7 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _options(given: list[str]) -> dict[str, object]:
+def _options(given: list[str]) -> dict[str, Any]:
     found = tomllib.loads("\n".join(given))
     return {key: tuple(value) if isinstance(value, list) else value for key, value in found.items()}
 
@@ -45,7 +46,7 @@ def main() -> int:
             print(recording.write(asked.output, asked.form))
     except (ValueError, OSError) as error:
         print(f"reference_machine: {error}", file=sys.stderr)
-        return 1
+        return 2
     return 0
 
 

@@ -114,6 +114,7 @@ class Arm:
         self.data = mujoco.MjData(self.model)
         self.model.opt.gravity[:] = [-GRAVITY * part for part in up_vector(pitch, roll)]
         self.linkages = [specimen.linkage(joint) for joint in JOINTS]
+        self._bars = specimen.bucket_linkage()
         self._payload = self.model.body("payload").id
         self._loaded = (0.0, 0.0, 0.0, 0.0)
         self._closing = {j: int(self.model.joint(j).qposadr[0]) for j in self._closing_joints()}
@@ -145,8 +146,7 @@ class Arm:
         for name, angle, linkage in zip(JOINTS, angles, self.linkages, strict=True):
             found[f"{name}_barrel"] = linkage.axis(float(angle))
             found[f"{name}_rod"] = linkage.span(float(angle))
-        bars = self.linkages[2]
-        rocker, link = bars.rocker(float(angles[2])), bars.link(float(angles[2]))
+        rocker, link = self._bars.rocker(float(angles[2])), self._bars.link(float(angles[2]))
         return found | {"rocker": rocker, "link": (link[0] - rocker[0], link[1] - rocker[1])}
 
     def load(self, mass: float, x: float, z: float, gyration: float) -> None:

@@ -1,5 +1,7 @@
 """The working cycle: reach, dig, lift and swing, dump, return."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
@@ -36,8 +38,8 @@ def cycles_plan(
 ) -> Plan:
     """Empty motion, then one cycle for each payload [kg]; one of 0 kg goes through the same motion above the ground."""
     rng, knots = site.rng, [(0.0, site.posture())]
-    for k, payload in enumerate(payloads_kg):
-        knots += [(HEADWAY + k * END + t, p) for t, p in _postures(site, payload)]
+    for k, kilograms in enumerate(payloads_kg):
+        knots += [(HEADWAY + k * END + t, p) for t, p in _postures(site, kilograms)]
     knots.append((HEADWAY + len(payloads_kg) * END, knots[1][1]))
     path = _smoothed(knots)
     plan = empty(path, 0.0)
@@ -62,7 +64,8 @@ def cycles_plan(
         slews += turn * (smooth((u - 7.4) / 5.2) - smooth((u - 15.2) / 3.7))
         start = HEADWAY + k * END
         notes.append({"cycle": first + k, "payload_kg": kilograms, "free_s": [start + FREE, start + FALLS]})
-    return plan.at(
+    return replace(
+        plan,
         slew=slews,
         payload=payload,
         phase=phase,

@@ -1,4 +1,5 @@
-"""The data sheet of the model: what its maker prints, and how far one machine may lie from it. SI units, radians."""
+"""The data sheet of the model: what its maker prints, and by how much one machine may differ from it. SI units,
+radians."""
 
 from dataclasses import dataclass, field
 

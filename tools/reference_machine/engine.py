@@ -1,4 +1,4 @@
-"""Runs a plan: MuJoCo for the bodies, our own cylinders, valves, friction and soil around it, 1 kHz in plain floats."""
+"""Runs a plan at 1 kHz: MuJoCo for the bodies; own cylinders, valves, friction and soil around it, in Python floats."""
 
 from dataclasses import dataclass
 from math import cos, sin
@@ -44,7 +44,7 @@ class ExtraTorque(Protocol):
 
 @dataclass
 class Plant:
-    """All physics of a run, freely exchangeable before it."""
+    """All physics of a run; each part can be replaced before it."""
 
     specimen: Specimen
     friction: list[Friction]
@@ -82,7 +82,7 @@ class Engine:
         self._begin()
 
     def _begin(self) -> None:
-        """The first pose, held by the pressures."""
+        """The first pose, with pressures that balance it."""
         plan, arm = self.plan, self.arm
         angles = Geometry(self.plant.specimen).exact_angles(plan.lengths[0])
         arm.place(float(plan.slew[0]), tuple(angles))
@@ -100,7 +100,7 @@ class Engine:
         return self._rows()
 
     def go_on(self, plan: Plan) -> Trace:
-        """Another plan, from where the machine is now."""
+        """Carry out another plan from the present state."""
         self.plan = plan
         return self._rows()
 
@@ -135,8 +135,8 @@ class Engine:
         return truth
 
     def _command(self, k: int) -> None:
-        """Speeds asked for at the row's end: the plan's, and what brings the length back to it. On the way there they
-        change evenly: a hand that moved in steps of the sensors' period would jerk the arm in time with them."""
+        """Speeds asked for at the row's end: the plan's, and what brings the length back to it. Within the row
+        they change linearly: steps at the sensors' period would jerk the arm in time with the samples."""
         lengths = self.plan.lengths
         now, ahead = lengths[k], lengths[min(k + 1, len(lengths) - 1)]
         speeds = ((ahead - now) * RATE).tolist()
@@ -151,7 +151,7 @@ class Engine:
         self._turning = [(speed - c.command) / STEPS for speed, c in zip(shared, self.cylinders, strict=True)]
 
     def _advance(self, slew: tuple[float, float], known: list[float] | None, t: float, log: list[float] | None) -> None:
-        """One millisecond: new lengths make pressures, pressures make torques, torques move MuJoCo's bodies."""
+        """One millisecond: lengths give pressures, pressures give torques, torques move MuJoCo's bodies."""
         data = self.arm.data
         q, v = data.qpos[:4].tolist(), data.qvel[:4].tolist()
         supply, tank = self.pump.supply, self.pump.tank

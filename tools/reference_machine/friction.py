@@ -1,8 +1,7 @@
 """Friction in the cylinders and the pins, of the estimator's own form or of a foreign one.
 
 `step` gives what opposes the motion in two parts: a force that depends smoothly on the state, and a dry limit that
-MuJoCo's solver holds (no force is needed to stand still, and none is made up). A foreign bristle needs no limit.
-"""
+MuJoCo's solver enforces (so that standing still is exact). Friction with bristles, such as LuGre's, needs no limit."""
 
 from dataclasses import asdict, dataclass
 from math import copysign, exp, sqrt
@@ -32,14 +31,14 @@ class Friction(Protocol):
 
 @dataclass(slots=True)
 class NoFriction:
-    """None."""
+    """No friction."""
 
     def step(self, speed: float, oil: float, on_head: float, on_rod: float) -> tuple[float, float]:
         """Nothing."""
         return 0.0, 0.0
 
     def condition(self, kelvin: float, level: float) -> None:
-        """No matter."""
+        """Nothing depends on it."""
 
     def numbers(self) -> dict[str, float]:
         """Nothing."""
@@ -148,7 +147,7 @@ class PinFriction:
         return {"coefficient": self.coefficient, "radius": self.radius, "weight": self.weight, "give": self.give}
 
 
-# Half of the usual figures to twice them lie within: lowest and highest f_c [N] and f_v [N s/m]
+# Half of typical figures to twice them lie within: lowest and highest f_c [N] and f_v [N s/m]
 COULOMB = {"boom": (2200.0, 4000.0), "stick": (1500.0, 3200.0), "bucket": (1000.0, 2400.0)}
 VISCOUS = {"boom": (8e3, 15e3), "stick": (5e3, 12e3), "bucket": (3e3, 8e3)}
 PIN_WEIGHT = {"boom": 40e3, "stick": 18e3, "bucket": 8e3}

@@ -21,7 +21,7 @@ class Geometry:
     def __init__(self, specimen: Specimen) -> None:
         self.specimen = specimen
         self.linkages = [specimen.linkage(joint) for joint in JOINTS]
-        self._grid = [np.linspace(*np.radians(specimen.sheet.links[j].range_deg), NODES) for j in JOINTS]
+        self._grid = [_angles(*specimen.sheet.links[j].range_deg) for j in JOINTS]
         self._length = [
             np.array([link.span(float(a))[0] for a in grid])
             for link, grid in zip(self.linkages, self._grid, strict=True)
@@ -51,7 +51,7 @@ class Geometry:
         return np.stack([np.interp(angles[..., k], g, t) for k, (g, t) in enumerate(tables)], axis=-1)
 
     def exact_angles(self, lengths: Array) -> list[float]:
-        """Joint angles of one set of lengths, to rounding."""
+        """Joint angles of one set of lengths, exact to rounding."""
         ends = [(float(g[0]), float(g[-1])) for g in self._grid]
         return [inverse(link, float(x), *e) for link, x, e in zip(self.linkages, lengths, ends, strict=True)]
 
@@ -87,3 +87,9 @@ class Geometry:
 
 def _ray(angle: Array) -> Array:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _angles(low_deg: float, high_deg: float) -> Array:
+    """Angles (NODES,) [rad] of a joint's range."""
+    low, high = np.radians((low_deg, high_deg)).tolist()
+    return np.linspace(low, high, NODES)

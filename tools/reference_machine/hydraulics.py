@@ -1,7 +1,7 @@
 """Cylinders, valves and pump: two chambers of compressible oil, a flow-compensated inlet, an outlet orifice that a
 counterbalance piston throttles while the load drives, make-up and relief valves, a load-sensing pump. SI units.
 
-The inner step of the simulation: plain floats, because numpy costs a microsecond a call. Pressures are above
+The inner step of the simulation: Python floats, because numpy costs a microsecond a call. Pressures are above
 atmospheric; each chamber's balance is solved implicitly in its own pressure, so that no valve can make it overshoot.
 """
 
@@ -14,7 +14,7 @@ from .linkage import Bars, Direct
 
 @dataclass(frozen=True, slots=True)
 class Hydraulics:
-    """Figures of the system that one machine differs in from the next."""
+    """Parameters of the hydraulic system that differ between machines."""
 
     bulk_modulus: float = 1.2e9
     air: float = 8e5  # pressure at which half of the stiffness is lost to entrained air, less 1 bar
@@ -100,7 +100,7 @@ class Cylinder:
         self.inlet, self.opening, self.mean, self.across = figures.tank, 0.5, figures.tank, figures.pilot
 
     def balance(self, angle: float, force: float) -> None:
-        """Pressures that hold `force` at rest, 8 bar on the side that holds nothing."""
+        """Pressures that hold `force` at rest, 8 bar on the side that carries no load."""
         self.length, self.lever = self.span(angle)
         low = 8e5
         head, rod = self.head, self.rod

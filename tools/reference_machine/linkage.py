@@ -1,4 +1,4 @@
-"""Joint angle -> cylinder: plain trigonometry of triangles, one loop closed by the law of cosines.
+"""Joint angle -> cylinder: trigonometry of triangles, one loop closed by the law of cosines.
 
 Every joint of this machine has one cylinder, so all of this is functions of one angle. Scalars, because the inner step
 of the simulation lives here. Angles are positive from x (forward) towards z (up).

@@ -34,8 +34,8 @@ def stream(seed: int, *path: int) -> np.random.Generator:
 @dataclass(frozen=True)
 class Stage:
     """A run that is planned but not yet carried out: `plans`, the slope [rad], and the stream of random numbers that
-    the sensors' noise comes from. A machine with an effect on the stage of the one without it has the same motion
-    asked for and the same noise."""
+    the sensors' noise comes from. A machine with an effect that runs on the stage of the machine without it gets the
+    same commands and the same noise."""
 
     plans: list[Plan]
     pitch: float
@@ -87,8 +87,8 @@ class Machine:
         """The machine through a scenario (see `scenarios.SCENARIOS` for names and `options`).
 
         `pitch_deg`, `roll_deg`: the slope when the house looks ahead, by default drawn within 3 and 2 degrees; the oil
-        starts at `oil_degc` and warms by `oil_degc_per_s` but in warm_up; `wear` is a factor of all friction. The same
-        seeds give the same recording. Raises ValueError for an unknown scenario or option."""
+        starts at `oil_degc` and warms by `oil_degc_per_s` except in warm_up; `wear` is a factor of all friction. The
+        same seeds give the same recording. Raises ValueError for an unknown scenario or option."""
         stage = self.stage(
             scenario,
             seed=seed,
@@ -149,11 +149,11 @@ class Machine:
         return plan
 
     def trace(self, plan: Plan, pitch: float, roll: float) -> Trace:
-        """What an edited plan makes of the machine."""
+        """Motion and pressures of the machine under an edited plan."""
         return Engine(self.plant(pitch, roll), plan).run()
 
     def measured(self, trace: Trace, plan: Plan, stage: Stage, rng: np.random.Generator) -> Array:
-        """What the sensors say (T, S) of a trace."""
+        """Sensor readings (T, S) of a trace."""
         still = round(plan.still_s * RATE)
         kelvin = np.concatenate([plan.kelvin, np.full(still, plan.kelvin[-1])])
         return self.sensors.measure(signals_of(trace.fast, stage.pitch, stage.roll), kelvin, still, rng)

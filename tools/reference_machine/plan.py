@@ -1,6 +1,6 @@
-"""What a run shall do, at 100 Hz: lengths to follow, slew, payload, known force at the teeth, oil temperature."""
+"""What a run should do, at 100 Hz: lengths to follow, slew, payload, known force at the teeth, oil temperature."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,8 @@ AIR, REACH, DIG, LIFT, DUMP, RETURN, HOLD, STILL = range(len(PHASES))
 class Plan:
     """A piece of T rows at 100 Hz, beginning at `begin` [s]. `lengths` (T, 3) [m] and `slew` (T,) [rad] to follow;
     `payload` (T, 4): mass, centre x and z, radius of gyration; `tip` (T, 2): known force on the teeth, forward and up
-    in the house's axes [N]; `kelvin` (T,); `wear` (T,): factor of all friction; `phase`, `cycle` (T,). `still_s`: so
-    long the machine then stands without being simulated."""
+    in the house's axes [N]; `kelvin` (T,); `wear` (T,): factor of all friction; `phase`, `cycle` (T,). `still_s`: how
+    long the machine then stands without being simulated [s]."""
 
     lengths: Array
     slew: Array
@@ -38,10 +38,6 @@ class Plan:
     def rows(self) -> int:
         """T."""
         return len(self.slew)
-
-    def at(self, **columns: object) -> "Plan":
-        """The same plan with other columns."""
-        return replace(self, **columns)
 
 
 def empty(lengths: Array, kelvin: float) -> Plan:

@@ -1,4 +1,5 @@
-"""A recording and its truth, and the files they become: tables, a bus log, the truth apart from both."""
+"""A recording and its true values, and their files: tables or a bus log, and the true values in a folder of their
+own."""
 
 import json
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Recording:
-    """What the sensors said, `t_s` (T,) and `values` (T, S) of `signals`, SI units; `truth` (T,) by name at the same
+    """What the sensors read, `t_s` (T,) and `values` (T, S) of `signals`, SI units; `truth` (T,) by name at the same
     instants, and `header`, what the machine is; see `Machine.run`."""
 
     name: str
@@ -29,7 +30,7 @@ class Recording:
         return np.asarray(self.values[:, self.signals.index(signal)])
 
     def write(self, folder: Path | str, form: str = "parquet") -> Path:
-        """FOLDER/machine.toml, FOLDER/NAME.(parquet, csv or log) and, for scorers alone, FOLDER/truth/NAME.*; the
+        """FOLDER/machine.toml, FOLDER/NAME.(parquet, csv or log) and, for scoring only, FOLDER/truth/NAME.*; the
         recording's path. Raises ValueError for another form."""
         if form not in ("parquet", "csv", "log"):
             raise ValueError(f"form is {form!r}: choose parquet, csv or log")

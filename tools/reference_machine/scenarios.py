@@ -1,9 +1,10 @@
-"""What the machine does: empty moves, known payloads, known forces, held poses, parking, warming up.
+"""What the machine does: empty moves, known payloads, known forces, poses at rest, parking, warming up.
 
 A scenario is a function (site, duration_s, options) -> plans, one after the other; see SCENARIOS.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ def _there_and_back(site: Site, path: Path, j: int, speed: float, farthest: floa
 
 
 def _one_by_one(site: Site, path: Path, until_s: float, duration_s: float) -> None:
-    """Each joint alone, slowly, briskly, fast, in ever new postures."""
+    """Each joint alone, slowly, briskly, fast, each time in a new posture."""
     slow = max(0.04, 12.0 / duration_s)
     for speed in (slow, 0.12, 0.22, slow, 0.2, 0.08) * 100:
         for j in site.rng.permutation(3).tolist():
@@ -92,9 +93,9 @@ def commissioning(
         _all_at_once(site, path, duration_s)
     plan = empty(path.done()[: round(duration_s * RATE)], 0.0)
     if slew:
-        plan = plan.at(slew=_turning(site, plan.rows))
+        plan = replace(plan, slew=_turning(site, plan.rows))
     if touching:
-        plan = plan.at(ground=firm(site.ground))
+        plan = replace(plan, ground=firm(site.ground))
     return [site.loaded(plan, payload_kg) if payload_kg else plan]
 
 
@@ -143,7 +144,7 @@ def tip_load(site: Site, duration_s: float = 180.0, *, force_n: tuple[float, flo
         size, way = float(site.rng.uniform(*force_n)), float(site.rng.uniform(0.0, 2.0 * np.pi))
         on = smooth((t - begin) / 1.5) * (1.0 - smooth((t - end + 1.5) / 1.5))
         tip += size * on[:, None] * np.array([np.cos(way), np.sin(way)])
-    return [plan.at(tip=tip)]
+    return [replace(plan, tip=tip)]
 
 
 def known_lift(site: Site, duration_s: float = 75.0, *, weight_kg: float = 1000.0) -> list[Plan]:
@@ -173,11 +174,11 @@ def known_lift(site: Site, duration_s: float = 75.0, *, weight_kg: float = 1000.
     payload[:, 0] = weight_kg * smooth((t - taken) / 2.0) * (1.0 - smooth((t - given) / 2.0))
     payload[:, 1:3] = site.heap()
     notes = {"weight_kg": weight_kg, "lifted_s": [taken + 3.0, given - 1.0]}
-    return [plan.at(payload=payload, notes=notes)]
+    return [replace(plan, payload=payload, notes=notes)]
 
 
 def holds(site: Site, duration_s: float = 200.0, *, payload_kg: float = 0.0) -> list[Plan]:
-    """Poses reached from either direction, each held for 4 s."""
+    """Poses reached from either direction, each kept for 4 s."""
     path, held = Path(site.posture()), []
     path.rest(2.0)
     while path.seconds < duration_s:
@@ -193,7 +194,7 @@ def holds(site: Site, duration_s: float = 200.0, *, payload_kg: float = 0.0) -> 
             held.append([path.seconds + 1.0, path.seconds + 4.0])
             path.rest(4.0)
     plan = empty(path.done(), 0.0)
-    plan = plan.at(phase=np.full(plan.rows, HOLD), notes={"held_s": held})
+    plan = replace(plan, phase=np.full(plan.rows, HOLD), notes={"held_s": held})
     return [site.loaded(plan, payload_kg) if payload_kg else plan]
 
 
@@ -204,7 +205,7 @@ def parked(site: Site, duration_s: float = 2400.0) -> list[Plan]:
     _all_at_once(site, path, 30.0)
     path.rest(3.0)
     plan = empty(path.done(), 0.0)
-    return [plan.at(still_s=max(duration_s - plan.rows / RATE, 0.0))]
+    return [replace(plan, still_s=max(duration_s - plan.rows / RATE, 0.0))]
 
 
 def warm_up(
@@ -225,7 +226,7 @@ def warm_up(
         plan = cycles_plan(site, (load, 0.0), slew=slew, first=1 + 2 * k)
         t = begin + np.arange(plan.rows) / RATE
         kelvin = np.array([warming(*degc, duration_s, float(x)) for x in t]) + ZERO
-        plans.append(plan.at(kelvin=kelvin, begin=round(begin * RATE) / RATE))
+        plans.append(replace(plan, kelvin=kelvin, begin=round(begin * RATE) / RATE))
     return plans
 
 

@@ -1,7 +1,7 @@
-"""What the sensors make of the truth: lag, skew and jitter of sampling, errors within their class, noise, digits.
+"""Sensor readings from true values: lag, skew and jitter of sampling, errors within their class, noise, digits.
 
 Each part can be switched off by name; `perfect` is all of them off. `analog` and `digital` take further distortions, of
-a sensor's inner value at 1 kHz before it is sampled, and of what it says at 100 Hz.
+a sensor's inner value at 1 kHz before it is sampled, and of its readings at 100 Hz.
 """
 
 from collections.abc import Iterable, Mapping
@@ -71,7 +71,7 @@ class Channel:
         return np.interp(at, np.arange(len(fast)) / FAST, fast)
 
     def read(self, value: Array, kelvin: Array, rng: np.random.Generator) -> Array:
-        """What it says."""
+        """Its readings."""
         x = value / EXCAVATOR.pressure_range
         said = value + self.offset + self.gain * value + self.nonlinearity * 4.0 * x * (1.0 - x)
         said = said + self.harmonic * np.sin(value + self.phase) + self.thermal * (kelvin - WARM)
@@ -92,7 +92,7 @@ class Sensors:
     digital: tuple[Distortion, ...] = ()
 
     def measure(self, fast: Array, kelvin: Array, still: int, rng: np.random.Generator) -> Array:
-        """Values (T + still, S) of signals (10 T, S) at 1 kHz; then `still` rows of what they were last."""
+        """Values (T + still, S) of signals (10 T, S) at 1 kHz; then `still` rows of their last values."""
         rows = len(fast) // 10
         slow = np.concatenate([fast[::10], np.tile(fast[-1], (still, 1))])
         quick, truth = (dict(zip(SIGNALS, x.T, strict=True)) for x in (fast, slow))
@@ -150,7 +150,7 @@ def _channel(name: str, skew: dict[str, float], rng: np.random.Generator, on: fr
 
 
 def _pressure(rng: np.random.Generator) -> dict[str, float]:
-    """Class 0.25-0.5 % of the range: half of it zero, three tenths span, two tenths curvature, at most."""
+    """Class 0.25-0.5 % of the range: at most half of it zero error, three tenths span error, two tenths curvature."""
     full = EXCAVATOR.pressure_range
     grade = float(rng.uniform(0.0025, 0.005))
     a, b, c, d = rng.uniform(-1.0, 1.0, 4).tolist()
@@ -163,7 +163,7 @@ def _pressure(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _angle(rng: np.random.Generator) -> dict[str, float]:
-    """0.05 degrees in all: zero, and once a turn an eccentric magnet's."""
+    """0.05 degrees in all: zero error, and the error of an eccentric magnet, one period per turn."""
     offset, harmonic = 0.03 * DEGREE * float(rng.uniform(-1.0, 1.0)), 0.02 * DEGREE * float(rng.uniform(0.0, 1.0))
     return {"offset": offset, "harmonic": harmonic, "phase": float(rng.uniform(0.0, 2.0 * np.pi))}
 

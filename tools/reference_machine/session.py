@@ -1,4 +1,6 @@
-"""A run that is decided while it goes on: whoever moves the machine sees what its sensors said before the next move."""
+"""A run in pieces: whoever moves the machine sees the sensor readings before deciding on the next move."""
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,7 @@ REMEMBERED = round(0.5 * RATE)  # rows: longer than any sensor's lag and skew
 
 
 class Session:
-    """The empty machine under an operator's hands. `path.now` is where its cylinders were last told to be."""
+    """The empty machine under an operator's hands. `path.now` is where its cylinders were last commanded to."""
 
     def __init__(self, machine: Machine, *, seed: int = 0) -> None:
         rng = stream(machine.seed, RUN, seed)
@@ -28,7 +30,7 @@ class Session:
     def move(self) -> Array:
         """Go through what the path has now, and begin a new one at its end: samples (T, S)."""
         plan = empty(self.path.done(), 0.0)
-        plan = plan.at(kelvin=self.site.kelvin(self.seconds, plan.rows), begin=self.seconds)
+        plan = replace(plan, kelvin=self.site.kelvin(self.seconds, plan.rows), begin=self.seconds)
         self.path = Path(self.path.now)
         if self._engine is None:
             self._engine = Engine(self._machine.plant(self._pitch, self._roll), plan)

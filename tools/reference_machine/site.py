@@ -1,6 +1,6 @@
 """Where a scenario is planned: what the arm may do there, and at what temperature."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ ZERO = 273.15
 @dataclass
 class Site:
     """Where and with what a scenario is planned. The oil starts at `degc` and warms by `degc_per_s`; `haste`: share of
-    the usual speeds, less when a load would make every stop a blow."""
+    the normal speeds, less with a load, so that stops are not shocks."""
 
     geometry: Geometry
     rng: np.random.Generator
@@ -63,7 +63,7 @@ class Site:
         """The plan with a load in the bucket all the time."""
         payload = plan.payload.copy()
         payload[:] = (kilograms, *self.heap(), 0.3)
-        return plan.at(payload=payload, notes=plan.notes | {"payload_kg": kilograms})
+        return replace(plan, payload=payload, notes=plan.notes | {"payload_kg": kilograms})
 
     def heap(self) -> tuple[float, float]:
         """Centre of a load in the bucket's frame [m]."""

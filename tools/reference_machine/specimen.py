@@ -1,4 +1,4 @@
-"""One machine of the model: what its maker's tolerances have made of the data sheet. Drawn from a seed."""
+"""One machine of the model: the data sheet with deviations within its tolerances, drawn from a seed."""
 
 from dataclasses import dataclass, replace
 from math import cos, radians, sin
@@ -81,7 +81,11 @@ class Specimen:
             return Direct(cylinder.foot, cylinder.eye, (0.0, 0.0))
         if joint == "stick":
             return Direct(cylinder.foot, cylinder.eye, (self.lengths["boom"], 0.0))
-        four = self.bucket_bars
+        return self.bucket_linkage()
+
+    def bucket_linkage(self) -> Bars:
+        """The four-bar of the bucket."""
+        cylinder, four = self.cylinders["bucket"], self.bucket_bars
         pin = (self.lengths["stick"], 0.0)
         return Bars(cylinder.foot, four.rocker_pin, four.link_pin, (four.rocker, four.link), pin)
 

@@ -71,7 +71,7 @@ def effective_parameters(
     specimen: Specimen, rng: np.random.Generator, states: int = 400
 ) -> tuple[dict[str, float], Array]:
     """(J, X, Z) that fit MuJoCo's own dynamics best over the working range, the linkages' masses included, and the rms
-    torque (N,) [N m] that they leave: nothing when the linkages are massless."""
+    torque (N,) [N m] that they leave: zero when the linkages are massless."""
     arm, lengths = Arm(specimen), tuple(specimen.lengths[j] for j in JOINTS)
     rows, torques = [], []
     for _ in range(states):
@@ -94,7 +94,7 @@ def effective_parameters(
 
 
 def _state(specimen: Specimen, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Angles within the working range, rates and torques of usual size (balanced about gravity's by hand)."""
+    """Angles within the working range, rates and torques of typical size (balanced about gravity's by hand)."""
     low, high = np.radians([specimen.sheet.links[j].range_deg for j in JOINTS]).T
     angles = low + (high - low) * rng.uniform(0.1, 0.9, 3)
     rates = rng.normal(0.0, (0.12, 0.18, 0.3))

@@ -3,11 +3,10 @@ then an hour of work in which the oil warms from 10 to 60 degC; the same hour wi
 bucket is shown to weigh and what is booked for loads, with adaptation and without, from the same recordings.
 
 The hour is recorded in pieces of 46 s, every 150 s: some empty motion, a cycle with a known load, one with an empty
-bucket. An empty bucket weighs what is shown last between where a load would be free and where it would be dumped."""
+bucket. An empty bucket weighs what is shown last between lifting off the ground and dumping."""
 
 import argparse
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,8 +16,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.commissioning.identification import identify
 from cylforce.programs.common.readings import model_of, recorded_segments
@@ -109,7 +106,7 @@ def summary(found: list[dict[str, Any]]) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy adaptation", description=__doc__)
     parser.add_argument("--machines", type=int, default=6)
     parser.add_argument("--seed", type=int, default=400, help="of the first machine")
     parser.add_argument("--pieces", type=int, default=24, help="of the hour, that are recorded")

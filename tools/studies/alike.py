@@ -6,7 +6,6 @@ which nothing that sees the recordings alone can undercut."""
 
 import argparse
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,10 +15,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from cylforce.settings.machine_file import load
-from trial.fault import Fault
+from trial.fault import Draw, Fault
 from trial.field import LOAD_KG, Lengths, Site, faulty, scene
 from trial.orders import machine_seed
 from trial.rubbing import asymmetric
@@ -32,19 +29,20 @@ SHARE, BAR = 0.35, 2.0  # of dry friction; of the offset, which is scaled to com
 COLUMNS = ("machine", "friction", "joint", "asymmetric", "offset", "apart")
 
 
-class Given:
+class Given(Draw):
     """Instead of a draw: the place and the size that are asked for."""
 
     def __init__(self, at: str, size: float) -> None:
-        self.at, self.size = at, size
+        super().__init__(np.random.default_rng(0))  # nothing is drawn from it
+        self.at, self.given = at, size
 
-    def one(self, _: tuple[str, ...]) -> str:
+    def one(self, names: tuple[str, ...]) -> str:
         """The place."""
         return self.at
 
-    def signed(self, _: float, __: float) -> float:
+    def signed(self, low: float, high: float) -> float:
         """The size."""
-        return self.size
+        return self.given
 
 
 def one_site(work: tuple[int, str]) -> list[dict[str, Any]]:
@@ -74,7 +72,7 @@ def one_site(work: tuple[int, str]) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy alike", description=__doc__)
     parser.add_argument("--machines", type=int, default=4)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)

@@ -4,7 +4,6 @@ empty ones are not."""
 
 import argparse
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 from pathlib import Path
@@ -15,11 +14,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from identification import weights
 
 from cylforce.commissioning.guidance import Advice, Guide, follow
 from cylforce.commissioning.identification import identify
@@ -33,6 +27,7 @@ from reference_machine.machine import Machine, draw
 from reference_machine.machinefile import machine_file
 from reference_machine.plan import Plan
 from reference_machine.session import Session
+from studies.identification import weights
 
 HEAVY = (150.0, 1500.0)  # kg in a bucket that should be empty
 MOVED_S = 150.0  # of an empty, loaded or touching machine's moves; to refuse later is to refuse never
@@ -67,7 +62,7 @@ def guide_of(machine: Machine, folder: Path) -> tuple[Loaded, Guide]:
 
 
 def obedient(machine: Machine) -> dict[str, Any]:
-    """The operator does what he is told until it is enough; then the tares weigh working cycles."""
+    """The operator follows the guidance until it ends; then working cycles are weighed with the identified tares."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         loaded, guide = guide_of(machine, folder)
@@ -111,7 +106,7 @@ def _commissioned(session: Session, guide: Guide) -> tuple[Advice, Array, int]:
 
 
 def _make(session: Session, guide: Guide, stroke: Stroke | Reach | None) -> None:
-    """The stroke by the cylinders' places and the time that the sentence tells, as well as a hand can."""
+    """The stroke by the cylinders' places and the time of the sentence, with the errors of a hand."""
     site, path = session.site, session.path
     path.rest(READS_S)
     if stroke is None:
@@ -157,13 +152,14 @@ def _lengths(session: Session, guide: Guide, theta: Array) -> Array:
     ]
     low, high = np.array([specimen.cylinders[c.name].lengths for c in machine.cylinders]).T
     missed = np.array(shares) + CARELESS * session.site.rng.standard_normal(3)
-    return np.clip(low + missed * (high - low), *session.site.geometry.working.T)
+    return np.asarray(np.clip(low + missed * (high - low), *session.site.geometry.working.T))
 
 
 def followed(machine: Machine, kind: str) -> dict[str, Any]:
     """The scenario's own moves, of an empty, a loaded or a touching machine: whether and when they are refused, and
     with the right sentence."""
-    rng, options = np.random.default_rng([machine.seed, 77]), {}
+    rng = np.random.default_rng([machine.seed, 77])
+    options: dict[str, Any] = {}
     if kind == "loaded":
         options["payload_kg"] = float(rng.uniform(*HEAVY))
     if kind == "touching":
@@ -184,8 +180,10 @@ def machine_until(machine: Machine, seconds: float) -> Machine:
 
     def cut(plan: Plan) -> Plan:
         rows = min(plan.rows, round(seconds * 100))
-        columns = {f.name: value[:rows] for f in fields(plan) if isinstance(value := getattr(plan, f.name), np.ndarray)}
-        return plan.at(**columns)
+        columns: dict[str, Any] = {
+            f.name: value[:rows] for f in fields(plan) if isinstance(value := getattr(plan, f.name), np.ndarray)
+        }
+        return replace(plan, **columns)
 
     return replace(machine, edits=(*machine.edits, cut))
 
@@ -199,7 +197,8 @@ def summary(found: list[dict[str, Any]]) -> dict[str, float]:
     def column(rows: list[dict[str, Any]], key: str) -> Array:
         return np.array([f[key] for f in rows if key in f], dtype=float)
 
-    guided, figures = of("obedient"), {}
+    guided = of("obedient")
+    figures: dict[str, float] = {}
     if guided:
         motion = column(guided, "motion_s")
         promised, measured = column(guided, "promised_kg"), column(guided, "measured_kg")
@@ -226,7 +225,7 @@ def summary(found: list[dict[str, Any]]) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy commission", description=__doc__)
     parser.add_argument("--machines", type=int, default=6, help="that are guided; half own friction laws, half foreign")
     parser.add_argument("--refused", type=int, default=10, help="loaded, as many touching, as many empty")
     parser.add_argument("--seed", type=int, default=700, help="of the first machine")

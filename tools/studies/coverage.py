@@ -1,11 +1,11 @@
-"""Do 95 % confidence intervals hold the truth? Our own simulated excavators, each identified from five minutes of empty
-moves, where the model family is right: Coulomb and viscous friction, exact geometry. The sensors' noise, resolution and
-lags (drawn anew for each machine) are in the recordings and must be carried by the intervals; tolerances of pins and
-bores are not.
+"""Do 95 % confidence intervals contain the truth? Excavators of our own simulator, each identified from five minutes of
+empty moves, where the model family is right: Coulomb and viscous friction, exact geometry. The sensors' noise,
+resolution and lags (drawn anew for each machine) are in the recordings and must be carried by the intervals; tolerances
+of pins and bores are not.
 
-Beside them the intervals of the white-noise formula, from the same fit without care for noise in the columns, for
-correlated residuals or for few blocks. Only parameters that the recording tells count: what it does not tell keeps the
-data sheet's value and tolerance."""
+Beside them the intervals of the textbook formula for white noise, from the same fit: no correction for noise in the
+columns, for correlated residuals or for few blocks. Only identified parameters count: the others keep the data sheet's
+value and tolerance."""
 
 import argparse
 import json
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 
 def one_machine(work: tuple[Path, int, float]) -> list[dict[str, Any]]:
-    """Of every parameter that was told: its errors in standard errors, ours and the white-noise formula's."""
+    """Of every identified parameter: its error in standard errors, ours and the white-noise formula's."""
     config, seed, seconds = work
     service = load(config).service
     machine, model = service.machine, Model(service.machine, service.filters, LAWS)
@@ -54,18 +54,18 @@ def one_machine(work: tuple[Path, int, float]) -> list[dict[str, Any]]:
     scene, rng = moves(machine, np.random.default_rng((seed, 1)), seconds), np.random.default_rng((seed, 2))
     values = np.concatenate([r.values for r in run(machine, truth, made, [scene], dt=model.channels.dt, rng=rng)])
     found, true = identify(model, [values]), true_parameters(model, truth, delay)
-    plain, white = white_noise_formula(found.model, values)
+    simple, white = white_noise_formula(found.model, values)
     error = np.sqrt(np.diag(found.tares.covariance))
-    told = [(k, name) for k, name in enumerate(found.tares.names) if name not in found.not_identified]
+    identified = [(k, name) for k, name in enumerate(found.tares.names) if name not in found.not_identified]
     return [
         {
             "machine": seed,
             "parameter": name,
             "z": float((found.tares.values[k] - true[name]) / error[k]),
-            "z_white": float((plain[k] - true[name]) / white[k]),
+            "z_white": float((simple[k] - true[name]) / white[k]),
             "relative_error": float(error[k] / abs(true[name])),
         }
-        for k, name in told
+        for k, name in identified
     ]
 
 
@@ -93,8 +93,8 @@ def true_parameters(model: Model, truth: Truth, delay: float) -> dict[str, float
 
 def white_noise_formula(model: Model, values: Array) -> tuple[Array, Array]:
     """Least squares with the data sheet as prior, s^2 (A'A)^-1: values and standard errors (P,)."""
-    held = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
-    triangle = stacked_triangle(held, 1.0 / row_noise(held, model.prior) * np.ones_like(held.samples))
+    blocks = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
+    triangle = stacked_triangle(blocks, 1.0 / row_noise(blocks, model.prior) * np.ones_like(blocks.samples))
     spread = np.sqrt(np.diag(model.prior.covariance))
     columns, right = triangle[:, :-1] * spread, triangle[:, -1]
     prior = np.linalg.inv(model.prior.covariance / np.outer(spread, spread))
@@ -104,7 +104,7 @@ def white_noise_formula(model: Model, values: Array) -> tuple[Array, Array]:
 
 
 def covered(z: Array) -> dict[str, float]:
-    """Share of intervals that hold the truth, with its own exact 95 % bounds (Clopper and Pearson)."""
+    """Share of intervals that contain the truth, with its own exact 95 % bounds (Clopper and Pearson)."""
     hits, size = int(np.count_nonzero(np.abs(z) < NORMAL)), len(z)
     low = float(stats.beta.ppf(0.025, hits, size - hits + 1)) if hits else 0.0
     high = float(stats.beta.ppf(0.975, hits + 1, size - hits)) if hits < size else 1.0
@@ -121,13 +121,15 @@ def summary(found: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
     """Coverage by group of parameters, over all, and over all by the white-noise formula."""
     groups = np.array([GROUPS[f["parameter"].split(".")[1]] for f in found])
     z, white = (np.array([f[key] for f in found]) for key in ("z", "z_white"))
-    told = {group: covered(z[groups == group]) for group in dict.fromkeys(groups)}
-    return told | {"all": covered(z), "all, white-noise formula": covered(white)}
+    by_group = {group: covered(z[groups == group]) for group in dict.fromkeys(groups)}
+    return by_group | {"all": covered(z), "all, white-noise formula": covered(white)}
 
 
 def main() -> int:
     """Measure and print; 1 when the coverage is not what was promised."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="accuracy coverage", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--machines", type=int, default=40)
     parser.add_argument("--seed", type=int, default=5000, help="of the first machine")
     parser.add_argument("--seconds", type=float, default=300.0, help="of empty moves")
@@ -137,21 +139,21 @@ def main() -> int:
     work = [(options.machine_file, options.seed + k, options.seconds) for k in range(options.machines)]
     with ProcessPoolExecutor(2) as pool:
         found = [each for machine in pool.map(one_machine, work) for each in machine]
-    told = summary(found)
+    figures = summary(found)
     table = Table(
         title=f"95 % intervals of {options.machines} machines, {options.seconds:.0f} s, seeds from {options.seed}"
     )
-    for column in ("parameters", "intervals", "hold the truth", "bounds", "rms of z"):
+    for column in ("parameters", "intervals", "contain the truth", "bounds", "rms of z"):
         table.add_column(column, justify="left" if column == "parameters" else "right")
-    for name, c in told.items():
+    for name, c in figures.items():
         bounds = f"{100 * c['low']:.1f} to {100 * c['high']:.1f} %"
         table.add_row(name, str(c["intervals"]), f"{100 * c['coverage']:.1f} %", bounds, f"{c['z_rms']:.2f}")
     Console(highlight=False).print(table)
     if options.json:
         options.json.write_text(
-            json.dumps({"coverage": told, "seed": options.seed, "intervals": found}, indent=1) + "\n"
+            json.dumps({"coverage": figures, "seed": options.seed, "intervals": found}, indent=1) + "\n"
         )
-    return 0 if WANTED[0] <= told["all"]["coverage"] <= WANTED[1] else 1
+    return 0 if WANTED[0] <= figures["all"]["coverage"] <= WANTED[1] else 1
 
 
 if __name__ == "__main__":

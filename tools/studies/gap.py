@@ -16,21 +16,19 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 from typing import Any
 
+import numpy as np
+
+from cylforce.effects.imposed import imposed
+from cylforce.programs.common.play import Play
+from cylforce.programs.gap import Question, diagnose
+from cylforce.programs.sim import write_files
+from cylforce.settings.machine_file import Loaded, load
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import Record, Sensors, run, sensors
+from cylforce.simulation.simulator import Truth, draw_truth
+
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config" / "excavator_20t.toml"
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # before numpy
-
-import numpy as np  # noqa: E402
-
-from cylforce.effects.imposed import imposed  # noqa: E402
-from cylforce.programs.common.play import Play  # noqa: E402
-from cylforce.programs.gap import Question, diagnose  # noqa: E402
-from cylforce.programs.sim import write_files  # noqa: E402
-from cylforce.settings.machine_file import Loaded, load  # noqa: E402
-from cylforce.simulation.scenario import moves  # noqa: E402
-from cylforce.simulation.sensing import Record, Sensors, run, sensors  # noqa: E402
-from cylforce.simulation.simulator import Truth, draw_truth  # noqa: E402
-
 FAULT = ("angle_offset", "stick_angle", 0.02)  # rad
 LOADS = (0.0, 1000.0)  # kg
 MASS_ERROR = 0.1
@@ -84,13 +82,13 @@ def of_length(minutes: float, options: argparse.Namespace) -> dict[str, Any]:
     """The same in a process of its own, on recordings of that length."""
     with TemporaryDirectory() as folder:
         files = simulated(Path(folder), minutes, options.seed, options.form)
-        told = subprocess.check_output([sys.executable, __file__, "--diagnose", *map(str, files)])
-    return {"minutes": minutes, **json.loads(told)}
+        figures = subprocess.check_output([sys.executable, "-m", "studies.gap", "--diagnose", *map(str, files)])
+    return {"minutes": minutes, **json.loads(figures)}
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy gap", description=__doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=[6.0, 30.0, 60.0])
     parser.add_argument("--form", choices=("parquet", "csv", "log"), default="parquet")
     parser.add_argument("--seed", type=int, default=1)

@@ -4,7 +4,6 @@ errors."""
 
 import argparse
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,8 +13,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.commissioning.identification import Identification, identify
 from cylforce.estimation.filters import fours
@@ -123,7 +120,7 @@ def weights(loaded: Loaded, found: Identification, path: Path, truth: Recording,
 
 
 def covered(seed: int) -> list[bool]:
-    """Whether each parameter's 95 % interval holds the truth, where the model family is right: exact geometry,
+    """Whether each parameter's 95 % interval contains the truth, where the model family is right: exact geometry,
     massless linkages, friction of our own laws, and of the sensors' errors those that are no bias (noise, resolution,
     jitter). The intervals are the fit's own: what the tares add for friction under loads that the empty machine never
     reaches is for a family that is wrong."""
@@ -137,9 +134,11 @@ def covered(seed: int) -> list[bool]:
         found = identify(model, recorded_segments(loaded, path))
     true = {p.name: _true_parameter(recording, p.name) for p in found.model.parameters} | _true_friction(recording)
     error = np.sqrt(np.diag(found.fit.covariance))
-    told = [k for k, p in enumerate(found.model.parameters) if p.name not in found.not_identified]
-    names = [found.model.parameters[k].name for k in told]
-    return [abs(found.tares.values[k] - true[name]) < 1.96 * error[k] for k, name in zip(told, names, strict=True)]
+    identified = [k for k, p in enumerate(found.model.parameters) if p.name not in found.not_identified]
+    names = [found.model.parameters[k].name for k in identified]
+    return [
+        abs(found.tares.values[k] - true[name]) < 1.96 * error[k] for k, name in zip(identified, names, strict=True)
+    ]
 
 
 def _true_friction(recording: Recording) -> dict[str, float]:
@@ -178,7 +177,7 @@ def summary(found: list[dict[str, Any]], inside: list[bool]) -> dict[str, float]
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy identification", description=__doc__)
     parser.add_argument("--machines", type=int, default=30, help="half own friction laws, half foreign")
     parser.add_argument("--seed", type=int, default=100, help="of the first machine")
     parser.add_argument("--coverage", type=int, help="machines whose intervals are counted; default: half of them")

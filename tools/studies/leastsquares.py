@@ -7,25 +7,22 @@ and libraries take; times are CPU seconds of one thread, medians of alternating 
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from time import process_time
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.estimation.batch import best
+from cylforce.estimation.blocks import Factors, factors, joined
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS
+from cylforce.settings.machine_file import load
+
 ROOT = Path(__file__).resolve().parents[2]
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # before numpy
-
-import numpy as np  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-
-from cylforce.estimation.batch import best  # noqa: E402
-from cylforce.estimation.blocks import factors, joined  # noqa: E402
-from cylforce.estimation.model import FRICTION, Model  # noqa: E402
-from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS  # noqa: E402
-from cylforce.settings.machine_file import load  # noqa: E402
-
 Array = NDArray[np.float64]
 RATE, MINUTE, MEASURED = 100, 6000, 3
 NOISE = 0.1
@@ -69,7 +66,7 @@ def by_factors(problem: Problem) -> tuple[Array, float]:
     """(values, CPU seconds) by the product's own way: blocks of two seconds, merged, then solved."""
     spent = 0.0
 
-    def parts() -> Iterator[object]:
+    def parts() -> Iterator[Factors]:
         nonlocal spent
         for k in range(problem.minutes):
             columns, observed = problem.minute(k)
@@ -77,9 +74,9 @@ def by_factors(problem: Problem) -> tuple[Array, float]:
             yield factors(columns, observed, np.zeros((MINUTE, 1)), int(BLOCK_SECONDS * RATE))
             spent += process_time() - begin  # the joining of this part included
 
-    held = joined(parts(), MOST_BLOCKS)
+    blocks = joined(parts(), MOST_BLOCKS)
     begin = process_time()
-    values, _ = best(held, np.ones_like(held.samples), None)
+    values, _ = best(blocks, np.ones_like(blocks.samples), None)
     return values, spent + process_time() - begin
 
 
@@ -87,18 +84,19 @@ def by_lstsq(problem: Problem) -> tuple[Array, float]:
     """(values, CPU seconds) of lstsq on the whole matrix."""
     matrix, right = problem.matrix()
     begin = process_time()
-    values = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    values = np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
     return values, process_time() - begin
 
 
 def by_normal_equations(problem: Problem) -> Array:
     """The textbook: (A'A) x = A'b."""
-    gram, pull = 0.0, 0.0
+    size = problem.true.size
+    gram, pull = np.zeros((size, size)), np.zeros(size)
     for k in range(problem.minutes):
         columns, observed = problem.minute(k)
-        rows = columns.reshape(-1, problem.true.size)
+        rows = columns.reshape(-1, size)
         gram, pull = gram + rows.T @ rows, pull + rows.T @ observed.reshape(-1)
-    return np.linalg.solve(gram, pull)
+    return np.asarray(np.linalg.solve(gram, pull), dtype=np.float64)
 
 
 def peak_mb() -> float:
@@ -109,7 +107,7 @@ def peak_mb() -> float:
 
 def peak_of(way: str, options: argparse.Namespace) -> float:
     """Peak memory [MB] of one way in a process of its own, less what it takes before it begins."""
-    command = [sys.executable, __file__, "--peak-of", way, "--minutes", str(options.minutes)]
+    command = [sys.executable, "-m", "studies.leastsquares", "--peak-of", way, "--minutes", str(options.minutes)]
     return float(subprocess.check_output([*command, "--seed", str(options.seed)]))
 
 
@@ -121,9 +119,9 @@ def error(values: Array, true: Array) -> float:
 def figures(options: argparse.Namespace) -> dict[str, float]:
     """All that is measured."""
     size = columns_of_the_model()
-    usual = Problem(size, options.minutes, options.seed, 1e3, NOISE)
+    typical = Problem(size, options.minutes, options.seed, 1e3, NOISE)
     peaks = [peak_of(way, options) for way in ("factors", "lstsq")]
-    found = [(by_factors(usual), by_lstsq(usual)) for _ in range(RUNS)]
+    found = [(by_factors(typical), by_lstsq(typical)) for _ in range(RUNS)]
     times = np.median([[ours[1], theirs[1]] for ours, theirs in found], axis=0)
     hard = Problem(size, options.minutes, options.seed, 1e8, 0.0)
     ours, normal = error(by_factors(hard)[0], hard.true), error(by_normal_equations(hard), hard.true)
@@ -145,7 +143,7 @@ def figures(options: argparse.Namespace) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy leastsquares", description=__doc__)
     parser.add_argument("--minutes", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)

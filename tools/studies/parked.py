@@ -8,7 +8,6 @@ adaptation follows (friction and pressure zeros), in units of their prior standa
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -19,8 +18,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cylforce.commissioning.identification import identify
 from cylforce.estimation.model import CERTAIN_SHARE, Tares
@@ -112,9 +109,9 @@ def _bierman(upper: Array, diagonal: Array, row: Array) -> Array:
     for j in range(len(f)):
         after = before + f[j] * v[j]
         diagonal[j] *= before / after
-        held = upper[:j, j].copy()
+        column = upper[:j, j].copy()
         upper[:j, j] -= gain[:j] * f[j] / before
-        gain[:j] += held * v[j]
+        gain[:j] += column * v[j]
         gain[j], before = v[j], after
     return gain / before
 
@@ -138,7 +135,7 @@ def drift(path: Array, first: int) -> float:
 
 
 def modelled(data: Data, seed: int) -> Data:
-    """The same rows, but what is observed is what they say for some parameters, with unit noise."""
+    """The same rows, but what is observed is computed from them with some parameters, plus unit noise."""
     rng = np.random.default_rng(seed)
     true = rng.uniform(-1.0, 1.0, data.columns.shape[-1])
     return data._replace(observed=data.columns @ true + rng.normal(size=data.observed.shape))
@@ -167,7 +164,7 @@ def figures(options: argparse.Namespace) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy parked", description=__doc__)
     parser.add_argument("--minutes", type=float, default=40.0)
     parser.add_argument("--friction", choices=("own", "foreign"), default="foreign")
     parser.add_argument("--seed", type=int, default=1)

@@ -75,7 +75,7 @@ def table_rows(found: list[dict[str, Any]], rated: float) -> Iterator[tuple[str,
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="accuracy simulator", description=__doc__)
     parser.add_argument("--machines", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1000, help="of the first machine")
     parser.add_argument("--machine-file", type=Path, default=ROOT / "config/excavator_20t.toml")

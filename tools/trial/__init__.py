@@ -1,2 +1,2 @@
-"""The withheld trial: recordings of reference machines with a hidden effect, a diagnosis that does not see which, and
-what comes of comparing the two. See `__main__`."""
+"""The withheld trial: an effect is hidden in recordings of a reference machine, `cylforce gap` diagnoses them without
+its name, and the answer is compared with the truth. See `__main__`."""

@@ -1,6 +1,6 @@
 """Withheld trial of `cylforce gap`: effects hidden in recordings of reference machines, diagnosed blind, scored.
 
-tools/withheld_trial --cases 60 --seed 3 --json OUT                     scored; stopped and called again, it goes on
+tools/withheld_trial --cases 60 --seed 3 --json OUT                     scored; when stopped, call it again to go on
 tools/withheld_trial --cases 60 --seed 3 --development --write FOLDER   cases with their labels, to develop with
 """
 
@@ -14,12 +14,9 @@ from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from rich.console import Console
 from rich.progress import track
 
-import cylforce  # noqa: F401 - before numpy: it sets the number of BLAS threads
 from trial.cases import simulated, write
 from trial.diagnosis import COMMAND, Diagnosis
 from trial.field import Lengths, Site
@@ -40,8 +37,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--csv", type=Path, metavar="OUT", help="a line per case: what was hidden, what was answered")
     parser.add_argument("--table", type=Path, metavar="FILE", help="where results are appended, a line each")
     parser.add_argument("--workers", type=int, default=2, metavar="N")
-    parser.add_argument("--diagnosis", type=shlex.split, default=COMMAND, metavar="COMMAND", help="another than ours")
-    parser.add_argument("--no-oracle", action="store_true", help="do not ask the diagnosis that is told the name")
+    parser.add_argument(
+        "--diagnosis", type=shlex.split, default=COMMAND, metavar="COMMAND", help="default: cylforce gap"
+    )
+    parser.add_argument(
+        "--no-oracle", action="store_true", help="do not run the diagnosis that is given the effect's name"
+    )
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="only write the cases, with their labels")
     return parser.parse_args()
 
@@ -83,8 +84,10 @@ def main() -> int:
     asked = _arguments()
     if asked.write:
         if not asked.development:
-            print("withheld_trial: labels are only written with --development", file=sys.stderr)
-            return 1
+            print(
+                "withheld_trial: --write needs --development: labels of scored cases are not written", file=sys.stderr
+            )
+            return 2
         write_all(_orders(asked), asked.write)
         return 0
     table = asked.table or ROOT / ".cache" / f"withheld_trial_{asked.seed}{'_development' * asked.development}.jsonl"

@@ -1,9 +1,10 @@
-"""A case: drawn, simulated, sealed, and the folder that the diagnosis gets, in which nothing tells the truth."""
+"""A case: drawn, simulated, sealed; and the folder that the diagnosis gets, which does not contain the truth."""
 
 import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -29,12 +30,12 @@ class Case:
     field: dict[str, Array]
     begins: dict[str, float]
     machine_toml: str
-    label: dict[str, object]
+    label: dict[str, Any]
 
 
 def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, dict[str, Array]]:
-    """The case, and the field's twin: the clean machine on the same motion with the same noise. `only`: nothing but
-    that one of its effects."""
+    """The case, and the field's twin: the clean machine (without effect) on the same motion with the
+    same noise. `only`: with the effect of that number alone."""
     rng = np.random.default_rng([*order.seed, 11])
     poor, site = order.poor, site.two_links if order.two_links else site
     pieces = site.field(rng, 100 + order.number, poor) if poor else site.pieces
@@ -57,8 +58,8 @@ def drawn(order: Order, pieces: tuple[Piece, ...], rng: np.random.Generator) -> 
     return faults, clutter(draw, seen, order.names) if order.clutter else []
 
 
-def label(order: Order, faults: list[Fault], small: list[Fault]) -> dict[str, object]:
-    """What is sealed."""
+def label(order: Order, faults: list[Fault], small: list[Fault]) -> dict[str, Any]:
+    """The truth of a case, which is sealed: kind, effects, clutter, machine."""
     return {
         "case": order.number,
         "kind": order.kind,
@@ -76,7 +77,7 @@ def sealed(label: dict[str, object], salt: str) -> str:
 
 
 def write(case: Case, folder: Path) -> None:
-    """The folder of the diagnosis: data sheet, recordings, which is which."""
+    """Write the folder of the diagnosis: data sheet, recordings, and case.json, which lists them."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "machine.toml").write_text(case.machine_toml)
     for name, values in (case.references | case.field).items():
@@ -87,7 +88,7 @@ def write(case: Case, folder: Path) -> None:
 
 
 def inputs(case: Case) -> dict[str, object]:
-    """Which recording is what."""
+    """What case.json lists: recordings of the field, references, known loads [kg]."""
     names = [f"{name}.parquet" for name in (*case.references, *case.field)]
     return {
         "field": [f"{name}.parquet" for name in case.field],

@@ -17,13 +17,13 @@ LIMIT_S = 900
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """A command that takes a case's arguments; another one than ours for tests and for comparison."""
+    """A command that takes a case's arguments; another command than `cylforce gap` for tests and for comparison."""
 
     command: tuple[str, ...] = COMMAND
 
     @cached_property
     def options(self) -> str:
-        """What it says of its options: some are only used where it has them."""
+        """Its help text: some options are only used where it has them."""
         done = subprocess.run(
             [*self.command, "--help"], env=_environment(), capture_output=True, text=True, check=False
         )
@@ -46,7 +46,8 @@ class Diagnosis:
             reason = f"no answer within {LIMIT_S} s"
         if not out.exists():
             return {"verdict": "failed", "effects": [], "reason": reason, "seconds": time.monotonic() - start}
-        return json.loads(out.read_text()) | {"seconds": time.monotonic() - start}
+        answer: dict[str, Any] = json.loads(out.read_text())
+        return answer | {"seconds": time.monotonic() - start}
 
 
 def _environment() -> dict[str, str]:

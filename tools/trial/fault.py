@@ -21,7 +21,8 @@ NODES = 400
 
 @dataclass(frozen=True)
 class Stretch:
-    """A recording of the field: it begins `begin_s` after the field's begin, on a slope [rad], with a load [kg]."""
+    """A recording of the field: it begins `begin_s` after the first recording of the field, on a slope [rad], with a
+    load [kg]."""
 
     name: str
     begin_s: float
@@ -68,16 +69,16 @@ class Draw:
     share: float | None = None
 
     def size(self, low: float, high: float) -> float:
-        """Between low and high, any order of magnitude as likely as any other."""
+        """Between low and high, uniform in the logarithm."""
         drawn = float(np.exp(self.rng.uniform(np.log(low), np.log(high))))
         return drawn if self.share is None else self.share * float(np.sqrt(low * high))
 
     def signed(self, low: float, high: float) -> float:
-        """The same with a sign."""
+        """The same with a random sign."""
         return self.size(low, high) * float(self.rng.choice((-1.0, 1.0)))
 
     def uniform(self, low: float, high: float) -> float:
-        """Not a size."""
+        """Between low and high, uniform; for what is not a size."""
         return float(self.rng.uniform(low, high))
 
     def one(self, names: "tuple[str, ...]") -> str:
@@ -98,7 +99,7 @@ def on_sensors(machine: Machine, effect: Distortion, *, digital: bool = False) -
 
 
 def same_physics(one: Machine, other: Machine) -> bool:
-    """Whether two machines differ in their sensors at most."""
+    """Whether two machines differ in nothing but their sensors."""
     parts = ("specimen", "friction", "pins", "hydraulics", "extra", "edits")
     return all(getattr(one, part) is getattr(other, part) for part in parts)
 

@@ -34,8 +34,8 @@ class Lengths:
 
 @dataclass(frozen=True)
 class Piece:
-    """A recording of the field before its sensors are read: what the clean machine did there. `boom` (T,): lengths of
-    the boom's cylinders that were planned where the clean machine keeps them still."""
+    """A recording of the field before its sensors are read: the motion of the clean machine. `boom` (T,): planned
+    lengths of the boom's cylinders [m], where the clean machine does not move them."""
 
     stretch: Stretch
     machine: Machine
@@ -45,11 +45,11 @@ class Piece:
 
     @cached_property
     def clean(self) -> Trace:
-        """What the clean machine does."""
+        """The motion of the clean machine."""
         return self.machine.trace(self.plan, self.stage.pitch, self.stage.roll)
 
     def values(self, machine: Machine, seed: tuple[int, ...]) -> Array:
-        """What the sensors of a machine say (T, S): the motion asked for and the noise are the same for all."""
+        """Readings (T, S) of a machine's sensors: commanded motion and noise are the same for all machines."""
         plan = machine.edited(self.plan)
         same = same_physics(machine, self.machine)
         trace = self.clean if same else machine.trace(plan, self.stage.pitch, self.stage.roll)
@@ -67,7 +67,7 @@ class Site:
 
     @property
     def data_sheet(self) -> str:
-        """The machine file; the name tells nothing."""
+        """The machine file; its name does not identify the machine."""
         return machine_file(NAME)
 
     @cached_property
@@ -76,7 +76,7 @@ class Site:
         return TwoLinks(self.seed, self.friction, self.lengths)
 
     def shown(self, values: Array) -> Array:
-        """The machine file's signals (T, S) of all signals."""
+        """The signals (T, S) that the machine file has, selected from all signals."""
         return values
 
     @cached_property
@@ -94,12 +94,12 @@ class Site:
         return self.shown(self.machine.measured(trace, plan, stage, stage.rng))
 
     def clean(self, plan: Plan) -> Plan:
-        """What the clean machine does of a plan."""
+        """The part of a plan that the clean machine carries out."""
         return plan
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
-        """The field of a usual case: motions and slopes of its own."""
+        """The field recordings of a case with good excitation: motions and slopes of its own."""
         return self.field(np.random.default_rng([self.seed, 5]), 2)
 
     def field(self, rng: np.random.Generator, run: int, poor: str = "") -> tuple[Piece, ...]:
@@ -109,7 +109,8 @@ class Site:
             seconds = dict.fromkeys(seconds, min(15.0, self.lengths.field_empty))
         if poor in ("empty_only", "no_load"):
             del seconds[LOADED]
-        pieces, begin = [], 0.0
+        pieces: list[Piece] = []
+        begin = 0.0
         for name, duration in seconds.items():
             pieces.append(self._piece(name, begin, duration, rng, run + len(pieces), poor))
             begin += duration + PAUSE_S
@@ -150,10 +151,10 @@ class TwoLinks(Site):
         return np.stack([columns[name] for name in self.signals], axis=-1)
 
     def clean(self, plan: Plan) -> Plan:
-        """With the boom where it was first."""
+        """The boom stays where it is at the begin."""
         lengths = plan.lengths.copy()
         lengths[:, 0] = lengths[0, 0]
-        return plan.at(lengths=lengths)
+        return replace(plan, lengths=lengths)
 
 
 def lacking(plan: Plan, poor: str, joint: int) -> Plan:
@@ -170,7 +171,7 @@ def lacking(plan: Plan, poor: str, joint: int) -> Plan:
 
 
 def scene(pieces: tuple[Piece, ...]) -> Scene:
-    """What faults are fitted to."""
+    """The scene that effects are drawn for."""
     booms = {piece.stretch.name: piece.boom for piece in pieces if piece.boom is not None}
     return Scene(pieces[0].machine, tuple(piece.stretch for piece in pieces), booms)
 

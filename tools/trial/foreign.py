@@ -55,14 +55,14 @@ def end_cushioning(draw: Draw, scene: Scene) -> Fault:
     def cushion(t: float, angles: list[float], rates: list[float]) -> Torques:
         into = rates[k] if angles[k] > 0.5 * (low + high) else -rates[k]
         depth = max(0.0, 1.0 - min(high - angles[k], angles[k] - low) / zone)
-        held = size * TYPICAL_TORQUE[at] * depth * tanh(max(into, 0.0) / 0.08)
-        return _at(at, -held if rates[k] > 0.0 else held)
+        force = size * TYPICAL_TORQUE[at] * depth * tanh(max(into, 0.0) / 0.08)
+        return _at(at, -force if rates[k] > 0.0 else force)
 
     return Fault("end_cushioning", at, size, "of torque", lambda m, _: pushed(m, cushion))
 
 
 def sensor_hysteresis(draw: Draw, scene: Scene) -> Fault:
-    """A pressure transmitter that drags behind: play operators that make 3-15 bar."""
+    """Hysteresis of a pressure transmitter: play operators of 3-15 bar."""
     at, size = draw.one(PRESSURES), draw.size(3.0, 15.0)
     widths = np.array([0.3, 0.7, 1.4]) * size * BAR
 
@@ -84,7 +84,7 @@ def _play(values: Array, width: float) -> Array:
 
 @dataclass(frozen=True)
 class Rocking:
-    """A base on soft ground that rocks by `angle` [rad]: gravity turns, and the tilt sensor is too slow to tell."""
+    """A base on soft ground that rocks by `angle` [rad]: gravity turns, and the tilt sensor is too slow to follow."""
 
     specimen: Specimen
     angle: Callable[[float, list[float]], float]
@@ -116,7 +116,7 @@ def rocking_base(draw: Draw, scene: Scene) -> Fault:
 
 
 def cross_talk(draw: Draw, scene: Scene) -> Fault:
-    """1-8 % of another transmitter's pressure in one."""
+    """A transmitter reads 1-8 % of another one's pressure as well."""
     at, size = draw.one(PRESSURES), draw.signed(0.01, 0.08)
     joint = at.split("_", maxsplit=1)[0]
     other = draw.one(tuple(p for p in PRESSURES if not p.startswith(joint)))
@@ -133,9 +133,9 @@ def held_values(draw: Draw, scene: Scene) -> Fault:
         rng, source, k = np.random.default_rng(seed), np.arange(len(values)), 0
         while k < len(values):
             k += max(1, int(rng.exponential(size / share) * 100.0))
-            held = int(size * rng.uniform(0.5, 1.5) * 100.0)
-            source[k : k + held] = k
-            k += held
+            repeated = int(size * rng.uniform(0.5, 1.5) * 100.0)
+            source[k : k + repeated] = k
+            k += repeated
         return values[np.minimum(source, len(values) - 1)]
 
     return Fault("held_values", at, size, "s", lambda m, _: on_sensors(m, only(at, change), digital=True))
@@ -164,7 +164,7 @@ def angle_ripple(draw: Draw, scene: Scene) -> Fault:
 
 
 def saturated_sensor(draw: Draw, scene: Scene) -> Fault:
-    """A transmitter that compresses what lies above 20-60 bar by 5-30 %."""
+    """A transmitter whose gain is 5-30 % lower above 20-60 bar."""
     at, size, knee = draw.one(PRESSURES), draw.size(0.05, 0.3), draw.uniform(20.0, 60.0) * BAR
     fault = only(at, lambda s, t, values, truth: values - size * np.maximum(values - knee, 0.0))
     return Fault("saturated_sensor", at, size, "of excess", lambda m, _: on_sensors(m, fault))

@@ -1,4 +1,4 @@
-"""Every effect of the library, as the reference machine suffers it."""
+"""Every effect of the library, as it is put into the reference machine."""
 
 from collections.abc import Callable
 

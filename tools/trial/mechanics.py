@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +32,12 @@ def linkage_geometry(draw: Draw, scene: Scene) -> Fault:
         step = size * way
         if part in ("foot", "eye"):
             cylinder = s.cylinders[at]
-            moved = replace(cylinder, **{part: _moved(getattr(cylinder, part), step)})
-            return replace(machine, specimen=replace(s, cylinders=s.cylinders | {at: moved}))
+            change: dict[str, Any] = {part: _moved(getattr(cylinder, part), step)}
+            return replace(machine, specimen=replace(s, cylinders=s.cylinders | {at: replace(cylinder, **change)}))
         bars, old = s.bucket_bars, getattr(s.bucket_bars, part)
         new = _moved(old, step) if isinstance(old, tuple) else old + float(np.copysign(size, way[0]))
-        return replace(machine, specimen=replace(s, bucket_bars=replace(bars, **{part: new})))
+        change = {part: new}
+        return replace(machine, specimen=replace(s, bucket_bars=replace(bars, **change)))
 
     return Fault("linkage_geometry", at, size, "m", apply, part)
 
@@ -89,13 +91,13 @@ def with_edit(machine: Machine, edit: Callable[[Plan], Plan]) -> Machine:
 
 
 def soil_contact(draw: Draw, scene: Scene) -> Fault:
-    """The teeth touch where none was assumed: a few pulses of 3-20 kN, rough, for 0.8-4 s each."""
+    """Contact of the teeth with soil where none is expected: a few rough pulses of 3-20 kN, 0.8-4 s each."""
     size, seed = draw.size(3e3, 20e3), int(draw.rng.integers(2**31))
 
     def apply(machine: Machine, stretch: Stretch) -> Machine:
         def edit(plan: Plan) -> Plan:
             rng = np.random.default_rng([seed, len(stretch.name)])
-            return plan.at(tip=plan.tip + _pulses(rng, plan.rows, size))
+            return replace(plan, tip=plan.tip + _pulses(rng, plan.rows, size))
 
         return with_edit(machine, edit)
 
@@ -129,7 +131,7 @@ def payload_shift(draw: Draw, scene: Scene) -> Fault:
         def edit(plan: Plan) -> Plan:
             t, payload = np.arange(plan.rows) / RATE, plan.payload.copy()
             payload[:, 1:3] += smooth((t - when * t[-1]) / takes)[:, None] * size * way
-            return plan.at(payload=payload)
+            return replace(plan, payload=payload)
 
         return with_edit(machine, edit)
 
@@ -147,7 +149,7 @@ def payload_spill(draw: Draw, scene: Scene) -> Fault:
         def edit(plan: Plan) -> Plan:
             t, payload = np.arange(plan.rows) / RATE, plan.payload.copy()
             payload[:, 0] *= 1.0 - size * smooth((t - when * t[-1]) / takes)
-            return plan.at(payload=payload)
+            return replace(plan, payload=payload)
 
         return with_edit(machine, edit)
 
@@ -162,7 +164,7 @@ def boom_motion(draw: Draw, scene: Scene) -> Fault:
         def edit(plan: Plan) -> Plan:
             lengths = plan.lengths.copy()
             lengths[:, 0] += share * (scene.booms[stretch.name] - lengths[0, 0])
-            return plan.at(lengths=lengths)
+            return replace(plan, lengths=lengths)
 
         return with_edit(machine, edit)
 

@@ -14,13 +14,13 @@ PER_MACHINE = 8  # cases that share a machine and its clean recordings
 FIRST_SCORED = 500_000  # machines below are for development
 PER_SEED, SEEDS = 1000, 499  # machines of a seed
 NAMES = (*KNOWN, BOOM_MOTION)
-NONE_OF_TWO_LINKS = 8  # every so manieth case without an effect is of a system of stick and bucket alone
+NONE_OF_TWO_LINKS = 8  # one of so many cases without an effect is a system of stick and bucket alone
 
 
 @dataclass(frozen=True)
 class Order:
-    """Case `number`: its kind, the effects' names, whether small others clutter it, the poor excitation; the seed of
-    its machine, the friction there, and the seed of its own random numbers."""
+    """Case `number`: its kind, the effects' names, whether 16 other effects are added, what its motion lacks; the seed
+    of its machine, the friction there, and the seed of its own random numbers."""
 
     number: int
     kind: str
@@ -70,7 +70,7 @@ def _shuffled(seed: int, stream: int, block: int, members: tuple[str, ...]) -> t
 
 
 def _cycle(seed: int, stream: int, members: tuple[str, ...], index: int) -> str:
-    """Every member once before any comes again."""
+    """Members in random order; each comes once before any comes again."""
     return _shuffled(seed, stream, index // len(members), members)[index % len(members)]
 
 
@@ -80,7 +80,7 @@ def _flip(seed: int, index: int) -> bool:
 
 
 def _two_links(seed: int, kind: str, index: int) -> bool:
-    """Systems of two links are not told by having an effect."""
+    """Whether the machine has two links only. So have some cases without an effect: two links give no effect away."""
     if kind == "none":
         return _cycle(seed, 7, ("two", *("three",) * (NONE_OF_TWO_LINKS - 1)), index) == "two"
     return _names(seed, kind, index) == (BOOM_MOTION,)

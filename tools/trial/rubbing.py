@@ -1,7 +1,7 @@
 """Effects of friction on the reference machine, in forms of their own."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import copysign, exp, sqrt
 
 from reference_machine.datasheet import JOINTS
@@ -17,7 +17,7 @@ BODY_WARMS = 8.0  # the oil in the cylinder warms so much faster than the sensor
 
 @dataclass(slots=True)
 class Law:
-    """A law around another one."""
+    """A friction law that changes another one."""
 
     inner: Friction
 
@@ -65,7 +65,7 @@ class Loaded(Law):
 
 @dataclass(slots=True)
 class Lopsided(Law):
-    """All dry friction, the load's part too, more one way and less the other."""
+    """All dry friction, load-dependent friction included, larger in one direction and smaller in the other."""
 
     share: float
 
@@ -77,7 +77,7 @@ class Lopsided(Law):
 
 @dataclass(slots=True)
 class Warming(Law):
-    """Friction as the viscosity of oil, to a power, that warms from 40 degC on."""
+    """Friction that follows a power of the oil's viscosity while the oil warms from 40 degC."""
 
     power: float
 
@@ -113,10 +113,11 @@ def _core(law: Friction) -> OwnFriction | LuGre:
 
 
 def scaled(law: Friction, factors: dict[str, float]) -> Friction:
-    """The law with some of its innermost figures multiplied."""
+    """The law with some parameters of its innermost law multiplied."""
     if isinstance(law, Law):
         return replace(law, inner=scaled(law.inner, factors))
-    assert is_dataclass(law)
+    if not isinstance(law, OwnFriction | LuGre):
+        raise TypeError("a machine without friction has none that could change")
     known = {f.name for f in fields(law)} & set(factors)
     return replace(law, **{name: getattr(law, name) * factors[name] for name in known})
 
@@ -163,7 +164,7 @@ def load_dependent(draw: Draw, scene: Scene) -> Fault:
 
 
 def asymmetric(draw: Draw, scene: Scene) -> Fault:
-    """10-60 % between the two ways."""
+    """10-60 % difference between the two directions."""
     at, share = draw.one(JOINTS), draw.signed(0.1, 0.6)
 
     def apply(machine: Machine, _: Stretch) -> Machine:

@@ -57,8 +57,8 @@ def run_machine(trial: Trial, orders: Sequence[Order]) -> int:
 
 
 def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Record]:
-    """The cases one after the other. The label is sealed before the diagnosis starts, and opened after its answer; it
-    is nowhere but in this process' memory meanwhile."""
+    """The cases one after the other. The label is sealed before the diagnosis starts, and opened after its answer;
+    meanwhile it is nowhere but in the memory of this process."""
     for wanted in orders:
         start = time.process_time()
         case, twin = simulated(site, wanted)
@@ -96,7 +96,8 @@ def _detectable(effect: Record, sigmas: float) -> float | None:
 
 
 class Truth:
-    """What the twin tells of a case: the size of its effects, later the closure that the answer really reached."""
+    """What is computed from the twin: the size of a case's effects and, after the answer, the share of the gap that it
+    really removed."""
 
     def __init__(self, case: Case, twin: dict[str, Array], folder: Path) -> None:
         self.case = case
@@ -129,12 +130,13 @@ class Truth:
         return self._compared(simulated(site, self.case.order, only=k)[0])
 
     def opened(self, label: Record, folder: Path, trial: Trial | None) -> Record:
-        """What can be said of the answer with the truth: the true closure, the oracle's payload error."""
+        """What the truth adds to an answer: the share that it really removed, the payload error of the fit that
+        knows."""
         found: Record = {"closure": self._closure(folder / "residuals.npz")}
         effects = label["effects"]
         if trial and len(effects) == 1 and "--only" in trial.diagnosis.options and label["kind"] == "known":
-            told = trial.diagnosis.answer(folder, ("--only", f"{effects[0]['name']}@{effects[0]['at']}"))
-            payload = (told.get("end_quantities") or {}).get("payload_kg") or {}
+            answer = trial.diagnosis.answer(folder, ("--only", f"{effects[0]['name']}@{effects[0]['at']}"))
+            payload = (answer.get("end_quantities") or {}).get("payload_kg") or {}
             found["oracle_payload_kg"] = payload.get("after")
         return found
 

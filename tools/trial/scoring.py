@@ -1,7 +1,7 @@
-"""Pure functions of (label, answer) pairs: what the trial says of the diagnosis.
+"""Pure functions of (label, answer) pairs: how good the diagnosis was.
 
 A label has `kind`, `clutter`, `effects` [{name, at, sigmas}], `sigmas`; an answer is the diagnosis' JSON. A share comes
-with its count, so that `bounds` can say how sure it is."""
+with its count, so that `bounds` can give its confidence interval."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -18,26 +18,26 @@ BINS = 5
 
 
 class Share(NamedTuple):
-    """`hits` of `count`."""
+    """`hits` of `cases`."""
 
     hits: int
-    count: int
+    cases: int
 
     @property
     def value(self) -> float | None:
         """The share, None of nothing."""
-        return self.hits / self.count if self.count else None
+        return self.hits / self.cases if self.cases else None
 
 
 def bounds(share: Share, confidence: float = 0.95) -> tuple[float, float]:
     """Clopper-Pearson's interval of a share."""
-    tail, hits, misses = (1.0 - confidence) / 2.0, share.hits, share.count - share.hits
+    tail, hits, misses = (1.0 - confidence) / 2.0, share.hits, share.cases - share.hits
     low = float(beta.ppf(tail, hits, misses + 1)) if hits else 0.0
     return low, float(beta.ppf(1.0 - tail, hits + 1, misses)) if misses else 1.0
 
 
 def share(cases: Iterable["Judged"], holds: Callable[["Judged"], bool]) -> Share:
-    """Of how many cases something holds."""
+    """Share of the cases for which something is true."""
     found = [holds(case) for case in cases]
     return Share(sum(found), len(found))
 
@@ -200,13 +200,11 @@ def true_closure(difference: np.ndarray, before: np.ndarray, after: np.ndarray, 
 
 
 def baselines(cases: Sequence[Judged]) -> dict[str, Share]:
-    """Top-1 of the simple methods that the answers carry beside the diagnosis, of detected known effects."""
+    """How often the simple methods in the answers name a detected known effect first."""
     known = [c for c in cases if c.kind == "known" and c.detected]
     names = sorted({name for c in known for name in c.answer.get("baselines") or {}})
-    return {
-        name: share(
-            [c for c in known if name in (c.answer.get("baselines") or {})],
-            lambda c, n=name: place(c.answer["baselines"][n]) in c.truth,
-        )
-        for name in names
-    }
+    return {name: _baseline([c for c in known if name in (c.answer.get("baselines") or {})], name) for name in names}
+
+
+def _baseline(cases: Sequence[Judged], name: str) -> Share:
+    return share(cases, lambda case: place(case.answer["baselines"][name]) in case.truth)

@@ -1,4 +1,5 @@
-"""Effects on the reference machine's signals: pressures, angles, delays, clocks, tilt, gyro, lines, play, give."""
+"""Effects on the reference machine's signals: pressures, angles, delays, clocks, tilt, gyro, lines, backlash,
+compliance."""
 
 from collections.abc import Mapping
 
@@ -47,7 +48,7 @@ def pressure_gain(draw: Draw, scene: Scene) -> Fault:
 
 
 def pressure_drift(draw: Draw, scene: Scene) -> Fault:
-    """1-8 bar at the field's end, as a sensor that warms: fast first, then slower."""
+    """1-8 bar at the field's end, as of a sensor that warms: exponential."""
     at, size = draw.one(PRESSURES), draw.signed(1.0, 8.0)
     end = max(s.begin_s + s.duration_s for s in scene.stretches)
     constant = end * draw.uniform(0.4, 1.5)
@@ -55,7 +56,7 @@ def pressure_drift(draw: Draw, scene: Scene) -> Fault:
     def apply(machine: Machine, stretch: Stretch) -> Machine:
         def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
             grown = -np.expm1(-(t + stretch.begin_s) / constant) / -np.expm1(-end / constant)
-            return values + size * BAR * grown
+            return np.asarray(values + size * BAR * grown)
 
         return on_sensors(machine, only(at, change))
 
@@ -98,23 +99,23 @@ def sensor_delay(draw: Draw, scene: Scene) -> Fault:
 
 
 def tilt_ignored(draw: Draw, scene: Scene) -> Fault:
-    """The tilt sensor says level, or what it said last, on a slope of up to 5 degrees; a small kind of it misses that
-    share of 0.3-5 degrees."""
+    """The tilt sensor reads level, or keeps its last value, on a slope of up to 5 degrees; as a small effect it misses
+    a share of 0.3-5 degrees."""
     stuck = [0.0, 0.0] if draw.uniform(0.0, 1.0) < 0.5 else [draw.uniform(-1.0, 1.0) * DEGREE for _ in range(2)]
-    held = dict(zip(("pitch", "roll"), stuck, strict=True))
+    frozen = dict(zip(("pitch", "roll"), stuck, strict=True))
     whole = max(abs(s.pitch - stuck[0]) for s in scene.stretches) / DEGREE
     share = 1.0 if draw.share is None else min(draw.size(0.3, 5.0) / whole, 1.0)
     size = share * whole
 
     def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
-        return values + share * (held[signal] - values) if signal in held else values
+        return values + share * (frozen[signal] - values) if signal in frozen else values
 
     form = "last" if any(stuck) else "level"
     return Fault("tilt_ignored", "machine", size, "deg", lambda m, _: on_sensors(m, effect, digital=True), form)
 
 
 def slew_ignored(draw: Draw, scene: Scene) -> Fault:
-    """The gyro says zero while the house turns."""
+    """The gyro reads zero while the house turns."""
     share = 1.0 if draw.share is None else draw.share
 
     def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
@@ -144,8 +145,8 @@ STIFFNESS = {"boom": (4e6, 20e6), "stick": (0.8e6, 5e6), "bucket": (0.25e6, 3e6)
 
 
 def compliance(draw: Draw, scene: Scene) -> Fault:
-    """A link that gives way under its joint's torque, a little less the more it is loaded; the angle sensor turns
-    with the side that the cylinder pushes."""
+    """A link that bends under its joint's torque, stiffer the more it is loaded; the angle sensor turns with the side
+    that the cylinder pushes."""
     at = draw.one(JOINTS)
     low, high = STIFFNESS[at]
     give, knee = draw.size(1.0 / high, 1.0 / low), TYPICAL_TORQUE[at] * draw.uniform(0.8, 2.0)
@@ -155,7 +156,7 @@ def compliance(draw: Draw, scene: Scene) -> Fault:
         def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
             load = torque(machine.specimen, at, dict(truth))
             load = lfilter(b, a, load, zi=lfilter_zi(b, a) * load[0])[0]
-            return values + give * knee * np.arcsinh(load / knee)
+            return np.asarray(values + give * knee * np.arcsinh(load / knee))
 
         return on_sensors(machine, only(f"{at}_angle", change))
 
@@ -198,7 +199,7 @@ def clock_fault(draw: Draw, scene: Scene) -> Fault:
                 return values
             clock = t + stretch.begin_s
             delay = {"drift": size * clock / end, "jump": size * (clock > at_s), "pairing": size * t / 100.0}[form]
-            return late(t, values, delay)
+            return late(t, values, np.asarray(delay, dtype=np.float64))
 
         return on_sensors(machine, effect)
 

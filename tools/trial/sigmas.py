@@ -1,4 +1,4 @@
-"""How large an effect is against the floor of the clean machine: what an ideal detector would have, from the truth.
+"""How large an effect is, in standard errors of an ideal detector that knows the truth.
 
 The case and its twin (the clean machine, same motion asked for, same noise) differ by the effect alone. Both are turned
 into joint torques by the estimator's geometry and less what the clean machine's parameters explain; the difference,
@@ -32,7 +32,7 @@ class Rows:
 
 
 class Floor:
-    """The clean machine as its references and its field show it."""
+    """The residual of the clean machine on its references and its field recordings."""
 
     def __init__(self, loaded: Loaded, load_kg: float) -> None:
         service = loaded.service
@@ -52,7 +52,8 @@ class Floor:
 
     def times(self, rows: int) -> Array:
         """When the rows of a recording are [s], from its begin."""
-        return (self.model.settle_steps + EVERY * np.arange(rows) - 0.5) / self.model.filters.rate_hz
+        steps = self.model.settle_steps + EVERY * np.arange(rows, dtype=np.float64)
+        return np.asarray((steps - 0.5) / self.model.filters.rate_hz, dtype=np.float64)
 
     def designed(self, parts: list[Rows]) -> tuple[Array, Array]:
         """Columns (T, R, K) and torque (T, R) of several recordings: shared parameters, for each loaded one the
@@ -121,6 +122,7 @@ def compared(floor: Floor, references: list[Rows], twin: list[Rows], case: list[
     columns, torque = floor.designed([*references, *twin])
     changed, felt = floor.designed([*references, *case])
     level = np.ones(torque.shape[1])
+    fit, left = np.zeros(columns.shape[-1]), torque
     for _ in range(2):
         fit = _fit(columns, torque, level)
         left = torque - columns @ fit
@@ -135,11 +137,11 @@ def compared(floor: Floor, references: list[Rows], twin: list[Rows], case: list[
 
 def explained(signal: Array, other: Array, level: Array) -> Array:
     """What another cause's signal (T, R), scaled, explains of a signal (T, R); rows weighted by their `level` (R,)."""
-    return other * _fit(other[..., None], signal, level)[0]
+    return np.asarray(other * _fit(other[..., None], signal, level)[0])
 
 
 def _fit(columns: Array, torque: Array, level: Array) -> Array:
-    """Least squares with the rows' levels; columns that say nothing of their own get zero."""
+    """Least squares with the rows' levels; columns without information get zero."""
     flat = (columns / level[:, None]).reshape(-1, columns.shape[-1])
     norm = np.linalg.norm(flat, axis=0)
     scale = 1.0 / np.where(norm > 0.0, norm, 1.0)

@@ -1,4 +1,4 @@
-"""The trial's table for people and for programs: every figure with its bounds beside what was aimed at."""
+"""The trial's table for people and for programs: every figure with its bounds and its aim."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -31,6 +31,26 @@ AIMS = {  # at least, or at most
     "ece": ("<=", 0.04),
 }
 
+WORDS = {
+    "detected": "visible effects that are detected",
+    "top1_clean": "named first, of the detected, without clutter",
+    "top1_clutter": "the same with clutter",
+    "precision": "right when a single cause is named",
+    "named_share": "a single cause is named, of the detected",
+    "false_alarms": "false alarms",
+    "foreign_named": "outside the library, given a name",
+    "unknown_recall": "outside the library, visible: unknown",
+    "set_coverage": "the truth is among the causes given",
+    "set_size": "mean number of causes given",
+    "pairs_exact": "two effects at once, both named exactly",
+    "poor_wrong": "too little motion: wrong name",
+    "closure_error_median": "error of the removed share, median",
+    "closure_error_p90": "the same, 90th percentile",
+    "closure_coverage": "its interval contains the true share",
+    "payload_ratio": "payload error over that of a fit that knows",
+    "ece": "calibration error of the confidence",
+}
+
 
 def judged(records: Sequence[Record]) -> list[Judged]:
     """The records of a table as scorers see them."""
@@ -38,13 +58,13 @@ def judged(records: Sequence[Record]) -> list[Judged]:
 
 
 def result(records: Sequence[Record]) -> Record:
-    """All figures by the issue's names, `bounds` {name: [low, high]}, `counts` {name: [hits, count]}."""
+    """All figures by name, `bounds` {name: [low, high]}, `counts` {name: [hits, count]}."""
     cases = judged(records)
     found = shares(cases)
     return {
         **{name: part.value for name, part in found.items()},
         **figures(cases),
-        "bounds": {name: list(bounds(part)) for name, part in found.items() if part.count},
+        "bounds": {name: list(bounds(part)) for name, part in found.items() if part.cases},
         "counts": {name: list(part) for name, part in found.items()},
         "baselines": {name: part.value for name, part in baselines(cases).items()} | {"chance": 1.0 / CANDIDATES},
         "failed": sum(c.answer["verdict"] == "failed" for c in cases),
@@ -92,10 +112,10 @@ def show(records: Sequence[Record], console: Console) -> None:
         low, high = found["bounds"].get(name, (None, None))
         met = "" if value is None else ("yes" if (value >= aim if way == ">=" else value <= aim) else "no")
         table.add_row(
-            name,
+            WORDS[name],
             "-" if value is None else f"{value:.3f}",
             "" if low is None else f"{low:.3f} ... {high:.3f}",
-            f"{part.hits}/{part.count}" if part.count else "",
+            f"{part.hits}/{part.cases}" if part.cases else "",
             f"{way} {aim:g}",
             met,
         )

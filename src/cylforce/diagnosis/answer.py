@@ -30,32 +30,11 @@ WIDE = 1.6449  # standard errors of a 90 % interval
 
 def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spot], ahead: Forward) -> dict[str, Any]:
     """The whole answer; SI units."""
-    model = search.original.model
-    joints = [model.machine.links[j].name for j in model.machine.rows]
     hidden = _hidden(search)
     return {
         "verdict": str(judged.verdict),
-        "gap": {
-            "units": "N m",
-            "fixed": _total(gap.fixed),
-            "refit": _total(gap.refit),
-            "floor": _total(gap.floor),
-            "after": _total(gap.after),
-            "parameter_shift": _shifts(search, gap),
-            "joints": {
-                name: {"fixed": a, "refit": b, "after": c, "floor": d}
-                for name, a, b, c, d in zip(
-                    joints, *(x.tolist() for x in (gap.fixed, gap.refit, gap.after, gap.floor)), strict=True
-                )
-            },
-            "bar": _bars(search, gap),
-            "simulated": [_place(cause, judged) for cause in written(search, judged)],
-        },
-        "where": [
-            {"channel": s.channel, "regime": s.regime, "share": s.share, "p": s.p, "found": s.found}
-            | {"rms_faulty": s.faulty, "rms_clean": s.clean}
-            for s in spots
-        ],
+        "gap": _gap(search, judged, gap),
+        "where": [_spot(spot) for spot in spots],
         "effects": [_effect(n, gap) for n in judged.named],
         **({"reason": reason(search)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
         "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
@@ -73,6 +52,45 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
         "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
         "baselines": {method: {"name": p.name, "at": p.at} for method, p in baselines(search).items()},
+    }
+
+
+def _gap(search: Search, judged: Judged, gap: Gap) -> dict[str, Any]:
+    """Residual torque, rms [N m], in all and per joint; residual pressure per cylinder."""
+    return {
+        "units": "N m",
+        "fixed": _total(gap.fixed),
+        "refit": _total(gap.refit),
+        "floor": _total(gap.floor),
+        "after": _total(gap.after),
+        "parameter_shift": _shifts(search, gap),
+        "joints": _joints(search, gap),
+        "bar": _bars(search, gap),
+        "simulated": [_place(cause, judged) for cause in written(search, judged)],
+    }
+
+
+def _joints(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
+    """Residual torque per joint."""
+    machine = search.original.model.machine
+    names = [machine.links[j].name for j in machine.rows]
+    kinds = (gap.fixed, gap.refit, gap.after, gap.floor)
+    return {
+        name: {"fixed": a, "refit": b, "after": c, "floor": d}
+        for name, a, b, c, d in zip(names, *(x.tolist() for x in kinds), strict=True)
+    }
+
+
+def _spot(spot: Spot) -> dict[str, Any]:
+    """A joint and a regime in which it differs."""
+    return {
+        "channel": spot.channel,
+        "regime": spot.regime,
+        "share": spot.share,
+        "p": spot.p,
+        "found": spot.found,
+        "rms_faulty": spot.faulty,
+        "rms_clean": spot.clean,
     }
 
 

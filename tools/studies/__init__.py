@@ -1,0 +1,1 @@
+"""Studies of accuracy, time and memory, a module each: `tools/accuracy NAME`."""
