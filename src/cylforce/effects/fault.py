@@ -51,7 +51,7 @@ class Fault(Protocol):
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         ...
 
 
@@ -175,7 +175,7 @@ class Incident(Fault, Protocol):
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         ...
 
 

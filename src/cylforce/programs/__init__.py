@@ -1,1 +1,1 @@
-"""Floor 6: the programs, one command each."""
+"""The commands of `cylforce`, one file each. Work here to add a command or an option."""

@@ -48,4 +48,4 @@ def skipped(elapsed_us: int, period_us: int) -> int:
 
 def is_whole(sample: Sample) -> bool:
     """Every signal came in time and can be believed."""
-    return sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)
+    return sample.late is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)

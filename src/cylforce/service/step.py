@@ -172,8 +172,8 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
 def _tick(core: Core, state: State, t_us: int) -> State:
     """A sample is taken, turned into rows, and the rows into an estimate; or the reason why there is none."""
     sample = core.assembler.sample(state.inputs, t_us)
-    if sample.held is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
-        return state._replace(estimate=_hold(state.estimate, t_us, sample.held))
+    if sample.late is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
+        return state._replace(estimate=_hold(state.estimate, t_us, sample.late))
     channels = _channels(core, sample)
     if isinstance(channels, Reason):
         return _lose(core, state, t_us, channels)

@@ -16,7 +16,7 @@ class CoulombFriction:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "coulomb_friction",
             "N",

@@ -14,7 +14,7 @@ class FrictionLevelChange:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "friction_level_change",
             "1",
@@ -27,7 +27,7 @@ class FrictionLevelChange:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """The known laws that change together."""
+        """Names of the identified friction laws that change together."""
         return ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:

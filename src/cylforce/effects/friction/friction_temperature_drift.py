@@ -16,7 +16,7 @@ class FrictionTemperatureDrift:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "friction_temperature_drift",
             "1/h",
@@ -29,7 +29,7 @@ class FrictionTemperatureDrift:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """The known laws that change together."""
+        """Names of the identified friction laws that change together."""
         return ("viscous",) if self.viscous else ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:

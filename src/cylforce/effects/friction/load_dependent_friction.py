@@ -17,7 +17,7 @@ class LoadDependentFriction:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "load_dependent_friction",
             "1",

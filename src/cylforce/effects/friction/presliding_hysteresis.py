@@ -19,7 +19,7 @@ class PreslidingHysteresis:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "presliding_hysteresis",
             "N",

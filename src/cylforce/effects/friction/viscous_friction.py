@@ -12,7 +12,7 @@ class ViscousFriction:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "viscous_friction",
             "N s/m",

@@ -22,7 +22,7 @@ class Backlash:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "backlash",
             "rad",

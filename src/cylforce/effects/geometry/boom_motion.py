@@ -19,7 +19,7 @@ class BoomMotion:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "boom_motion",
             "m",
@@ -34,7 +34,7 @@ class BoomMotion:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of its sizes."""
+        """Units of the sizes of which the effect consists."""
         return ("m", "m", "1")
 
     @property

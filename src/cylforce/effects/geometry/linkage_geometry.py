@@ -18,7 +18,7 @@ class LinkageGeometry:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "linkage_geometry",
             "m",

@@ -11,7 +11,7 @@ class ClockFault:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "clock_fault",
             "s",
@@ -24,10 +24,10 @@ class ClockFault:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return ("clock",)
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.CLOCK

@@ -15,7 +15,7 @@ class ExtraMass:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "extra_mass",
             "kg",
@@ -29,7 +29,7 @@ class ExtraMass:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of its sizes."""
+        """Units of the sizes of which the effect consists."""
         return ("kg", "kg m", "kg m", "kg m^2")
 
     @property

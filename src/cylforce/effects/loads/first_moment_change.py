@@ -15,7 +15,7 @@ class FirstMomentChange:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "first_moment_change",
             "kg m",
@@ -29,7 +29,7 @@ class FirstMomentChange:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of its sizes."""
+        """Units of the sizes of which the effect consists."""
         return ("kg m", "kg m", "kg m^2")
 
     @property

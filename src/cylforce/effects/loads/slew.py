@@ -43,7 +43,7 @@ class Slew:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "slew_centrifugal",
             "rad^2/s^2",
@@ -58,12 +58,12 @@ class Slew:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return tuple(f"slew.{k}" for k in range(SHAPES))
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.WINDOWS
 
 

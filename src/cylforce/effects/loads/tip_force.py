@@ -30,7 +30,7 @@ class TipForce:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "soil_contact",
             "N",
@@ -44,12 +44,12 @@ class TipForce:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.WINDOWS
 
 

@@ -26,7 +26,7 @@ class Delay:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "sensor_delay",
             "s",

@@ -13,7 +13,7 @@ class PressureOffset:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "pressure_offset",
             "Pa",
