@@ -21,9 +21,9 @@ from cylforce.effects.imposed import (
     altered,
     base_motions,
     changed_load,
+    contact_force,
     excess_force,
     friction_level,
-    touching,
     unseen_slew,
 )
 from cylforce.effects.loads.carried import CarriedLoad
@@ -135,7 +135,7 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     tip = machine.tool_point(course.theta)
     turn = np.exp(1j * np.asarray(attitude.pitch))
     velocity = _plane(turn * np.sum(tip.gradient * course.thetad, axis=-1))
-    soil = soil_force(resistance(scene.dig, t), velocity) + touching(truth.effects, clock)
+    soil = soil_force(resistance(scene.dig, t), velocity) + contact_force(truth.effects, clock)
     value = base_values(truth.links, carried)
     value[..., :3] += added_parameters(machine, truth.effects, clock)
     tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)

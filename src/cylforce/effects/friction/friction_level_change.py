@@ -1,4 +1,4 @@
-"""All friction of a cylinder, larger or smaller by one share than it was: wear, new seals, other grease."""
+"""All friction of a cylinder changed by one factor since identification: wear, new seals, other grease."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionLevelChange:
-    """All friction of a cylinder, larger or smaller by one share than it was."""
+    """All identified friction of a cylinder multiplied by 1 + size."""
 
     @property
     def about(self) -> About:
@@ -31,5 +31,5 @@ class FrictionLevelChange:
         return ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:
-        """One and the same (T,)."""
+        """1 at all times (T,): the change is constant."""
         return np.ones_like(t)

@@ -1,4 +1,4 @@
-"""Pressures and angles on clocks of their own: one lags the other, by a jump or more and more."""
+"""Pressures and angles time-stamped by different clocks."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,8 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class ClockFault:
-    """Pressures and angles on clocks of their own: one lags the other, by a jump or more and more."""
+    """Pressures and angles time-stamped by different clocks: from some instant on one lags behind the other, by a
+    constant time or by a growing one."""
 
     @property
     def about(self) -> About:

@@ -1,4 +1,4 @@
-"""The load moves in the bucket: its centre, not its mass."""
+"""A load that moves in the bucket."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadShift:
-    """The load moves in the bucket: its centre, not its mass."""
+    """A load that moves in the bucket: its centre changes, its mass does not."""
 
     @property
     def about(self) -> About:

@@ -1,4 +1,4 @@
-"""A part of the load falls out."""
+"""A load of which a part falls out."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadSpill:
-    """A part of the load falls out."""
+    """A load of which a part falls out: mass and first moments change at one instant."""
 
     @property
     def about(self) -> About:
