@@ -65,8 +65,8 @@ class CarriedWeight(NamedTuple):
 def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> str | None:
     """A sentence that says what to do when the recording is not of the empty and free machine of the data sheet.
     `whole`: its factors, the tool's columns last; `noise` (R,), `fit`: of the model's columns."""
-    held = chosen(whole, list(range(len(model.parameters))))
-    load, areas = hanging(model, held, noise, fit), area_errors(model, held, noise, fit)
+    data = chosen(whole, list(range(len(model.parameters))))
+    load, areas = hanging(model, data, noise, fit), area_errors(model, data, noise, fit)
     row = int(np.argmax([area.gain for area in areas]))
     touched = contact(model, whole, noise, fit)
     wrong = areas[row].gain > max(SURE_AREA, load.gain, touched.gain) and abs(areas[row].value) > WRONG_AREA
@@ -133,32 +133,32 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     return Contact(up, certain, np.any((fit.trust < SPOILT) & notable, axis=1), float(np.sum(gain)))
 
 
-def hanging(model: Model, held: Factors, noise: Array, fit: Fit) -> CarriedWeight:
+def hanging(model: Model, data: Factors, noise: Array, fit: Fit) -> CarriedWeight:
     """The load that best explains what lies between the recording and the data sheet with its tolerances, wherever
     within the tool's reach its centre is."""
     rated, moment = model.machine.rated_payload, model.machine.rated_payload * model.machine.payload_reach
     spread = np.array([2.0 * rated, moment, moment, moment * model.machine.payload_reach])
-    columns = np.broadcast_to(model.load, (held.samples.shape[1], *model.load.shape))
-    wider, prior = beside(held, columns), _beside(model.prior, spread)
+    columns = np.broadcast_to(model.load, (data.samples.shape[1], *model.load.shape))
+    wider, prior = beside(data, columns), _beside(model.prior, spread)
     found, k = least_squares(wider, noise, prior), len(fit.values)
     weight = fit.trust / (noise * np.sqrt(CORRELATED))
-    gain = best(held, weight, model.prior)[1] - best(wider, weight, prior)[1]
-    left = misfit(held, found.row_error)
+    gain = best(data, weight, model.prior)[1] - best(wider, weight, prior)[1]
+    left = misfit(data, found.row_error)
     return CarriedWeight(float(found.values[k]), float(np.sqrt(found.covariance[k, k])), gain, left)
 
 
-def area_errors(model: Model, held: Factors, noise: Array, fit: Fit) -> list[Explanation]:
+def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Explanation]:
     """Per row, by what share its torque is larger than the masses that the other rows feel would make it: so much
     smaller is its cylinder's piston area than the machine file says."""
     weight, prior = fit.trust / (noise * np.sqrt(CORRELATED)), _beside(model.prior, np.array([AREA]))
-    alone, found = best(held, weight, model.prior)[1], []
-    for r in range(held.samples.shape[1]):
-        columns = np.zeros((held.samples.shape[1], len(fit.values), 1))
+    alone, found = best(data, weight, model.prior)[1], []
+    for r in range(data.samples.shape[1]):
+        columns = np.zeros((data.samples.shape[1], len(fit.values), 1))
         columns[r, :, 0] = fit.values
-        wider = beside(held, columns)
+        wider = beside(data, columns)
         values, squares = best(wider, weight, prior)
-        left = np.sqrt(np.sum(residual_squares(wider, values), axis=0) / np.maximum(np.sum(held.samples, axis=0), 1.0))
-        found.append(Explanation(float(values[-1]), alone - squares, misfit(held, left)))
+        left = np.sqrt(np.sum(residual_squares(wider, values), axis=0) / np.maximum(np.sum(data.samples, axis=0), 1.0))
+        found.append(Explanation(float(values[-1]), alone - squares, misfit(data, left)))
     return found
 
 

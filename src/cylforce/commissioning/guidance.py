@@ -40,13 +40,13 @@ class Judgement(NamedTuple):
 
 
 class Collected(NamedTuple):
-    """What was collected: samples `tail` (T, S) that wait for their successors, the last of them, the factors `held`,
+    """What was collected: samples `tail` (T, S) that wait for their successors, the last of them, the factors `data`,
     seconds `covered` (M, BINS, 2, 2), `planes` (M-1, BINS, BINS) of pairs of joints, seconds of motion and of motion
     too slow to count, the joints' `posture` (N,) now, the raw samples' evidence, samples since the last judgement and
     that, the stroke asked for."""
 
     tail: Array
-    held: Factors | None
+    data: Factors | None
     covered: Array
     planes: Array
     moved_s: float
@@ -128,7 +128,7 @@ class Guide:
         fastest = np.max(np.abs(seen.speed), axis=1, initial=0.0)
         creeps = np.logical_and(fastest > 0.2 * self.plan.rest, fastest <= self.plan.rest)
         return state._replace(
-            held=joined([new] if state.held is None else [state.held, new], MOST_BLOCKS),
+            data=joined([new] if state.data is None else [state.data, new], MOST_BLOCKS),
             covered=state.covered + coverage.coverage(self.plan, seen.posture, seen.speed, dt),
             planes=state.planes + coverage.planes(self.plan, seen.posture, seen.speed, dt),
             moved_s=state.moved_s + dt * float(np.sum(fastest > self.plan.rest)),
@@ -138,19 +138,19 @@ class Guide:
 
     def _judged(self, state: Collected) -> Collected:
         """With a new judgement when it is time."""
-        if state.held is None or state.waiting < self.every_s * self.model.filters.rate_hz or state.moved_s < FIRST_S:
+        if state.data is None or state.waiting < self.every_s * self.model.filters.rate_hz or state.moved_s < FIRST_S:
             return state
-        held = chosen(state.held, list(range(len(self.model.parameters))))
-        if not np.any(held.samples):
+        data = chosen(state.data, list(range(len(self.model.parameters))))
+        if not np.any(data.samples):
             return state
-        noise = row_noise(held, self.model.prior)
-        fit = least_squares(held, noise, self.model.prior)
-        refusal = doubt(self.model, state.held, noise, fit, state.evidence)
-        return state._replace(waiting=0, judgement=Judgement(self._weight_error(held, noise, fit), refusal))
+        noise = row_noise(data, self.model.prior)
+        fit = least_squares(data, noise, self.model.prior)
+        refusal = doubt(self.model, state.data, noise, fit, state.evidence)
+        return state._replace(waiting=0, judgement=Judgement(self._weight_error(data, noise, fit), refusal))
 
-    def _weight_error(self, held: Factors, noise: Array, fit: Fit) -> float:
+    def _weight_error(self, data: Factors, noise: Array, fit: Fit) -> float:
         model = self.model
-        seen = np.sum(held.samples, axis=0) > 0
+        seen = np.sum(data.samples, axis=0) > 0
         left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), model.data_sheet.row_error)
         names = tuple(p.name for p in model.parameters)
         tares = Tares(model.friction, names, fit.values, fit.covariance, left, True)

@@ -11,7 +11,7 @@ from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, of_row, settled
-from cylforce.estimation.model import FRICTION, USUAL, Model, Tares
+from cylforce.estimation.model import FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
 from cylforce.signals.estimate import Array
 
@@ -84,7 +84,7 @@ def as_usual(model: Model, fit: Fit) -> Fit:
     values, prior = fit.values.copy(), model.prior
     for k, p in enumerate(model.parameters):
         law = p.name.rpartition(".")[2]
-        if law in USUAL and values[k] > prior.mean[k] and fit.covariance[k, k] > TOLD**2 * prior.covariance[k, k]:
+        if law in TYPICAL and values[k] > prior.mean[k] and fit.covariance[k, k] > TOLD**2 * prior.covariance[k, k]:
             values += fit.covariance[:, k] / fit.covariance[k, k] * (prior.mean[k] - values[k])
     return fit._replace(values=values)
 

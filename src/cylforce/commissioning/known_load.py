@@ -35,9 +35,9 @@ def with_known_load(
     model, tares = found.model, found.tares
     pieces = [(piece, hanging(model, tares, piece)) for piece in chunks(model, segments)]
     _check_weight(found, np.concatenate([np.zeros(0), *(seen for _, seen in pieces)]), known_kg)
-    held = joined((_factors(found, piece, seen, known_kg) for piece, seen in pieces), observation.MOST_BLOCKS)
+    data = joined((_factors(found, piece, seen, known_kg) for piece, seen in pieces), observation.MOST_BLOCKS)
     size = len(model.parameters)
-    fit = least_squares(held, tares.row_error, _before(found))
+    fit = least_squares(data, tares.row_error, _before(found))
     error = float(np.sqrt(fit.covariance[-1, -1]))
     fitted = tares._replace(values=fit.values[:size], covariance=fit.covariance[:size, :size])
     return found._replace(tares=fitted._replace(scale=1.0 / (1.0 + float(fit.values[-1])), scale_error=error))

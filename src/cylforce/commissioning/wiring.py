@@ -97,11 +97,11 @@ def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
     return None
 
 
-def misfit(held: Factors, row_error: Array) -> float:
+def misfit(data: Factors, row_error: Array) -> float:
     """What a fit with `row_error` (R,) leaves of the torque: rms over the rows that were observed."""
-    samples = np.sum(held.samples, axis=0)
+    samples = np.sum(data.samples, axis=0)
     told = samples > 0
-    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2))[told] / samples[told])
+    size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2))[told] / samples[told])
     return float(np.sqrt(np.mean((row_error[told] / np.maximum(size, 1e-9)) ** 2))) if np.any(told) else np.inf
 
 
@@ -131,12 +131,12 @@ def _exchanged(model: Model, kept: Array) -> str | None:
 
 def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
     """(misfit, number of usable samples) of a stretch alone."""
-    held = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
-    samples = np.sum(held.samples, axis=0)
+    data = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
+    samples = np.sum(data.samples, axis=0)
     if not np.any(samples):
         return np.inf, 0.0
-    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
-    left = misfit(held, least_squares(held, MISFIT * size + 1.0, model.prior).row_error)
+    size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
+    left = misfit(data, least_squares(data, MISFIT * size + 1.0, model.prior).row_error)
     return left, float(np.sum(samples))
 
 
