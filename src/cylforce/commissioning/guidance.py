@@ -180,7 +180,7 @@ class Guide:
 
     def _say(self, state: Collected) -> str:
         if state.crept_s > max(CREEPING_S, state.moved_s):
-            return f"move faster: below {1e3 * self.plan.rest:.0f} mm/s a cylinder's friction cannot be measured"
+            return f"move faster: cylinders below {1e3 * self.plan.rest:.0f} mm/s do not show which way friction acts"
         if state.stroke is None:
             return (
                 "move all joints at once through their ranges, slowly and fast, until the weight is known well enough"

@@ -1,7 +1,7 @@
 """The blocks `[[effects]]` of a patch, switched on in the identified machine, which is led along the recorded motion:
 what its sensors would have read, and what is left of what they read.
 
-The blocks are read as the simulated machine reads them (`core/simulated_effects.py`), so that a wrong unit, sign,
+The blocks are read as the simulated machine reads them (`effects/imposed.py`), so that a wrong unit, sign,
 place or time shows. The true motion is the one that the sensors' errors turn into the recorded one. Torques are
 compared filtered alike, by momentum and static half: nothing is differentiated twice. What rubs by force rubs by the
 measured one."""
