@@ -14,8 +14,8 @@ from cylforce.mechanics.motion import Motion
 class RockerWeight:
     """Torque dV/d(theta) of the potential energy V = w g sin(angle of the rocker from the horizontal); w: first moment
     of the rocker, and of what hangs at its end, about its pin. The three parameters per link absorb what turns with
-    neither of them in the mean only (mechanics/README.md, section 3, limit), and leave an error on
-    another slope. The inertia of the bars is neglected."""
+    neither of them in the mean only (mechanics/README.md, section 3, limit), and leave an error on another slope. The
+    inertia of the bars is neglected."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """The first moment w [kg m] of every four-bar linkage."""
