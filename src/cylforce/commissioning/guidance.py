@@ -139,7 +139,8 @@ class Guide:
         )
 
     def _judged(self, state: Collected) -> Collected:
-        """The state with a new judgement, when one is due."""
+        """The state, with a new judgement when `every_s` of samples have come since the last one, FIRST_S of motion are
+        recorded, and some rows are usable."""
         if state.data is None or state.waiting < self.every_s * self.model.filters.rate_hz or state.moved_s < FIRST_S:
             return state
         data = chosen(state.data, list(range(len(self.model.parameters))))

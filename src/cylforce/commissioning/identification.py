@@ -140,8 +140,8 @@ def _check_both_ways(model: Model, held: Factors) -> None:
 
 def _two_steps(model: Model, held: Factors, noise: Array) -> Fit:
     """Fit in two steps (paper, section 6): static parameters from the slower half of the blocks, with inertia and
-    viscous friction fixed at the data sheet; then inertia and viscous friction from all blocks, with the static
-    parameters fixed."""
+    viscous friction fixed at the prior means; then inertia and viscous friction from all blocks, with the static
+    parameters fixed. The covariance between both groups is set to zero."""
     dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
     static = [k for k in range(len(model.parameters)) if k not in dynamic]
     n = model.machine.size

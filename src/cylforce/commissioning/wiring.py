@@ -88,7 +88,7 @@ def _ought_to_change(model: Model, values: Array) -> NDArray[np.bool_]:
 
 
 def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
-    """One sentence when a pressure did not change although its cylinder moved, else None."""
+    """One sentence when a pressure did not change for FROZEN_S although its cylinder moved, else None."""
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
         if signal.kind in PRESSURES and seconds >= FROZEN_S:

@@ -96,9 +96,10 @@ def fours(x: Array) -> Array:
 
 
 def denoised(x: Array, rate_hz: float) -> Array:
-    """A recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949): each frequency
-    is multiplied by the share of its power that is not noise. The noise level is the mean power in the upper half of
-    the frequencies. The noise that remains no longer biases a regression."""
+    """A recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949). The noise level
+    is the mean power in the upper half of the frequencies; each frequency is multiplied by the share of its power that
+    is not noise, and removed when its power does not exceed the noise clearly (NOISE_MARGIN). The mean is kept. A
+    regression on the result is not biased by the noise."""
     length = min(len(x), round(STRETCH_S * rate_hz))
     f, power = signal.welch(x, rate_hz, nperseg=length)
     level = float(np.mean(power[f > rate_hz / 4.0]))

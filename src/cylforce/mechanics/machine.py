@@ -147,7 +147,8 @@ class Machine:
 
     @cached_property
     def rows(self) -> tuple[int, ...]:
-        """The joints (from 0) whose torque is measured: at least one cylinder, and all of its cylinders, sensed."""
+        """The joints (from 0) whose torque is measured: at least one cylinder acts on the joint, and the force of every
+        cylinder that does is measured."""
         acting = [[c for c, span in enumerate(self.spans) if j in span] for j in range(self.size)]
         return tuple(j for j, cs in enumerate(acting) if cs and all(self.forces_measured[c] for c in cs))
 

@@ -14,7 +14,8 @@ STOP_MARGIN = 0.03  # times a cylinder's stroke: distance kept from its end stop
 
 
 def working_range(machine: Machine) -> Array:
-    """Lowest and highest joint angle (N, 2) [rad] clear of end stops and dead points, the other joints in mid-range.
+    """Lowest and highest angle (N, 2) [rad] of every joint clear of end stops and dead points, with the other joints in
+    mid-range: the longest such part of the joint's range.
 
     Raises ValueError when a joint has no such angle."""
     middle = np.array([(link.angle_low + link.angle_high) / 2 for link in machine.links])

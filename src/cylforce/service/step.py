@@ -228,7 +228,8 @@ def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Resid
 
 
 def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> Estimate:
-    """The published estimate: load less zero and tare, force; INVALID outside the declared ranges."""
+    """The published estimate: load, load less zero (gross), less tare (net), and force. OK becomes DEGRADED for
+    LONG_FRAME_US after a frame longer than its mapping; gross and net are INVALID outside their declared range."""
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         load, force = Load(*(_degrade(q) for q in load)), _each(force, _degrade)
     rated = core.service.machine.rated_payload

@@ -200,8 +200,8 @@ def _columns(at: Callable[[float], Halves]) -> Array:
 def carrying_torque(
     machine: Machine, effects: Sequence[Imposed], value: Array, course: Kinematics, attitude: Attitude, swung: Swing
 ) -> Array:
-    """Additional joint torques (T, N) [N m] when the chassis swings as `swung`, for base parameters `value` (T, N,
-    5)."""
+    """Additional joint torques (T, N) [N m] by the effects that move the chassis (`BaseMotion`), which swings as
+    `swung`; `value` (T, N, 5): see `base_values`."""
     torque = np.zeros_like(course.theta)
     for effect, each in base_motions(effects):
         columns = _columns(_carried(machine, effect, value[..., :3], course, attitude, swung))

@@ -46,7 +46,8 @@ class LinkageGeometry:
 
 
 def _moved(linkage: Linkage, part: int, step: complex) -> Linkage | None:
-    """The linkage with one part changed by `step` (x + i z for a pin) [m]; None where it has no such part."""
+    """The linkage with one part changed: a pin displaced by `step` = x + i z [m], a bar longer by a real `step` [m];
+    None where the linkage has no such part, and for a bar with a `step` that is not real."""
     holder: Any = linkage
     parts = [(f.name, value) for f in fields(holder) if isinstance(value := getattr(holder, f.name), tuple | float)]
     if part >= len(parts) or (isinstance(parts[part][1], float) and step.imag):
