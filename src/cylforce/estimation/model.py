@@ -181,7 +181,7 @@ class Model:
         return Prior(mean, covariance)
 
     def _guesses(self) -> list[tuple[str, float, float]]:
-        """(name, mean, standard error) of every parameter that is not a base parameter."""
+        """Prior (name, mean, standard error) of every parameter of slew, friction and delay."""
         guesses = []
         if self._slews:
             for link, (excess, product) in zip(self.machine.links, slew_parameters(self.machine.links), strict=True):

@@ -105,7 +105,7 @@ def _stays(bad: Array, steps: int) -> Array:
 
 
 def block_factors(model: Model, seen: Observed) -> Factors:
-    """Factors of a stretch; see `observed_factors`."""
+    """Factors of a stretch in blocks of BLOCK_SECONDS; columns and marks as in `observed_factors`."""
     columns = np.concatenate([seen.columns, seen.tool], axis=-1)
     rows = blocks.BlockRows(columns, seen.torque, seen.noise, seen.certain, _marks(seen))
     return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))

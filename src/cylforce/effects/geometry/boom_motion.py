@@ -44,8 +44,8 @@ class BoomMotion:
         return (4.0, 4.0, 1.0)
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Columns (..., N, 3): of Rx and Rz, the difference that the pin's velocity makes at the true rates; of the
-        share, the difference between the true rates and those without `turning` (see `fault.BaseMotion`)."""
+        """Columns (..., N, 3). Rx and Rz: change per metre by the pin's velocity, at link rates that include `turning`;
+        share: difference between link rates with and without `turning` (see `fault.BaseMotion`)."""
         turned, w = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0])), turning[..., None]
         bodies = _Bodies(machine, np.exp(1j * moving.q), base)
         still = np.zeros(1, dtype=np.complex128)
