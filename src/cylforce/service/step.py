@@ -283,11 +283,11 @@ def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> 
 def _hold(last: Estimate, t_us: int, reason: Reason) -> Estimate:
     """The last estimate with the status HOLD and the reason."""
 
-    def held(q: Quantity) -> Quantity:
+    def repeated(q: Quantity) -> Quantity:
         return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
 
-    load, force = Load(*(held(q) for q in last.load)), _each(last.force, held)
-    return Estimate(t_us, load, held(last.gross), held(last.net), force, last.booking)
+    load, force = Load(*(repeated(q) for q in last.load)), _each(last.force, repeated)
+    return Estimate(t_us, load, repeated(last.gross), repeated(last.net), force, last.booking)
 
 
 def _nothing(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:

@@ -122,12 +122,12 @@ class Weigher:
             return lift._replace(refused=lift.refused + 1)
         at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
         rested = np.where(at_rest, lift.rested + 1, 0)
-        telling = np.logical_and(usable, rested <= patience)
-        variance = (self._memory * left.variance + patience * left.rest)[telling]
-        told = columns[telling]
-        root, gram = self._faded(lift, told)
-        root = update(root, told, left.torque[telling], variance)
-        gram = gram + (told / variance[:, None]).T @ left.columns[telling]
+        informative = np.logical_and(usable, rested <= patience)
+        variance = (self._memory * left.variance + patience * left.rest)[informative]
+        used = columns[informative]
+        root, gram = self._faded(lift, used)
+        root = update(root, used, left.torque[informative], variance)
+        gram = gram + (used / variance[:, None]).T @ left.columns[informative]
         moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
         return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested)
 
@@ -195,8 +195,8 @@ class Weigher:
             return state
         if weight.mass < SMALLEST * rated:
             return self._book(state, t_us)
-        held = state.candidate
-        if held is None or state.lift.moving >= held.moving:
+        best = state.candidate
+        if best is None or state.lift.moving >= best.moving:
             found = Candidate(weight.mass, weight.standard_error, state.lift.moving)
             return state._replace(candidate=found)
         return state

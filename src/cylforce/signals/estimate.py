@@ -21,7 +21,7 @@ class Status(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a value is not (fully) trustworthy; published as one byte."""
+    """Why a value is withheld or degraded; published as one byte. The cure for each stands in service/README.md."""
 
     NONE = 0
     STARTING = 1
