@@ -115,7 +115,7 @@ class SensorTable(SettingsTable):
 
 
 class FilterTable(SettingsTable):
-    """[filter]: see `mechanics.installation.Filters`."""
+    """[filter]: see `core.service.Filters`."""
 
     rate_hz: float = Field(default=100.0, ge=10.0, le=1000.0)
     channel_hz: Positive = 5.0
@@ -125,7 +125,7 @@ class FilterTable(SettingsTable):
 
 
 class HealthTable(SettingsTable):
-    """[health]: when signals stop being believed; see `mechanics.installation.Health`."""
+    """[health]: when signals stop being believed; see `core.service.Health`."""
 
     hold_ms: Positive = 200.0
     good_frames: int = Field(default=10, ge=1)
