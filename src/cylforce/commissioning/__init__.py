@@ -1,1 +1,4 @@
-"""TODO"""
+"""Commissioning of a new machine: guidance of the operator, identification of the empty machine, lift of a known load.
+
+Work here on what a recording must contain, on its acceptance or refusal, and on the identified parameters.
+"""

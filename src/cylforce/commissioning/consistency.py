@@ -1,7 +1,8 @@
-"""Physical consistency of tares: what no body and no friction can do, and the nearest tares that obey.
+"""Physical consistency of tares: laws that every body and every friction obeys, and the nearest tares that obey them.
 
-A planar body of mass m has a positive pseudo-inertia exactly when J m >= X^2 + Z^2 (its centre's distance cannot exceed
-its radius of gyration about the pin); masses beyond a link are lumped at its outer pin, which keeps the law."""
+A planar body of mass m is physically possible exactly when J m >= X^2 + Z^2: the distance of its centre from the pin
+cannot exceed its radius of gyration about the pin. The law also holds with the masses beyond a link lumped at its outer
+pin."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -12,21 +13,22 @@ from scipy import optimize
 from cylforce.estimation.model import Model, Tares
 from cylforce.signals.estimate import Array
 
-MASS_BOUND = 3.0  # standard errors above the data sheet's: no link is heavier
-INSIDE = 1e-6  # of the scaled margins: what is enforced holds after rounding
-SURE = 3.0  # standard errors
+MASS_BOUND = 3.0  # standard errors above the data sheet's mass: upper limit of a link's mass; chosen
+INSIDE = 1e-6  # scaled margin that is enforced, so that the law holds after rounding, too; chosen
+SURE = 3.0  # standard errors below zero, from which on a friction coefficient breaks its law; chosen
 NEVER_NEGATIVE = (".coulomb", ".viscous", ".load_dependent")
 
 
 class Law(NamedTuple):
-    """A sentence, and the number that must not be negative (scaled: about 1 for a usual machine)."""
+    """A law: the sentence that says how it is broken, and its `margin`, a function of the parameters (P,) that must not
+    be negative (scaled: about 1 for a typical machine)."""
 
     sentence: str
     margin: Callable[[Array], float]
 
 
 def laws(model: Model) -> list[Law]:
-    """What the tares of any machine obey."""
+    """The laws that the tares of any machine obey."""
     place = {p.name: k for k, p in enumerate(model.parameters)}
     heaviest = np.cumsum([k.mass + MASS_BOUND * k.mass_error for k in model.machine.links[::-1]])[::-1]
     bodies = [_body(link.name, place, float(m)) for link, m in zip(model.machine.links, heaviest, strict=True)]
@@ -54,8 +56,8 @@ def _friction(name: str, k: int, scale: float) -> Law:
 
 
 def violations(model: Model, values: Array, error: Array | None = None) -> tuple[str, ...]:
-    """Sentences for the laws that `values` (P,) break; with their standard errors `error` (P,): for sure, for a
-    friction that is found a little below zero may be none."""
+    """Sentences for the laws that `values` (P,) break. With their standard errors `error` (P,) a friction coefficient
+    breaks its law only when it is below zero by more than SURE standard errors."""
     if error is not None:
         friction = np.array([p.name.endswith(NEVER_NEGATIVE) for p in model.parameters])
         values = np.where(friction & (values < 0.0), np.minimum(values + SURE * error, 0.0), values)
@@ -63,7 +65,8 @@ def violations(model: Model, values: Array, error: Array | None = None) -> tuple
 
 
 def consistent(model: Model, tares: Tares) -> Tares:
-    """The tares nearest by their own covariance that break no law; the same when none is broken."""
+    """The tares that break no law and are nearest in the metric of their covariance; the same tares when no law is
+    broken. Raises ValueError when none are found."""
     if not violations(model, tares.values):
         return tares
     scale = np.sqrt(np.diag(tares.covariance))

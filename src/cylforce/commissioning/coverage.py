@@ -1,5 +1,5 @@
-"""Coverage of postures: for how long each joint moved in which part of its range, which way and how fast, and what an
-identification still misses."""
+"""Coverage: for how long each joint moved in each part of its range, in which direction and how fast, and what the
+identification still needs."""
 
 from enum import IntEnum
 from itertools import pairwise
@@ -12,10 +12,10 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, working_range
 from cylforce.signals.estimate import Array
 
-BINS = 6  # of a joint's range
-CROSSING_S = 20.0  # a cylinder is fast when it would cross its stroke in less
-NEEDED_S = (1.0, 0.5)  # of slow and of fast motion in each bin: some correlation lengths of the filters
-TIGHT = 1e-9
+BINS = 6  # equal parts into which a joint's range is divided; chosen
+CROSSING_S = 20.0  # s: a cylinder is fast when it would travel its whole stroke in less; chosen
+NEEDED_S = (1.0, 0.5)  # s of slow and of fast motion in each bin; chosen: some correlation times of the filters
+TIGHT = 1e-9  # s, tolerance for rounding when seconds are compared
 
 
 class Way(IntEnum):
@@ -33,9 +33,10 @@ class Pace(IntEnum):
 
 
 class Plan(NamedTuple):
-    """What is to be covered: of each of the M driven `joints` the cylinder that moves it, `edges` (M, BINS+1) [rad] of
-    its angle's bins, `rest` [m/s]: slower cylinders tell no direction of friction, `fast` (M,) [m/s]: from there on
-    motion is fast, `needed` (M, BINS, 2, 2) [s] per bin, way and pace."""
+    """The motion that a recording must contain. For each of the M driven `joints`: the cylinder that moves it and the
+    `edges` (M, BINS+1) [rad] of its angle's bins. `rest` [m/s]: the direction of friction of slower cylinders is
+    uncertain; `fast` (M,) [m/s]: from this speed on motion counts as fast; `needed` (M, BINS, 2, 2) [s]: time per bin,
+    direction and pace."""
 
     joints: tuple[int, ...]
     cylinders: tuple[int, ...]
@@ -46,8 +47,8 @@ class Plan(NamedTuple):
 
 
 class Missing(NamedTuple):
-    """What is missing: `joint` between the angles `low` and `high` [rad], its cylinder moving `way` and `pace`;
-    `seconds` are there of `needed`."""
+    """Motion that is still missing: of `joint` between the angles `low` and `high` [rad], its cylinder in direction
+    `way` at `pace`; `seconds` [s] were recorded of the `needed` [s]."""
 
     joint: int
     low: float
@@ -59,9 +60,9 @@ class Missing(NamedTuple):
 
 
 def plan(machine: Machine, rest: float, ranges: Array | None = None) -> Plan:
-    """What a recording of `machine` is to cover within `ranges` (N, 2) [rad] of its joints, by default all that its
-    cylinders can drive; cylinders slower than `rest` [m/s] count as still. Nobody is asked to be fast at a range's
-    ends, where every motion begins and stops.
+    """The motion that a recording of `machine` must contain within `ranges` (N, 2) [rad] of its joints (default: their
+    working ranges); cylinders slower than `rest` [m/s] count as not moving. Fast motion is not needed in the outermost
+    bins, where every motion starts and stops.
 
     Raises ValueError when a joint has no angle that its cylinders can drive."""
     joints = driven(machine)
@@ -76,15 +77,15 @@ def plan(machine: Machine, rest: float, ranges: Array | None = None) -> Plan:
 
 
 def _mover(machine: Machine, j: int) -> int:
-    """The cylinder that moves joint j: the one that ends there, else any that acts on it."""
+    """The cylinder that moves joint j: the one for which j is the outermost joint, else the first that acts on it."""
     acting = [c for c, span in enumerate(machine.spans) if j in span]
     return min(acting, key=lambda c: (max(machine.spans[c]) != j, c))
 
 
 def coverage(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
-    """Seconds (M, BINS, 2, 2) per joint, bin of its angle, way and pace of its cylinder, from samples `dt` [s] apart of
-    the joint angles `posture` (T, N) [rad] and the cylinders' `speed` (T, C) [m/s]. Coverages of parts add up to that
-    of the whole; angles beyond the range count in the outermost bin."""
+    """Time (M, BINS, 2, 2) [s] per joint, bin of its angle, direction and pace of its cylinder, from samples `dt` [s]
+    apart of the joint angles `posture` (T, N) [rad] and cylinder speeds `speed` (T, C) [m/s]. The coverage of a
+    recording is the sum of those of its parts; angles beyond the range count in the outermost bin."""
     found = np.zeros_like(plan.needed)
     for k, (j, c) in enumerate(zip(plan.joints, plan.cylinders, strict=True)):
         size = np.abs(speed[:, c])
@@ -99,8 +100,8 @@ def _bin(edges: Array, angle: Array) -> NDArray[np.intp]:
 
 
 def planes(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
-    """Seconds (M-1, BINS, BINS) in which something moved, over the angles of each two neighbouring driven joints;
-    arguments as in `coverage`."""
+    """Time (M-1, BINS, BINS) [s] during which any cylinder moved, per pair of bins of each two neighbouring driven
+    joints; arguments as in `coverage`."""
     moves = np.logical_and(np.any(np.abs(speed) > plan.rest, axis=1), np.all(np.isfinite(posture), axis=1))
     parts = [_bin(edges, posture[moves, j]) for edges, j in zip(plan.edges, plan.joints, strict=True)]
     found = np.zeros((max(len(parts) - 1, 0), BINS, BINS))
@@ -110,12 +111,12 @@ def planes(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
 
 
 def share(plan: Plan, seconds: Array) -> float:
-    """How much (0..1) of what is needed the `seconds` of `coverage` contain."""
+    """Share (0..1) of the needed time that the `seconds` of `coverage` contain."""
     return float(np.sum(np.minimum(seconds, plan.needed)) / np.sum(plan.needed))
 
 
 def missing(plan: Plan, seconds: Array) -> tuple[Missing, ...]:
-    """What the `seconds` of `coverage` lack, neighbouring bins in one, the largest lack first."""
+    """The motion that the `seconds` of `coverage` lack, neighbouring bins combined, the largest lack first."""
     gaps = [
         _gap(plan, seconds, k, part, way, pace)
         for k in range(len(plan.joints))
@@ -127,7 +128,7 @@ def missing(plan: Plan, seconds: Array) -> tuple[Missing, ...]:
 
 
 def _runs(lacks: NDArray[np.bool_]) -> list[slice]:
-    """Where (BINS,) bool is true, in runs of neighbours."""
+    """The runs of consecutive true values in `lacks` (BINS,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], lacks.astype(int), [0]])))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 

@@ -1,5 +1,5 @@
-"""How well tares will weigh, before anything was weighed: the standard error of a rated payload over the postures of
-the arm, by the very least squares that weighs (weighing.py), on columns that the model itself gives there."""
+"""Expected accuracy of the weighing, before anything is weighed: the standard error of a rated payload over the
+postures of the arm, by the same least squares as in service/weighing.py, on columns computed from the model."""
 
 from typing import NamedTuple
 
@@ -14,17 +14,18 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, working_range
 from cylforce.signals.estimate import Array
 
-WEIGHED_S = 3.0
-CROSSING_S = 15.0  # all cylinders move so that they would cross their stroke in this time
-POINTS = 7  # at which the motion is looked at
-CURLED = 0.15  # of its range: how the tool holds its load
-GRID = 16  # postures along a joint's range
-FILLED = 0.6  # of the payload's reach: where the load's centre lies
+WEIGHED_S = 3.0  # s of motion over which a payload is weighed; chosen: a short lift
+CROSSING_S = 15.0  # s in which a cylinder would travel its whole stroke at the assumed speed; chosen
+POINTS = 7  # instants of that motion at which the columns are computed; chosen
+CURLED = 0.15  # times its range: angle of the tool while it carries the load; chosen
+GRID = 16  # postures along a joint's range; chosen
+FILLED = 0.6  # times the payload's reach: assumed distance of the load's centre from the last pin; chosen
 
 
 class Expected(NamedTuple):
-    """At postures (...): the weight's `standard_error` (...) [kg], NaN where nothing can be weighed, the part of it
-    that averages out, `noise` (...) [kg], and `gain` (..., P): change of the weight [kg] with each tare."""
+    """At postures (...): expected `standard_error` (...) of the weight [kg], NaN where weighing is impossible; `noise`
+    (...) [kg]: the part of it that decreases with longer weighing; `gain` (..., P): change of the weight [kg] per unit
+    of each tare."""
 
     standard_error: Array
     noise: Array
@@ -32,15 +33,16 @@ class Expected(NamedTuple):
 
 
 class PostureGrid(NamedTuple):
-    """A grid (A, B) over two joints' ranges: joint angles `theta` (A, B, N) [rad], `tool` (A, B) its point x + i z [m]
-    from the first pin."""
+    """A grid (A, B) over the ranges of two joints: joint angles `theta` (A, B, N) [rad]; `tool` (A, B): place x + i z
+    of the tool [m] from the first pin."""
 
     theta: Array
     tool: Complex
 
 
 def postures(machine: Machine) -> PostureGrid:
-    """The working range: the two innermost driven joints through their ranges, the tool curled, others midway."""
+    """Postures over the working range: the two innermost driven joints over their ranges, the tool curled, the other
+    joints in mid-range."""
     ranges = working_range(machine)
     low, high = ranges.T
     theta = np.tile((low + high) / 2.0, (GRID, GRID, 1))
@@ -51,9 +53,9 @@ def postures(machine: Machine) -> PostureGrid:
 
 
 def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
-    """What weighing a rated payload during three seconds of motion about postures `theta` (..., N) [rad] will give.
-    The scale of the forces (bores, levers, gains), of which no recording of the empty machine tells, counts with the
-    error that the tares carry of it: none before a known weight was lifted."""
+    """Expected accuracy when a rated payload is weighed during WEIGHED_S of motion about postures `theta` (..., N)
+    [rad]. The scale of the forces (bores, levers, gains), which a recording of the empty machine cannot determine,
+    enters with the tares' `scale_error`."""
     left = _residual(model, tares, theta)
     columns = left.columns @ model.load
     weight = _weight(model, left)
@@ -63,27 +65,28 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
     gain = (covariance[..., :1, :] @ np.sum(weighed @ left.columns, axis=0))[..., 0, :]
     noise, tared = covariance[..., 0, 0], np.sum((gain @ tares.covariance) * gain, axis=-1)
     tared = tared + (tares.scale_error * model.machine.rated_payload) ** 2
-    told = np.sqrt(noise) < model.machine.rated_payload
-    total, own = (np.where(told, np.sqrt(square), np.nan) for square in (noise + tared, noise))
+    weighable = np.sqrt(noise) < model.machine.rated_payload
+    total, own = (np.where(weighable, np.sqrt(square), np.nan) for square in (noise + tared, noise))
     return Expected(total, own, gain)
 
 
 def cost(tares: Tares, expected: Expected) -> Array:
-    """By how much (P,) [kg] the weight would be better, at the median posture, if one tare were known exactly: the root
-    of the variance that it takes along, correlations included."""
-    told = np.isfinite(expected.standard_error)
-    pull = expected.gain[told] @ tares.covariance / np.sqrt(np.diag(tares.covariance))
-    return np.asarray(np.median(np.abs(pull), axis=0)) if np.any(told) else np.full(len(tares.names), np.nan)
+    """Part of the weight's standard error (P,) [kg] that each tare causes, correlations included: the root of the
+    variance that would disappear if this tare were known exactly; median over the postures."""
+    weighable = np.isfinite(expected.standard_error)
+    pull = expected.gain[weighable] @ tares.covariance / np.sqrt(np.diag(tares.covariance))
+    return np.asarray(np.median(np.abs(pull), axis=0)) if np.any(weighable) else np.full(len(tares.names), np.nan)
 
 
 def _prior(machine: Machine) -> Array:
-    """What weighing begins with: standard errors (4,) of m, m x, m z, J."""
+    """Prior standard errors (4,) of m [kg], m x, m z [kg m], J [kg m^2], as in service/weighing.py."""
     moment = machine.rated_payload * machine.payload_reach
     return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
 
 
 def _weight(model: Model, left: Residual) -> Array:
-    """Of each row (POINTS, ..., R): samples that a point stands for over their variance, as weighing counts it."""
+    """Weight of each row (POINTS, ..., R): number of samples that a point represents, divided by their variance, as in
+    service/weighing.py."""
     f = model.filters
     memory = max(1.0, f.rate_hz / (np.pi * min(f.smoothing_hz, f.regressor_hz)))
     variance = memory * left.variance + REST_SECONDS * f.rate_hz * left.rest
@@ -91,15 +94,15 @@ def _weight(model: Model, left: Residual) -> Array:
 
 
 def _residual(model: Model, tares: Tares, theta: Array) -> Residual:
-    """What a rated payload leaves at POINTS instants (POINTS, ..., R) about each posture; infinite variance where a row
-    says nothing."""
+    """Residual of a rated payload at POINTS instants (POINTS, ..., R) about each posture; infinite variance where a row
+    is unusable."""
     path, rate = _path(model.machine, theta)
     load = model.load @ _payload(model.machine)
     moved = _moved(model, path, rate, np.zeros((*path.shape[:-1], len(model.machine.cylinders))))
     torque = _columns(model, moved) @ (tares.values + load)
     lever = moved.motion.lever[..., model.machine.rows]
     force = (np.linalg.pinv(np.swapaxes(lever, -1, -2)) @ torque[..., None])[..., 0]
-    moved = _moved(model, path, rate, force)  # again, now that friction knows what the cylinders carry
+    moved = _moved(model, path, rate, force)  # again, because friction depends on the cylinder forces just computed
     columns = model.filtered.regressor.both_halves(moved.motion)[1]
     own = columns[..., : len(model.parameters)]
     left = residual(model, tares, Rows(columns, own @ (tares.values + load)), np.zeros(len(model.machine.rows)))
@@ -118,7 +121,8 @@ def _payload(machine: Machine) -> Array:
 
 
 def _path(machine: Machine, theta: Array) -> tuple[Array, Array]:
-    """Angles and rates (POINTS, ..., N) of three seconds about `theta`: the arm lifts and reaches, the tool curls."""
+    """Angles [rad] and rates [rad/s] (POINTS, ..., N) during WEIGHED_S about `theta`: the arm lifts and reaches out,
+    the tool curls."""
     rate = np.zeros_like(theta)
     lever = np.abs(machine.geometry(theta).lever)
     for j in driven(machine):
@@ -138,7 +142,7 @@ def _speed(machine: Machine, c: int) -> float:
 
 
 def _moved(model: Model, theta: Array, rate: Array, force: Array) -> Moved:
-    """The motion on level ground, as the channels would make it from four samples."""
+    """The motion on level ground with cylinder forces (..., C) [N], computed from four samples as by the channels."""
     half, level = rate * (model.channels.dt / 2.0), np.zeros((*theta.shape[:-1], 3))
     four = [np.concatenate([theta + place * half, force, level], axis=-1) for place in (-3.0, -1.0, 1.0, 3.0)]
     return model.channels.between(np.stack(four))

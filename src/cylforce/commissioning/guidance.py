@@ -1,6 +1,6 @@
-"""Guidance through the commissioning of the empty machine: samples in, advice out. Pure, so that a recording can be
-followed like a bus: what is missing, what to do next, how well weight would be known, what is refused and what is
-enough."""
+"""Guidance through the commissioning of the empty machine: samples in, advice out. The advice says what is missing,
+what to do next, how accurate a weight would be, why the recording is refused, and when it is sufficient. Pure: it
+follows a recording in the same way as a live machine."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,29 +24,30 @@ from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS, Observed
 from cylforce.estimation.segments import gapless
 from cylforce.signals.estimate import Array
 
-FIRST_S = 16.0  # of motion before anything is concluded
-LONGEST_S = 270.0  # of motion: what is not told by then is told by the data sheet
-UNMOVED_S = 60.0  # of motion of others, after which a joint that never moved is asked for first
-CREEPING_S = 10.0  # of motion too slow to count
-GOOD_ENOUGH = 0.01  # expected standard error, as a share of the rated payload, with which to end
-LIKELY = 95.0  # percentile of it over the working range
+FIRST_S = 16.0  # s of motion before the first judgement; chosen
+LONGEST_S = 270.0  # s of motion after which missing strokes are no longer asked for; chosen
+UNMOVED_S = 60.0  # s of motion of other joints, after which a joint that never moved is asked for first; chosen
+CREEPING_S = 10.0  # s of motion that is too slow to count, after which faster motion is asked for; chosen
+GOOD_ENOUGH = 0.01  # times the rated payload: expected standard error with which the commissioning ends; chosen
+LIKELY = 95.0  # percentile of that standard error over the working range; chosen
 
 
 class Judgement(NamedTuple):
-    """What the samples so far give: expected `weight_error` [kg] (NaN: not yet), a sentence why they are refused."""
+    """Judgement of the samples so far: expected `weight_error` [kg] (NaN: not yet known); `refusal`: one sentence why
+    they are refused, or None."""
 
     weight_error: float
     refusal: str | None
 
 
 class Collected(NamedTuple):
-    """What was collected: samples `tail` (T, S) that wait for their successors, the last of them, the factors `held`,
-    seconds `covered` (M, BINS, 2, 2), `planes` (M-1, BINS, BINS) of pairs of joints, seconds of motion and of motion
-    too slow to count, the joints' `posture` (N,) now, the raw samples' evidence, samples since the last judgement and
-    that, the stroke asked for."""
+    """State of the guidance: last samples `tail` (T, S), not yet processed or needed to settle filters; factors `data`
+    of all processed samples; coverage `covered` (M, BINS, 2, 2) [s] and `planes` (M-1, BINS, BINS) [s] of pairs of
+    joints; time of motion `moved_s` and of motion too slow to count `crept_s` [s]; present `posture` (N,) [rad];
+    `evidence` of the raw samples; `waiting`: number of samples since the last `judgement`; the `stroke` asked for."""
 
     tail: Array
-    held: Factors | None
+    data: Factors | None
     covered: Array
     planes: Array
     moved_s: float
@@ -59,10 +60,10 @@ class Collected(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """`seconds` of motion, what is `covered` (M, BINS, 2, 2) [s], the share of common postures that were
-    `visited` (0..1), the joints' `posture` (N,) [rad], the expected
-    `weight_error` [kg] (NaN: not yet), the `stroke` to make next and what to `say`; `refusal`: a sentence why this
-    cannot be commissioned; `done`: enough."""
+    """Advice to the operator: `seconds` of motion so far; coverage `covered` (M, BINS, 2, 2) [s]; share `visited`
+    (0..1) of the pairs of postures; present `posture` (N,) [rad]; expected `weight_error` [kg] (NaN: not yet known);
+    the `stroke` to make next; the sentence to `say`; `refusal`: one sentence why the recording is refused, or None;
+    `done`: whether it is sufficient."""
 
     seconds: float
     covered: Array
@@ -77,14 +78,14 @@ class Advice(NamedTuple):
 
 @dataclass(frozen=True)
 class Guide:
-    """The guidance of one machine; after every `every_s` of samples it thinks again."""
+    """The guidance of one machine; a new judgement is made after every `every_s` [s] of samples."""
 
     model: Model
     every_s: float = BLOCK_SECONDS
 
     @cached_property
     def plan(self) -> Plan:
-        """What is to be covered."""
+        """The motion that the recording must contain."""
         machine = self.model.machine
         return coverage.plan(machine, 2.0 * self.model.filters.direction_speed, clear_range(machine))
 
@@ -97,7 +98,7 @@ class Guide:
         return postures(self.model.machine).theta
 
     def begin(self) -> Collected:
-        """Nothing is known yet."""
+        """The state before any sample."""
         machine = self.model.machine
         here, none = np.full(machine.size, np.nan), np.zeros((0, len(machine.signals)))
         start = Judgement(np.nan, None)
@@ -108,11 +109,12 @@ class Guide:
         return self._advised(empty)
 
     def interrupt(self, state: Collected) -> Collected:
-        """Samples are missing: what comes next does not follow on what was."""
+        """The state after a gap: the next samples do not follow the last ones."""
         return state._replace(tail=state.tail[:0])
 
     def take(self, state: Collected, values: Array) -> Collected:
-        """Take in samples (T, S), without a gap since the last ones unless interrupted."""
+        """The state after further samples (T, S), which follow the last ones without a gap unless `interrupt` was
+        called."""
         evidence = gathered(self.model, state.evidence, values, joins=len(state.tail) > 0)
         tail = np.concatenate([state.tail, values])
         state = state._replace(evidence=evidence, tail=tail, waiting=state.waiting + len(values))
@@ -128,7 +130,7 @@ class Guide:
         fastest = np.max(np.abs(seen.speed), axis=1, initial=0.0)
         creeps = np.logical_and(fastest > 0.2 * self.plan.rest, fastest <= self.plan.rest)
         return state._replace(
-            held=joined([new] if state.held is None else [state.held, new], MOST_BLOCKS),
+            data=joined([new] if state.data is None else [state.data, new], MOST_BLOCKS),
             covered=state.covered + coverage.coverage(self.plan, seen.posture, seen.speed, dt),
             planes=state.planes + coverage.planes(self.plan, seen.posture, seen.speed, dt),
             moved_s=state.moved_s + dt * float(np.sum(fastest > self.plan.rest)),
@@ -137,20 +139,21 @@ class Guide:
         )
 
     def _judged(self, state: Collected) -> Collected:
-        """With a new judgement when it is time."""
-        if state.held is None or state.waiting < self.every_s * self.model.filters.rate_hz or state.moved_s < FIRST_S:
+        """The state, with a new judgement when `every_s` of samples have come since the last one, FIRST_S of motion are
+        recorded, and some rows are usable."""
+        if state.data is None or state.waiting < self.every_s * self.model.filters.rate_hz or state.moved_s < FIRST_S:
             return state
-        held = chosen(state.held, list(range(len(self.model.parameters))))
-        if not np.any(held.samples):
+        data = chosen(state.data, list(range(len(self.model.parameters))))
+        if not np.any(data.samples):
             return state
-        noise = row_noise(held, self.model.prior)
-        fit = least_squares(held, noise, self.model.prior)
-        refusal = doubt(self.model, state.held, noise, fit, state.evidence)
-        return state._replace(waiting=0, judgement=Judgement(self._weight_error(held, noise, fit), refusal))
+        noise = row_noise(data, self.model.prior)
+        fit = least_squares(data, noise, self.model.prior)
+        refusal = doubt(self.model, state.data, noise, fit, state.evidence)
+        return state._replace(waiting=0, judgement=Judgement(self._weight_error(data, noise, fit), refusal))
 
-    def _weight_error(self, held: Factors, noise: Array, fit: Fit) -> float:
+    def _weight_error(self, data: Factors, noise: Array, fit: Fit) -> float:
         model = self.model
-        seen = np.sum(held.samples, axis=0) > 0
+        seen = np.sum(data.samples, axis=0) > 0
         left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), model.data_sheet.row_error)
         names = tuple(p.name for p in model.parameters)
         tares = Tares(model.friction, names, fit.values, fit.covariance, left, True)
@@ -167,10 +170,10 @@ class Guide:
         return state._replace(stroke=next_reach(machine, plan, self._places, state.planes, state.posture, gone))
 
     def advice(self, state: Collected) -> Advice:
-        """What to show, and what to do next."""
+        """The advice in this state."""
         judged, enough = state.judgement, GOOD_ENOUGH * self.model.machine.rated_payload
-        told = state.stroke is None or state.moved_s >= LONGEST_S
-        done = told and judged.refusal is None and judged.weight_error <= enough
+        complete = state.stroke is None or state.moved_s >= LONGEST_S
+        done = complete and judged.refusal is None and judged.weight_error <= enough
         say = judged.refusal or ("enough: the machine may rest" if done else self._say(state))
         seen = reaches.visited(self._places, state.planes)
         shown = (state.moved_s, state.covered, seen, state.posture, judged.weight_error)
@@ -178,7 +181,7 @@ class Guide:
 
     def _say(self, state: Collected) -> str:
         if state.crept_s > max(CREEPING_S, state.moved_s):
-            return f"move faster: cylinders below {1e3 * self.plan.rest:.0f} mm/s tell no direction of friction"
+            return f"move faster: cylinders below {1e3 * self.plan.rest:.0f} mm/s do not show which way friction acts"
         if state.stroke is None:
             return (
                 "move all joints at once through their ranges, slowly and fast, until the weight is known well enough"
@@ -195,7 +198,8 @@ class Guide:
         return f"the {name} has not moved yet: move it both ways, slowly and fast; if it did move, its sensor is dead"
 
     def absorb(self, state: Collected, rows: Array, longest: int) -> Collected:
-        """Take in rows (T, S) of ticks, NaN where something was missing: gaps of up to `longest` rows are bridged."""
+        """The state after the rows (T, S) of further ticks, NaN where a signal was missing; gaps of up to `longest`
+        rows are filled by linear interpolation."""
         parts = gapless(rows, longest)
         if not parts or not np.all(np.isfinite(rows[0])):
             state = self.interrupt(state)
@@ -205,8 +209,8 @@ class Guide:
 
 
 def follow(guide: Guide, segments: Iterable[Array]) -> Iterator[Advice]:
-    """The advice along a recording's gapless segments of samples (T, S), every two seconds, until it is refused or
-    done."""
+    """The advice along a recording, after every block of BLOCK_SECONDS, until it is refused or sufficient; `segments`:
+    samples (T, S) without gaps."""
     state, step = guide.begin(), int(BLOCK_SECONDS * guide.model.filters.rate_hz)
     for segment in segments:
         for first in range(0, len(segment), step):

@@ -1,5 +1,6 @@
-"""Identification of the dynamic tares from recordings of the empty machine: joint least squares with the data sheet as
-prior, and friction laws chosen by what they predict, not by habit."""
+"""Identification of the dynamic tares from recordings of the empty machine: one least-squares fit of all parameters
+with the data sheet as prior. Optional friction laws are used only when they improve the prediction of data not
+fitted."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -11,16 +12,17 @@ from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, of_row, settled
-from cylforce.estimation.model import FRICTION, USUAL, Model, Tares
+from cylforce.estimation.model import FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
 from cylforce.signals.estimate import Array
 
-MIN_SECONDS = 20.0
-ONE_WAY, ONE_WAY_SECONDS = 0.05, 2.0  # share of a cylinder's motion below which a way was not moved; motion that counts
-FOLDS = 5
-CERTAIN = ("coulomb", "delay", "load_dependent")  # laws that no machine is without
-BEYOND = 0.005  # of the force: friction under a load against that of the empty machine, continued
-TOLD = 0.5  # of the prior's standard error: a parameter above it is not told by the recording
+MIN_SECONDS = 20.0  # s of usable motion that a recording must contain; chosen
+ONE_WAY = 0.05  # of a cylinder's motion: with less in one direction it moved in the other one only; chosen
+ONE_WAY_SECONDS = 2.0  # s of motion of a cylinder, below which its directions are not checked; chosen
+FOLDS = 5  # parts of the recording for the choice of friction laws by prediction; chosen
+CERTAIN = ("coulomb", "delay", "load_dependent")  # laws that are always in the model; see `_choose`
+BEYOND = 0.005  # of the force: additional standard error of load-dependent friction beyond the measured forces; chosen
+DETERMINED = 0.5  # times the prior's standard error: above it the recording does not determine a parameter; chosen
 
 
 class Identification(NamedTuple):
@@ -78,21 +80,22 @@ def identify(
 
 
 def as_usual(model: Model, fit: Fit) -> Fit:
-    """The fit with each coefficient that has a usual value, and of which the recording tells less than its prior, held
-    down to that value, the others following as the recording demands: a faint pull from residuals that no law explains
-    is no measurement. What is unknown of it stays in the covariance."""
+    """The fit with some coefficients set back to their typical value (`model.TYPICAL`): those that came out larger
+    although the recording hardly determines them, because model errors can cause that. The other parameters change by
+    their covariance with them; the covariance itself remains."""
     values, prior = fit.values.copy(), model.prior
     for k, p in enumerate(model.parameters):
         law = p.name.rpartition(".")[2]
-        if law in USUAL and values[k] > prior.mean[k] and fit.covariance[k, k] > TOLD**2 * prior.covariance[k, k]:
+        uncertain = fit.covariance[k, k] > DETERMINED**2 * prior.covariance[k, k]
+        if law in TYPICAL and values[k] > prior.mean[k] and uncertain:
             values += fit.covariance[:, k] / fit.covariance[k, k] * (prior.mean[k] - values[k])
     return fit._replace(values=values)
 
 
 def under_load(model: Model, covariance: Array) -> Array:
-    """`covariance` (P, P) of what the empty machine tells, with what its friction may be BEYOND that under a load: the
-    law is a straight line through forces that the empty machine never reaches. Each coefficient is left so uncertain,
-    and the other parameters follow as the recording demands, so that the empty machine is as well known as before."""
+    """`covariance` (P, P) from the empty machine, increased for use under load: load-dependent friction is extrapolated
+    there to forces that the empty machine never reaches, with an additional standard error BEYOND of each coefficient.
+    The other parameters are correlated with it such that the error on the empty machine does not increase."""
     wider = covariance.copy()
     for k, p in enumerate(model.parameters):
         if p.name.endswith(".load_dependent"):
@@ -102,14 +105,14 @@ def under_load(model: Model, covariance: Array) -> Array:
 
 
 def _watched(model: Model, segments: Iterable[Array], evidence: list[SignalHistory]) -> Iterator[Array]:
-    """The segments; what their raw samples tell is gathered in `evidence` as they pass."""
+    """The segments unchanged; `evidence` (a list of one) is updated with their raw samples as they pass."""
     for segment in segments:
         evidence[0] = gathered(model, evidence[0], segment, joins=False)
         yield segment
 
 
 def _enough(model: Model, held: Factors) -> float:
-    """Seconds of usable motion. Raises ValueError, in a sentence, when there is too little."""
+    """Time of usable motion [s]. Raises ValueError, in one sentence, when it is too short or in one direction only."""
     seconds = float(np.max(np.sum(held.samples + held.others, axis=0)) / model.filters.rate_hz)
     if seconds == 0.0:
         raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
@@ -122,7 +125,8 @@ def _enough(model: Model, held: Factors) -> float:
 
 
 def _check_both_ways(model: Model, held: Factors) -> None:
-    """What runs one way only has a friction that looks like weight. Raises ValueError."""
+    """Raises ValueError, in one sentence, when a cylinder moves in one direction only: its friction cannot then be
+    distinguished from weight."""
     n, c = model.machine.size, len(model.machine.cylinders)
     weight = np.max(held.samples, axis=1) / model.filters.rate_hz
     ways = weight @ held.mark[:, n + c :]
@@ -130,13 +134,14 @@ def _check_both_ways(model: Model, held: Factors) -> None:
         if max(out, into) > ONE_WAY_SECONDS and min(out, into) < ONE_WAY * (out + into):
             raise ValueError(
                 f"the {cylinder.name} cylinder moves {'out' if out > into else 'in'} only, so that its friction cannot "
-                "be told from weight: move it both ways"
+                "be distinguished from weight: move it both ways"
             )
 
 
 def _two_steps(model: Model, held: Factors, noise: Array) -> Fit:
-    """Static parameters from the slower half of the blocks, inertia and viscous friction as the data
-    sheet has them; then those others from all blocks with the static ones settled (paper, section 6)."""
+    """Fit in two steps (paper, section 6): static parameters from the slower half of the blocks, with inertia and
+    viscous friction fixed at the prior means; then inertia and viscous friction from all blocks, with the static
+    parameters fixed. The covariance between both groups is set to zero."""
     dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
     static = [k for k in range(len(model.parameters)) if k not in dynamic]
     n = model.machine.size
@@ -157,8 +162,8 @@ def _marginal(prior: Prior, part: list[int]) -> Prior:
 
 
 def row_noise(held: Factors, prior: Prior) -> Array:
-    """What a fit of each row alone leaves of it (R,). Weights taken from the joint fit's own residuals would let one
-    row win all: the better it fits, the more it weighs."""
+    """Rms residual (R,) [N m] of each measured torque fitted alone, used as the rows' standard errors. Residuals of the
+    common fit are not used: a row that fits well would get a larger weight, then fit still better, and dominate."""
     rows = range(held.samples.shape[1])
     alone = [_alone(held, prior, r) if np.any(held.samples[:, r]) else np.nan for r in rows]
     return np.asarray(np.where(np.isnan(alone), np.nanmax(alone), alone))
@@ -177,11 +182,11 @@ def _of(model: Model, part: Model) -> list[int]:
 
 
 def _choose(model: Model, held: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
-    """Friction laws by held-out prediction: blocks of like posture are left out together, so that what is scored is
-    prediction into postures that were not seen. A law joins when it predicts better by more than two standard errors
-    over the folds. Certain are Coulomb friction, the delay (every sensor lags, and viscous friction would take its
-    place, with too small a standard error) and friction that grows with the load: the empty machine may not need it to
-    explain itself, the loaded one does, and left out it would be taken for known."""
+    """(Chosen friction laws, mean squared prediction error of each law tried), by cross-validation: blocks of similar
+    posture form a fold, so that postures are predicted which the fit did not contain. A law is added when it improves
+    the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in: Coulomb friction;
+    the delay, because every sensor lags, and viscous friction would take its place with too small a standard error;
+    load-dependent friction, which the empty machine may not show but the loaded machine has."""
     folds = _folds(model, held)
     laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]
     best = _errors(model, laws, held, noise, folds)
@@ -196,7 +201,8 @@ def _choose(model: Model, held: Factors, noise: Array) -> tuple[tuple[str, ...],
 
 
 def _folds(model: Model, held: Factors) -> Array:
-    """The fold (B,) of each block: neighbours along the direction in which the postures differ most."""
+    """Number of the fold (B,) of each block: blocks are sorted along the direction in which the postures differ most,
+    and divided into FOLDS equal parts."""
     posture = held.mark[:, : model.machine.size]
     _, _, axes = np.linalg.svd(posture - posture.mean(axis=0), full_matrices=False)
     order = np.argsort(posture @ axes[0], kind="stable")
@@ -206,7 +212,7 @@ def _folds(model: Model, held: Factors) -> Array:
 
 
 def _errors(model: Model, laws: tuple[str, ...], held: Factors, noise: Array, folds: Array) -> Array:
-    """Mean squared prediction error of every fold from the others."""
+    """Mean squared prediction error of every fold by a fit of the other folds."""
     part = Model(model.machine, model.filters, laws)
     fewer = chosen(held, _of(model, part))
     memory = least_squares(fewer, noise, part.prior).memory
@@ -215,8 +221,8 @@ def _errors(model: Model, laws: tuple[str, ...], held: Factors, noise: Array, fo
 
 
 def _not_told(model: Model, fit: Fit) -> tuple[str, ...]:
-    """Parameters of which the recording tells less than the data sheet does."""
+    """Names of the parameters that the recording does not determine clearly better than the data sheet (DETERMINED)."""
     prior = np.sqrt(np.diag(model.prior.covariance))
     found = np.sqrt(np.diag(fit.covariance))
-    lost = np.logical_or(np.logical_not(fit.excited), found > TOLD * prior)
+    lost = np.logical_or(np.logical_not(fit.excited), found > DETERMINED * prior)
     return tuple(p.name for p, is_lost in zip(model.parameters, lost, strict=True) if is_lost)

@@ -1,5 +1,5 @@
-"""A lift of a known weight tells more than a scale: the tares are fitted once more with it, friction under load
-included."""
+"""A lift of a known weight: the tares are fitted again with it, including friction under load and the scale of the
+forces."""
 
 from collections.abc import Callable, Iterable
 
@@ -15,36 +15,38 @@ from cylforce.estimation.observation import Observed, chunks, observe
 from cylforce.estimation.residual import SMALLEST
 from cylforce.signals.estimate import Array
 
-# (model, tares, samples (T, S)) -> what hangs in the bucket (T-1,) [kg] at each step; 0 where nothing is known
+# (model, tares, samples (T, S)) -> estimated load (T-1,) [kg] at each step; 0 where there is no consistent estimate
 Hanging = Callable[[Model, Tares, Array], Array]
 
-ALIKE = 0.1  # share of the known weight within which a weight must lie to be it
-WRONG_SCALE = 0.01  # standard error of the scale before: areas, levers, gains of the sensors
-ENOUGH_SECONDS = 5.0  # of the weight hanging
+ALIKE = 0.1  # times the known weight: an estimated load within this difference is taken for the known weight; chosen
+WRONG_SCALE = 0.01  # prior standard error of the relative scale error (areas, levers, sensor gains); chosen
+ENOUGH_SECONDS = 5.0  # s for which the weight must be seen in the air; chosen
 
 
 def with_known_load(
     found: Identification, segments: Iterable[Array], known_kg: float, hanging: Hanging
 ) -> Identification:
-    """The tares and the scale after a lift of `known_kg` in gapless segments of samples (T, S). `hanging`
-    tells where the weight hangs.
+    """The identification `found`, with tares and scale fitted again on a lift of `known_kg` [kg]. `segments`: samples
+    (T, S) without gaps; `hanging`: function that estimates when the weight is in the air.
 
-    With the load's first moments and inertia c and a scale error s unknown, its rows are
-    torque - known l_m = W Phi + l_c c + s known l_m: linear, with what the empty machine told as prior.
-    Raises ValueError, in a sentence, when the weight is not seen to hang for long enough, or another one is."""
+    With the load's first moments and inertia c and the scale error s unknown, the rows are
+    torque - known l_m = W Phi + l_c c + s known l_m, with l the load's columns. This is linear; the identification of
+    the empty machine is the prior.
+
+    Raises ValueError, in one sentence, when the weight is not seen for long enough, or when another weight is seen."""
     model, tares = found.model, found.tares
     pieces = [(piece, hanging(model, tares, piece)) for piece in chunks(model, segments)]
     _check_weight(found, np.concatenate([np.zeros(0), *(seen for _, seen in pieces)]), known_kg)
-    held = joined((_factors(found, piece, seen, known_kg) for piece, seen in pieces), observation.MOST_BLOCKS)
+    data = joined((_factors(found, piece, seen, known_kg) for piece, seen in pieces), observation.MOST_BLOCKS)
     size = len(model.parameters)
-    fit = least_squares(held, tares.row_error, _before(found))
+    fit = least_squares(data, tares.row_error, _before(found))
     error = float(np.sqrt(fit.covariance[-1, -1]))
     fitted = tares._replace(values=fit.values[:size], covariance=fit.covariance[:size, :size])
     return found._replace(tares=fitted._replace(scale=1.0 / (1.0 + float(fit.values[-1])), scale_error=error))
 
 
 def _check_weight(found: Identification, seen: Array, known_kg: float) -> None:
-    """Raises ValueError when `seen` (T,) [kg], what hangs, is not the known weight for long enough."""
+    """Raises ValueError when the estimated load `seen` (T,) [kg] is not the known weight for long enough."""
     rate = found.model.filters.rate_hz
     if np.sum(_alike(seen, known_kg)) >= ENOUGH_SECONDS * rate:
         return
@@ -65,7 +67,7 @@ def _alike(seen: Array, known_kg: float) -> NDArray[np.bool_]:
 
 
 def _before(found: Identification) -> Prior:
-    """What is known before the lift of Phi (P), c (3) and s."""
+    """Prior of the parameters Phi (P), the load's first moments and inertia c (3) and the scale error s (1)."""
     machine, size = found.model.machine, len(found.model.parameters)
     moment = machine.rated_payload * machine.payload_reach
     spread = np.array([moment, moment, moment * machine.payload_reach, WRONG_SCALE])
@@ -75,7 +77,7 @@ def _before(found: Identification) -> Prior:
 
 
 def _factors(found: Identification, values: Array, hanging: Array, known_kg: float) -> Factors:
-    """Factors of the rows in which the weight hangs; `hanging` (T-1,) [kg]."""
+    """Factors of the rows in which the known weight is in the air; `hanging` (T-1,) [kg]: estimated load."""
     model = found.model
     seen, size = observe(model, values), len(model.parameters)
     load, noisy = seen.columns @ model.load, seen.noise[..., :size] @ model.load

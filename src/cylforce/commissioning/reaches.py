@@ -1,5 +1,5 @@
-"""Moves of all joints at once, to postures that a commissioning has not yet seen: what single strokes tell only where
-the other joints waited must hold wherever the machine works."""
+"""Moves of all joints at once to postures that the recording does not contain yet. Strokes of one joint measure only at
+the positions where the other joints wait; the model must be valid in the whole working range."""
 
 from itertools import product
 from typing import NamedTuple
@@ -11,23 +11,24 @@ from cylforce.commissioning.coverage import BINS, Plan
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
-VISITED_S = 0.2  # of motion in a pair of neighbouring joints' bins, from which on it counts as visited
-ENOUGH = 0.9  # of the pairs within reach
-LOW = 0.4  # of the postures' heights: a tool below this quantile might touch the ground
-BRISK = 2.5  # times the speed from which on motion is fast
-ARRIVED = 0.6  # of a bin
+VISITED_S = 0.2  # s of motion in a pair of bins of neighbouring joints, from which on the pair is visited; chosen
+ENOUGH = 0.9  # of the pairs within reach, which must be visited; chosen
+LOW = 0.4  # quantile of the tool's height over all postures, below which it might reach the ground; chosen
+BRISK = 2.5  # times `Plan.fast`: speed of the fastest cylinder in such a move; chosen
+ARRIVED = 0.6  # times a bin: distance from the target at which it counts as reached; chosen
 
 
 class Reach(NamedTuple):
-    """All joints to the posture `target` (N,) [rad], in `seconds`."""
+    """A move of all joints to the posture `target` (N,) [rad] in `seconds` [s]."""
 
     target: Array
     seconds: float
 
 
 class Postures(NamedTuple):
-    """The middles of the bins of all driven joints, where the tool is high: `theta` (K, N) [rad], `bins` (K, M), and
-    `pairs` (M-1, BINS, BINS): which pairs of neighbouring bins they contain."""
+    """K postures, at the middles of the bins of all driven joints, in which the tool is high enough: joint angles
+    `theta` (K, N) [rad]; their `bins` (K, M); `pairs` (M-1, BINS, BINS): whether any of them has this pair of bins of
+    two neighbouring joints."""
 
     theta: Array
     bins: NDArray[np.intp]
@@ -35,7 +36,7 @@ class Postures(NamedTuple):
 
 
 def postures(machine: Machine, plan: Plan) -> Postures:
-    """The postures that may be asked for."""
+    """The postures that the operator may be asked for."""
     bins = np.array(list(product(range(BINS), repeat=len(plan.joints))), dtype=np.intp)
     theta = np.zeros((len(bins), machine.size))
     middles = (plan.edges[:, 1:] + plan.edges[:, :-1]) / 2.0
@@ -50,14 +51,16 @@ def postures(machine: Machine, plan: Plan) -> Postures:
 
 
 def visited(places: Postures, seconds: Array) -> float:
-    """The share (0..1) of the pairs that `seconds` (M-1, BINS, BINS) of `coverage.planes` contain."""
+    """Share (0..1) of the pairs in `places` that were visited, by the `seconds` (M-1, BINS, BINS) of
+    `coverage.planes`."""
     return float(np.mean(seconds[places.pairs] >= VISITED_S)) if np.any(places.pairs) else 1.0
 
 
 def next_reach(
     machine: Machine, plan: Plan, places: Postures, seconds: Array, posture: Array, last: Reach | None
 ) -> Reach | None:
-    """The posture to go to next from `posture` (N,) [rad] (NaN: nobody knows); None when enough was visited."""
+    """The next move from `posture` (N,) [rad] (NaN: unknown): to the posture with most pairs not yet visited; the
+    `last` move until its target is reached; None when enough was visited."""
     if visited(places, seconds) >= ENOUGH:
         return None
     joints, width = list(plan.joints), plan.edges[:, 1] - plan.edges[:, 0]

@@ -1,4 +1,4 @@
-"""From what a commissioning still lacks to the next stroke of one joint, and the sentence that asks for it."""
+"""The next stroke of one joint that a commissioning needs, and the sentence that asks the operator for it."""
 
 from itertools import product
 from typing import NamedTuple
@@ -11,21 +11,21 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, working_range
 from cylforce.signals.estimate import Array
 
-CLEAR = 0.5  # of its range: below it a lifting joint is asked for nothing, for the tool may stand on the ground
-AT = (0.15, 0.5, 0.85)  # of their ranges: where the other joints may wait
+CLEAR = 0.5  # times its range: below it no motion of a lifting joint is asked for, as the tool might reach the ground
+AT = (0.15, 0.5, 0.85)  # times their ranges: positions in which the other joints may wait; chosen
 SPEED = {
     Pace.SLOW: 0.7,
     Pace.FAST: 2.0,
-}  # times the speed from which on motion is fast: the mean, levers are not square
-RUN_UP = 0.4  # of a bin: so far before the stroke's part that counts, and behind it
-OTHER_JOINT = 0.5  # of a range: a stroke of another joint must be so much nearer to come first
-AGAIN = 1.0  # of a range: so much nearer one that was just made
-BEGUN, ENDED = 0.15, 0.95  # of a stroke
+}  # times `Plan.fast`: mean speed asked for; chosen with a margin, because no operator's speed is constant
+RUN_UP = 0.4  # times a bin: distance before and after the part of a stroke that counts; chosen
+OTHER_JOINT = 0.5  # ranges that are added to the distance of a stroke of another joint, so that joints alternate less
+AGAIN = 1.0  # ranges that are added to the distance of the stroke just made, so that it is not asked for again at once
+BEGUN, ENDED = 0.15, 0.95  # times a stroke: within the first it has begun, beyond the second it is complete; chosen
 
 
 class Stroke(NamedTuple):
-    """`joint` from the angle `begin` to `end` [rad] in `seconds`, its cylinder moving `way` and `pace`; meanwhile the
-    other joints hold the posture `hold` (N,) [rad]. `begun`: it is under way."""
+    """A stroke of `joint` from angle `begin` to `end` [rad] in `seconds` [s], its cylinder in direction `way` at
+    `pace`; meanwhile the other joints stay at the posture `hold` (N,) [rad]. `begun`: whether it is under way."""
 
     joint: int
     way: Way
@@ -38,12 +38,12 @@ class Stroke(NamedTuple):
 
     @property
     def kind(self) -> tuple[int, Way, Pace]:
-        """What it covers."""
+        """Joint, direction and pace, which the stroke covers."""
         return self.joint, self.way, self.pace
 
 
 def clear_range(machine: Machine) -> Array:
-    """Joint angles (N, 2) [rad] in which a commissioning moves: those that can be driven, of the joints that lift the
+    """Joint angles (N, 2) [rad] in which a commissioning moves: the working ranges, and of the joints that lift the
     stick only the upper half."""
     ranges = working_range(machine)
     lifting = [j for j in driven(machine) if j < machine.size - 2]
@@ -52,8 +52,8 @@ def clear_range(machine: Machine) -> Array:
 
 
 def next_stroke(machine: Machine, plan: Plan, seconds: Array, posture: Array, last: Stroke | None) -> Stroke | None:
-    """The stroke to make next after the `last`, with the joints at `posture` (N,) [rad] (NaN: nobody knows), when
-    `seconds` of `coverage` are there; None when nothing is missing."""
+    """The next stroke after the `last` one, for the `seconds` of `coverage` recorded so far and the joints at `posture`
+    (N,) [rad] (NaN: unknown); None when nothing is missing."""
     wanted = _together(missing(plan, seconds))
     going_on = _under_way(last, float(posture[last.joint])) if last is not None and last.kind in wanted else None
     if going_on is not None:
@@ -67,14 +67,14 @@ def next_stroke(machine: Machine, plan: Plan, seconds: Array, posture: Array, la
 
 
 def _under_way(stroke: Stroke, here: float) -> Stroke | None:
-    """The stroke while its joint is at the angle `here`; None when it has been made."""
+    """The stroke, with its progress noted, while its joint is at the angle `here` [rad]; None when it is complete."""
     progress = (here - stroke.begin) / (stroke.end - stroke.begin)
     begun = stroke.begun or abs(progress) < BEGUN
     return None if begun and progress > ENDED else stroke._replace(begun=begun)
 
 
 def _together(gaps: tuple[Missing, ...]) -> dict[tuple[int, Way, Pace], Missing]:
-    """The gaps of one joint, way and pace as one."""
+    """The gaps of each joint, direction and pace combined into one."""
     found: dict[tuple[int, Way, Pace], Missing] = {}
     for gap in gaps:
         there = found.setdefault((gap.joint, gap.way, gap.pace), gap)
@@ -84,7 +84,8 @@ def _together(gaps: tuple[Missing, ...]) -> dict[tuple[int, Way, Pace], Missing]
 
 
 def _ends(machine: Machine, plan: Plan, gap: Missing) -> Stroke:
-    """The stroke that fills a gap, with a run-up as far as there is room."""
+    """The stroke that fills a gap, longer by RUN_UP at both ends where the range allows it; `seconds` and `hold` are
+    set later."""
     k = plan.joints.index(gap.joint)
     edges = plan.edges[k]
     room = RUN_UP * (edges[-1] - edges[0]) / BINS
@@ -97,8 +98,8 @@ def _ends(machine: Machine, plan: Plan, gap: Missing) -> Stroke:
 
 
 def _distance(plan: Plan, stroke: Stroke, posture: Array, last: Stroke | None) -> float:
-    """How far it is to where a stroke begins, in ranges; slow strokes first, the same joint rather than another, and
-    not the same stroke again."""
+    """Distance from the present `posture` (N,) [rad] to the start of a stroke, in joint ranges, plus penalties: for a
+    fast stroke, for another joint than the last, for the same stroke again."""
     edges = plan.edges[plan.joints.index(stroke.joint)]
     here = posture[stroke.joint]
     way = 0.0 if np.isnan(here) else abs(float(here) - stroke.begin) / float(edges[-1] - edges[0])
@@ -108,7 +109,8 @@ def _distance(plan: Plan, stroke: Stroke, posture: Array, last: Stroke | None) -
 
 
 def _hold(machine: Machine, stroke: Stroke) -> Array:
-    """Where the other joints wait: so that the tool stays as high as possible all along the stroke."""
+    """The posture (N,) [rad] of the other joints with which the tool stays as high as possible during the whole
+    stroke."""
     ranges = clear_range(machine)
     others = [j for j in driven(machine) if j != stroke.joint]
     posts = np.array(list(product(AT, repeat=len(others))))
@@ -127,7 +129,7 @@ def _seconds(machine: Machine, plan: Plan, stroke: Stroke, hold: Array) -> float
 
 
 def _lengths(machine: Machine, c: int, stroke: Stroke, hold: Array) -> tuple[float, float]:
-    """The cylinder's length at the stroke's ends [m]."""
+    """Lengths [m] of cylinder `c` at start and end of the stroke."""
     theta = np.array([hold, hold])
     theta[:, stroke.joint] = stroke.begin, stroke.end
     begin, end = machine.geometry(theta).length[:, c]
@@ -135,7 +137,7 @@ def _lengths(machine: Machine, c: int, stroke: Stroke, hold: Array) -> tuple[flo
 
 
 def sentence(machine: Machine, plan: Plan, stroke: Stroke) -> str:
-    """What to do, for whoever holds the levers."""
+    """The sentence that asks the operator for a stroke."""
     c = plan.cylinders[plan.joints.index(stroke.joint)]
     begin, end = (_share(machine, c, length) for length in _lengths(machine, c, stroke, stroke.hold))
     pace = "slowly" if stroke.pace is Pace.SLOW else "fast"
@@ -155,7 +157,7 @@ def _share(machine: Machine, c: int, length: float) -> str:
 
 
 def reach_sentence(machine: Machine, plan: Plan, reach: Reach) -> str:
-    """The same for a move of all joints."""
+    """The sentence that asks the operator for a move of all joints."""
     lengths = machine.geometry(reach.target).length
     places = [
         f"the {machine.links[j].name}'s cylinder to {_share(machine, c, float(lengths[c]))}"

@@ -1,5 +1,5 @@
-"""Is every sensor where the machine file says, and alive? Read from raw samples: a value that repeats itself while it
-must change, and exchanges of two sensors after which all fits."""
+"""Is every sensor alive, and where the machine file says? Checked on raw samples: values that repeat although they must
+change, and exchanges of two sensors with which the recording would fit."""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -16,15 +16,15 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-KEPT_S = 40.0  # of samples, for trying exchanges
-SHORT_S = 8.0  # of samples, with which nothing is tried
-FROZEN_S = 1.0  # in which a pressure of a moving cylinder never changes
-STILL_S = 5.0  # in which an angle shows not even its noise
-TURNING = 0.01  # rad/s: the joint moves
-WINDOW_S = 0.25  # over which that is seen
-MISFIT = 0.03  # of its torque that a row may leave unexplained before a sensor is suspected
-BETTER = 0.25  # of the misfit that the true exchange may leave
-AS_MANY = 0.8  # of the usable samples that it must leave
+KEPT_S = 40.0  # s of the latest samples that are kept for trying exchanges; chosen
+SHORT_S = 8.0  # s of samples, below which no exchange is tried; chosen
+FROZEN_S = 1.0  # s of one and the same pressure while its cylinder moves: the sensor is frozen; chosen
+STILL_S = 5.0  # s of one and the same angle, without even noise, while a joint moves: the sensor is frozen; chosen
+TURNING = 0.01  # rad/s, from which on a joint counts as moving; chosen
+WINDOW_S = 0.25  # s over which that rate is measured; chosen
+MISFIT = 0.03  # of the torque, unexplained: beyond it a sensor is suspected; chosen
+BETTER = 0.25  # of the misfit, which may remain after the right exchange; chosen
+AS_MANY = 0.8  # of the usable samples, which must remain usable after the right exchange; chosen
 
 PLACES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
@@ -32,8 +32,8 @@ Exchange = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 class SignalHistory(NamedTuple):
-    """The last samples `kept` (K, S); per signal (S,) for how many samples it has `repeated` itself while it ought to
-    change, at most `longest`, and its smallest `step`."""
+    """The latest samples `kept` (K, S); per signal (S,): number of samples for which it has `repeated` one value
+    although it should change, up to now and the `longest` such time; its smallest change `step` [SI]."""
 
     kept: Array
     repeated: NDArray[np.intp]
@@ -42,14 +42,14 @@ class SignalHistory(NamedTuple):
 
 
 def nothing(machine: Machine) -> SignalHistory:
-    """No samples yet."""
+    """The history before any sample."""
     size = len(machine.signals)
     none = np.zeros(size, dtype=np.intp)
     return SignalHistory(np.zeros((0, size)), none, none, np.full(size, np.inf))
 
 
 def gathered(model: Model, before: SignalHistory, values: Array, *, joins: bool) -> SignalHistory:
-    """With the samples (T, S) too; `joins`: they follow the last ones without a gap."""
+    """The history `before` with further samples (T, S); `joins`: they follow the last ones without a gap."""
     most = int(KEPT_S * model.filters.rate_hz)
     kept = (np.concatenate([before.kept, values]) if joins else values)[-most:]
     last = before.kept[-1:] if joins else before.kept[:0]
@@ -61,7 +61,8 @@ def gathered(model: Model, before: SignalHistory, values: Array, *, joins: bool)
 
 
 def _runs(equal: NDArray[np.bool_], carried: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Length (S,) of the run of true values (T, S) at the end, and of the longest; `carried` (S,) went before."""
+    """Length (S,) of the run of true values (T, S) at the end, and of the longest run; `carried` (S,): length of the
+    run at the end of the samples before."""
     if not len(equal):
         return carried, carried
     count = np.arange(1, len(equal) + 1)[:, None]
@@ -71,7 +72,8 @@ def _runs(equal: NDArray[np.bool_], carried: NDArray[np.intp]) -> tuple[NDArray[
 
 
 def _ought_to_change(model: Model, values: Array) -> NDArray[np.bool_]:
-    """(T, S): a pressure while its own cylinder moves, a place while any joint does."""
+    """Whether each signal should change at each sample (T, S): a pressure while a joint of its own cylinder moves, an
+    angle or length while any joint moves."""
     machine, window = model.machine, int(WINDOW_S * model.filters.rate_hz)
     angle = model.channels.read(values)[:, : machine.size]
     turns = np.zeros(angle.shape, dtype=bool)
@@ -86,7 +88,7 @@ def _ought_to_change(model: Model, values: Array) -> NDArray[np.bool_]:
 
 
 def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
-    """A sentence when a pressure has stood still while its cylinder moved."""
+    """One sentence when a pressure did not change for FROZEN_S although its cylinder moved, else None."""
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
         if signal.kind in PRESSURES and seconds >= FROZEN_S:
@@ -97,17 +99,18 @@ def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
     return None
 
 
-def misfit(held: Factors, row_error: Array) -> float:
-    """What a fit with `row_error` (R,) leaves of the torque: rms over the rows that were observed."""
-    samples = np.sum(held.samples, axis=0)
-    told = samples > 0
-    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2))[told] / samples[told])
-    return float(np.sqrt(np.mean((row_error[told] / np.maximum(size, 1e-9)) ** 2))) if np.any(told) else np.inf
+def misfit(data: Factors, row_error: Array) -> float:
+    """Share of the torque that a fit with `row_error` (R,) [N m] leaves unexplained: rms over the measured torques;
+    infinite when none was measured."""
+    samples = np.sum(data.samples, axis=0)
+    seen = samples > 0
+    size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2))[seen] / samples[seen])
+    return float(np.sqrt(np.mean((row_error[seen] / np.maximum(size, 1e-9)) ** 2))) if np.any(seen) else np.inf
 
 
 def miswired(model: Model, evidence: SignalHistory) -> str | None:
-    """For a recording that does not fit: a sentence when an exchange of two sensors makes it fit, or when a place has
-    stood still."""
+    """For a recording that does not fit: one sentence when an exchange of two sensors makes it fit, or when an angle or
+    length sensor is frozen; else None."""
     if len(evidence.kept) < SHORT_S * model.filters.rate_hz:
         return None
     return _exchanged(model, evidence.kept) or _frozen_place(model, evidence)
@@ -118,7 +121,7 @@ def _exchanged(model: Model, kept: Array) -> str | None:
     if there < MISFIT:
         return None
     tried = [(*_misfit_of(model, _swapped(kept, pair)), pair) for pair in _exchanges(model.machine)]
-    fitting = [(left, pair) for left, told, pair in tried if told > AS_MANY * samples and left < BETTER * there]
+    fitting = [(left, pair) for left, count, pair in tried if count > AS_MANY * samples and left < BETTER * there]
     if not fitting:
         return None
     left, pair = min(fitting)
@@ -130,13 +133,13 @@ def _exchanged(model: Model, kept: Array) -> str | None:
 
 
 def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
-    """(misfit, number of usable samples) of a stretch alone."""
-    held = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
-    samples = np.sum(held.samples, axis=0)
+    """(Misfit, number of usable samples) of a stretch of samples (T, S) fitted by itself."""
+    data = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
+    samples = np.sum(data.samples, axis=0)
     if not np.any(samples):
         return np.inf, 0.0
-    size = np.sqrt(np.sum(held.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
-    left = misfit(held, least_squares(held, MISFIT * size + 1.0, model.prior).row_error)
+    size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
+    left = misfit(data, least_squares(data, MISFIT * size + 1.0, model.prior).row_error)
     return left, float(np.sum(samples))
 
 
@@ -148,7 +151,8 @@ def _swapped(values: Array, pair: Exchange) -> Array:
 
 
 def _exchanges(machine: Machine) -> Iterator[Exchange]:
-    """Head and rod side of a cylinder, the places of two joints, all pressures of two cylinders."""
+    """Exchanges that are tried: head and rod side of a cylinder, the angle or length sensors of two joints, all
+    pressures of two cylinders."""
     where = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
     for c in range(len(machine.cylinders)):
         if all((kind, c) in where for kind in PRESSURES):

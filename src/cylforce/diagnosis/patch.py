@@ -21,7 +21,7 @@ WITHIN = shapes((np.arange(PARTS) + 0.5) / PARTS)  # (SHAPES, PARTS)
 
 def patch(search: Search, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """One block per cause, or one for each recording or window in which it has sizes of its own; see
-    `core/simulated_effects.py` for what the simulated machine makes of it; clocks last, for they are those of readings
+    `effects/imposed.py` for what the simulated machine makes of it; clocks last, for they are those of readings
     that have all other errors."""
     blocks = [block for cause in sorted(causes, key=lambda c: c.ranked.clock) for block in _blocks(search, cause)]
     return [block for block in blocks if _possible(search.original, block)]

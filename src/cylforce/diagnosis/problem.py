@@ -395,7 +395,7 @@ class Problem:
 def _sizes(effect: Fault) -> tuple[float, ...]:
     """Usual sizes of an effect's columns."""
     if isinstance(effect, MassChange | BaseMotion):
-        return effect.usual
+        return effect.typical
     return (effect.about.high / 2.0,)
 
 
@@ -416,7 +416,7 @@ def _small(effect: Fault) -> tuple[float, ...]:
     if bent(effect):
         return (STILL * about.low,)
     if isinstance(effect, BaseMotion):
-        return tuple(STILL * size for size in effect.usual)
+        return tuple(STILL * size for size in effect.typical)
     if isinstance(effect, MassChange):
-        return tuple(size * about.low / effect.usual[0] for size in effect.usual)
+        return tuple(size * about.low / effect.typical[0] for size in effect.typical)
     return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)

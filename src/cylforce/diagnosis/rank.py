@@ -197,7 +197,7 @@ def _alike(found: Ranked) -> bool:
     if not isinstance(effect, FirstMomentChange):
         return True
     inertia = float(found.told.value[-1])
-    return abs(inertia) <= ASIDE * effect.usual[-1]
+    return abs(inertia) <= ASIDE * effect.typical[-1]
 
 
 def plausible(found: Ranked) -> bool:

@@ -38,8 +38,8 @@ def shifted(answer: dict[str, Any], judged: Judged) -> str:
     most = size["parameter_shift"][0]
     return (
         f"with the model's parameters fitted to these recordings {size['refit']:.0f} N m are left ({most['name']} "
-        f"moves by {abs(most['standard_errors']):.0f} standard errors): the recording that they were identified from "
-        "does not speak for these; identify from a longer one, or give one of the machine in order as reference"
+        f"changes by {abs(most['standard_errors']):.0f} standard errors): the recording of the identification does not "
+        "represent these; identify from a longer one, or give a recording of the machine in order as reference"
     )
 
 

@@ -1,7 +1,7 @@
 """The blocks `[[effects]]` of a patch, switched on in the identified machine, which is led along the recorded motion:
 what its sensors would have read, and what is left of what they read.
 
-The blocks are read as the simulated machine reads them (`core/simulated_effects.py`), so that a wrong unit, sign,
+The blocks are read as the simulated machine reads them (`effects/imposed.py`), so that a wrong unit, sign,
 place or time shows. The true motion is the one that the sensors' errors turn into the recorded one. Torques are
 compared filtered alike, by momentum and static half: nothing is differentiated twice. What rubs by force rubs by the
 measured one."""
@@ -23,11 +23,11 @@ from cylforce.effects.imposed import (
     added_parameters,
     altered,
     changed_load,
+    contact_force,
     distorted,
     excess_force,
     friction_level,
     imposed,
-    touching,
     unseen_slew,
 )
 from cylforce.effects.library import LIBRARY, Group
@@ -125,7 +125,7 @@ class Resimulation:
         """Momentum and static torque (T, R) of what the machine has besides, at times (T,)."""
         machine = self._other.slow.machine
         static = np.einsum("tcn,tc->tn", moving.lever, excess_force(self.effects, moving, t))
-        static += tip_torque(machine, moving, touching(self.effects, t))
+        static += tip_torque(machine, moving, contact_force(self.effects, t))
         static += self._rubbing(moving, t) + self._turning(moving, t)
         momentum, riding = self._riding(moving, values, t)
         return momentum, static[:, machine.rows] + riding

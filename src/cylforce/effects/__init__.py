@@ -1,6 +1,6 @@
-"""Floor 2: physical causes of force, each written once; simulated and regressed by the same columns.
+"""Physical causes of force and of measurement error, one file each, and the library of those that the diagnosis tries.
 
-An effect gives its columns in two halves, momentum and static, both (..., N joints, P parameters) in torque form.
-Simulating it is d/dt(momentum @ value) + static @ value; regressing it is w (momentum - L momentum) + L static.
-Siblings never import each other.
+Work here to add an effect. An effect gives its columns in two halves, momentum and static, both (..., N joints, P
+parameters) in torque per parameter. The simulation computes d/dt(momentum @ value) + static @ value, the regression
+w (momentum - L momentum) + L static, with L a first-order low-pass of cut-off w: the same columns serve both.
 """

@@ -1,4 +1,4 @@
-"""The shape of an effect: what every cause of force offers to simulator, regressor and diagnosis."""
+"""The protocol of an effect: its parameters and its columns, as simulation, regressor and diagnosis use them."""
 
 from typing import NamedTuple, Protocol
 
@@ -8,26 +8,27 @@ from cylforce.signals.estimate import Array
 
 
 class Parameter(NamedTuple):
-    """Name (e.g. `stick.X`) and SI unit of one parameter."""
+    """Name (for example `stick.X`) and SI unit of one parameter."""
 
     name: str
     unit: str
 
 
 class Halves(NamedTuple):
-    """Columns (..., N, P) [torque per parameter]; `momentum` is None where an effect has no momentum."""
+    """Columns (..., N, P) of N joints and P parameters: `static` [N m per unit of the parameter], `momentum` [N m s per
+    unit of the parameter], None for an effect without momentum. Torque = d/dt(momentum @ value) + static @ value."""
 
     momentum: Array | None
     static: Array
 
 
 class Effect(Protocol):
-    """One physical cause of force."""
+    """One physical cause of force, linear in its parameters."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Its P parameters on this machine."""
+        """The P parameters that the effect has on this machine."""
         ...
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Its columns along a motion."""
+        """Columns of the parameters along a motion."""
         ...

@@ -1,5 +1,5 @@
-"""The shapes of an effect that may separate a machine from its model: what every one says of itself, and the few ways
-in which it acts. The same method serves the simulated machine and the diagnosis."""
+"""Protocols of the effects by which a machine may differ from its model: how each is described, and the few ways in
+which it acts. Simulated machine and diagnosis call the same methods."""
 
 from enum import StrEnum
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -27,11 +27,12 @@ class Place(StrEnum):
 
 
 class About(NamedTuple):
-    """What an effect says of itself: the `name` by which it is reported, `unit` (SI) of its size, the plausible range
-    `low`..`high` of that size's magnitude, `sign` (1 or -1 where only one can be, else 0), `place`, in which regimes it
-    `shows`, the experiment that would `confirm` it, how many of its sizes are the `axes` of that magnitude, whether
-    every recording has sizes `of_its_own`, and how uncertain a size is, as a share of it, because the `form` is: the
-    levers and areas that turn it into torque are never known better than to one percent."""
+    """Description of an effect: the `name` by which it is reported; `unit` (SI) of its size; the plausible range
+    `low`..`high` of the magnitude of its size; `sign` (1 or -1 where only that sign is possible, else 0); the `place`
+    where it sits; in which regimes it `shows`; the experiment that would `confirm` it; `axes`: how many of its sizes
+    are the components of that magnitude; `of_its_own`: whether each recording has its own size; `form`: relative
+    standard error of a size because the law itself is only approximate. It is at least 0.01: levers and areas, which
+    turn the size into torque, are not known better than to one percent."""
 
     name: str
     unit: str
@@ -51,7 +52,7 @@ class Fault(Protocol):
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         ...
 
 
@@ -60,104 +61,104 @@ class ForceLaw(Fault, Protocol):
     """A force in one cylinder's own coordinate."""
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """What the cylinder must push in excess (T,) per unit of size, at its speed (T,) [m/s] and force (T,) [N] and
-        the time (T,) [s] since the recording's start."""
+        """Additional force of the cylinder (T,) per unit of size, at its speed (T,) [m/s], its force (T,) [N] and the
+        time t (T,) [s] since the start of the recording."""
         ...
 
 
 @runtime_checkable
 class Distortion(Fault, Protocol):
-    """An error of what is measured."""
+    """An error of a sensor: it changes the measured values, not the machine."""
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Values (T, S) of all signals as measured at t (T,) [s], from those without the error; `where` counts the
-        places of its kind on the machine (see `places`)."""
+        """Values (T, S) of all signals as measured with an error of `size` at times t (T,) [s], from the `values`
+        without it; `where`: number of the signal, link or cylinder that has the error (see `places`)."""
         ...
 
 
 @runtime_checkable
 class Sudden(Distortion, Protocol):
-    """An error that jumps, at instants that are known only roughly."""
+    """A sensor error that jumps at instants which are known only roughly."""
 
     def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
-        """At which samples (T,) of the values (T, S) it may jump."""
+        """Whether the error may jump at each sample (T,) of the values (T, S)."""
         ...
 
 
 @runtime_checkable
 class Alteration(Fault, Protocol):
-    """Another machine than the machine file says."""
+    """A geometry that differs from the machine file."""
 
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
-        """The machine with the error; where it has no such part, the machine itself."""
+        """The machine with an error of `size`; the same object where the machine has no such part."""
         ...
 
 
 @runtime_checkable
 class MassChange(Fault, Protocol):
-    """Masses that differ: a change of base parameters."""
+    """Masses that differ from the data sheet: a change of base parameters."""
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the M sizes of which it consists, the first that of the size proper."""
+        """Units of the M sizes of which it consists; the first is the size that `About` describes."""
         ...
 
     @property
-    def usual(self) -> tuple[float, ...]:
-        """Usual values of those sizes."""
+    def typical(self) -> tuple[float, ...]:
+        """Typical values of those sizes, the scale of the diagnosis' prior."""
         ...
 
     def change(self, machine: Machine, where: int) -> Array:
-        """(3N, M) change of (J, X, Z) of all links per unit of each size."""
+        """(3N, M) change of (J, X, Z) of all links per unit of each size; `where`: number of the link."""
         ...
 
 
 @runtime_checkable
 class Share(Fault, Protocol):
-    """Known friction of a cylinder that changes as a whole."""
+    """The identified friction of a cylinder, changed as a whole by a factor."""
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """Names of the friction laws whose known sizes are multiplied by 1 + size course(t)."""
+        """Names of the friction laws whose identified coefficients are multiplied by 1 + size course(t)."""
         ...
 
     def course(self, t: Array) -> Array:
-        """How the change goes with the time t (T,) [s] since the field's start."""
+        """Course of the change (T,) over the time t (T,) [s] since the start of the recording."""
         ...
 
 
 @runtime_checkable
 class PartOfFriction(Fault, Protocol):
-    """A force that is no more than a part of a cylinder's dry friction."""
+    """A force that can be no more than a part of a cylinder's dry friction."""
 
     @property
     def of_dry(self) -> float:
-        """The largest plausible part."""
+        """Largest plausible share of the dry friction (0..1)."""
         ...
 
 
 @runtime_checkable
 class BaseMotion(Fault, Protocol):
-    """What carries the first link moves, and the model takes it to stand still."""
+    """The body that carries the first link moves, but the model assumes that it stands still."""
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the M sizes of which it consists, the first that of the size proper."""
+        """Units of the M sizes of which it consists; the first is the size that `About` describes."""
         ...
 
     @property
-    def usual(self) -> tuple[float, ...]:
-        """Usual values of those sizes."""
+    def typical(self) -> tuple[float, ...]:
+        """Typical values of those sizes, the scale of the diagnosis' prior."""
         ...
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Columns (..., N, M) along a motion whose rates lack that of the chassis in the arm's plane, `turning` (...,)
-        [rad/s], for links whose (J, X, Z) are `base` (..., N, 3)."""
+        """Columns (..., N, M) along a motion, for links whose (J, X, Z) are `base` (..., N, 3); `turning` (...,)
+        [rad/s]: rate of the chassis in the arm's plane, which the rates of `moving` do not contain."""
         ...
 
 
 class TimeCourse(StrEnum):
-    """How the sizes of an incident go with time."""
+    """How the sizes of an incident change with time."""
 
     WINDOWS = "some stretches, each with sizes of its own"
     AFTER = "nothing before an instant, the same after it"
@@ -166,7 +167,7 @@ class TimeCourse(StrEnum):
 
 @runtime_checkable
 class Incident(Fault, Protocol):
-    """Something that happens at a time, which the diagnosis has to find."""
+    """An effect that begins at some instant, which the diagnosis has to find."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -175,24 +176,25 @@ class Incident(Fault, Protocol):
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How their sizes change with time."""
         ...
 
 
-# Columns of incidents: what hangs in the bucket besides, a force at the teeth and the unit square of the slew rate with
-# the course of a polynomial in each block, a second by which all pressures come late.
-SHAPES = 6  # Legendre's polynomials: level, slope, bend, ..., each of mean square one over the block
+# Columns of incidents: an additional load in the bucket; a delay of all pressures by one second; and, over each block
+# with the course of each of SHAPES polynomials, a force at the teeth and a square of the slew rate of 1 rad^2/s^2.
+SHAPES = 6  # Legendre polynomials of degree 0 to 5, each of mean square one over the block; number chosen
 INCIDENTAL = (
     *("load.mass", "load.X", "load.Z", "load.J", "clock"),
     *(f"{name}.{k}" for k in range(SHAPES) for name in ("tip.x", "tip.z", "slew")),
 )
-TORQUES = tuple(f"torque.{k}" for k in range(SHAPES))  # the same of a torque, once for every measured joint
+TORQUES = tuple(f"torque.{k}" for k in range(SHAPES))  # the same for a torque, once for every measured joint
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
 
 def places(machine: Machine, place: Place) -> tuple[tuple[str, int], ...]:
-    """(name, number) of every place of a kind: number of the cylinder, the signal or the link; 0 for the machine."""
+    """(name, number) of every place of this kind on the machine: number of the cylinder, signal or link; 0 for the
+    machine as a whole."""
     if place in (Place.PRESSURE, Place.ANGLE, Place.SENSOR):
         kinds = {Place.PRESSURE: PRESSURES, Place.ANGLE: ANGLES, Place.SENSOR: PRESSURES + ANGLES}[place]
         return tuple((s.name, k) for k, s in enumerate(machine.signals) if s.kind in kinds)

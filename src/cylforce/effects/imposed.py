@@ -1,5 +1,4 @@
-"""Effects of the diagnosis' library, switched on in the simulated machine: the same methods, at a place, with sizes,
-for a time."""
+"""Effects of the library switched on in the simulated machine: at a place, with sizes, for a time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
@@ -27,7 +26,8 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
 
-# What incidents change, and its unit: load, force at the teeth, square of the slew rate, time of all pressures.
+# Quantities that incidents change, with units: load, force at the teeth, square of the slew rate, delay of all
+# pressures.
 CHANGED = {
     "load.mass": "kg",
     "load.X": "kg m",
@@ -40,7 +40,7 @@ CHANGED = {
 
 
 class Imposed(NamedTuple):
-    """A group of effects of one name at the place `at`, number `where`, with its `sizes`, from `begin` to `end` [s] of
+    """A group of effects at the place named `at`, number `where`, with its `sizes` (SI), from `begin` to `end` [s] of
     the run."""
 
     group: Group
@@ -51,11 +51,11 @@ class Imposed(NamedTuple):
     end: float = inf
 
     def during(self, t: Array) -> Array:
-        """1 while it is there (T,), else 0."""
+        """1 at the times t (T,) [s] at which the effect acts, else 0."""
         return np.where((t >= self.begin) & (t < self.end), 1.0, 0.0)
 
     def members(self) -> list[tuple[Fault, float]]:
-        """Effects with one size each."""
+        """The effects of the group, each with its size."""
         return list(zip(self.group, self.sizes, strict=False))
 
 
@@ -70,8 +70,10 @@ def imposed(
     end: float = inf,
     library: tuple[Group, ...] = LIBRARY,
 ) -> Imposed:
-    """The effect `name` of the library at a place of the machine; `value`: its size (SI), or a list where it has
-    several; `shape`: its other parameters, by name. Raises ValueError, in a sentence."""
+    """The effect `name` of the library at the place `at` of the machine, from `begin` to `end` [s]; `value`: its size
+    (SI), or a list where it has several; `shape`: values of the effect's own fields, such as a width, by name.
+
+    Raises ValueError, in one sentence, for an unknown name, place or field and for an implausible size."""
     group = _shaped(_named(name, library), shape or {})
     about = group[0].about
     where = dict(places(machine, about.place))
@@ -86,7 +88,7 @@ def imposed(
 
 
 def units(group: Group) -> tuple[str, ...]:
-    """Units of all sizes of a group; a clock is late by the first, and every second by the second more."""
+    """Units of all sizes of a group. A clock fault has two: the delay at its begin [s] and its growth [s/s]."""
     first = group[0]
     if isinstance(first, MassChange | BaseMotion):
         return first.units
@@ -105,7 +107,8 @@ def _named(name: str, library: tuple[Group, ...]) -> Group:
 
 
 def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
-    """The group with the shape's parameters in place of those that its members share."""
+    """The group with the fields of `shape` set: all of them in the first effect, in the others those that all effects
+    of the group have in common."""
     if not shape:
         return group
     first: Any = group[0]
@@ -120,7 +123,7 @@ def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
 
 
 def _check(found: Imposed) -> None:
-    """Raises ValueError unless there are as many sizes as the effect has, of a plausible magnitude and sign."""
+    """Raises ValueError unless the number of sizes is right and their magnitude and sign are plausible."""
     about, wanted, sizes = found.group[0].about, units(found.group), found.sizes
     name = about.name
     if not 0.0 <= found.begin < found.end:
@@ -134,7 +137,7 @@ def _check(found: Imposed) -> None:
 
 
 def _check_part(machine: Machine, found: Imposed) -> None:
-    """Raises ValueError where the machine has no such part, or no sensor that would show the error."""
+    """Raises ValueError when the machine has no such part, or no sensor that would show the error."""
     effect, values = found.group[0], np.zeros((2, len(machine.signals)))
     t = np.array([0.0, 1.0])
     nothing = (isinstance(effect, Alteration) and effect.altered(machine, found.where, 1e-3) is machine) or (
@@ -145,7 +148,7 @@ def _check_part(machine: Machine, found: Imposed) -> None:
 
 
 def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
-    """The machine as it really is."""
+    """The machine with all geometry errors among `effects`."""
     for each in effects:
         for effect, size in each.members():
             if isinstance(effect, Alteration):
@@ -154,7 +157,7 @@ def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
 
 
 def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
-    """What every cylinder must push in excess (T, C) [N] at times (T,) [s] of the run."""
+    """Additional force of every cylinder (T, C) [N] at times t (T,) [s] of the run."""
     force = np.zeros_like(moving.speed)
     for each in effects:
         for law, size in each.members():
@@ -165,8 +168,8 @@ def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
 
 
 def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: str) -> Array:
-    """By which factor (T, C) the usual friction of a cylinder that goes by a `law` is larger; what changes dry friction
-    changes it all."""
+    """Factor (T, C) on the friction `law` of every cylinder at times t (T,) [s] of the run. An effect that changes dry
+    friction changes every law of the simulated machine."""
     level = np.ones((len(t), cylinders))
     for each in effects:
         for share, size in each.members():
@@ -176,7 +179,7 @@ def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: st
 
 
 def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> Array:
-    """Base parameters (J, X, Z) (T, N, 3) that the links have in excess."""
+    """Additional base parameters (J, X, Z) of the links (T, N, 3) [kg m^2, kg m, kg m] at times t (T,) [s]."""
     found = np.zeros((len(t), machine.size, 3))
     for each in effects:
         weight = each.group[0]
@@ -187,12 +190,12 @@ def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> 
 
 
 def _changed(effect: Incident) -> list[str]:
-    """What an incident changes; the diagnosis may split it up in time, `what.0`, `what.1`, ..."""
+    """Keys of `CHANGED` that an incident changes; its own columns may be numbered, `slew.0`, `slew.1`, ..."""
     return list(dict.fromkeys(what for column in effect.columns for what in CHANGED if column.startswith(what)))
 
 
 def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> Array:
-    """Sizes (T, K) of some of what incidents change."""
+    """Sum of the incidents' sizes (T, K) at times t (T,) [s] for the K `wanted` keys of `CHANGED`."""
     found = np.zeros((len(t), len(wanted)))
     for each in effects:
         effect = each.group[0]
@@ -204,7 +207,8 @@ def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> A
 
 
 def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> CarriedLoad:
-    """The load after what fell out of it or moved in it; its inertia goes with its mass."""
+    """The load `carried`, changed by incidents (spilled, shifted) at times t (T,) [s]; its inertia is scaled with its
+    mass. Raises ValueError when more is spilled than there is."""
     mass, x, z = (carried.mass + _incidents(effects, t, ("load.mass",))[:, 0], *carried.centre.T)
     if np.any(mass < 0.0):
         raise ValueError("more falls out of the bucket than there is in it")
@@ -215,12 +219,12 @@ def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> 
 
 
 def unseen_slew(effects: Sequence[Imposed], t: Array) -> Array:
-    """Square (T,) [rad^2/s^2] of the rate at which the house turns besides what its sensor says."""
+    """Square (T,) [rad^2/s^2] of the slew rate that the sensor does not measure, to be added to the measured one's."""
     return _incidents(effects, t, ("slew",))[:, 0]
 
 
-def touching(effects: Sequence[Imposed], t: Array) -> Array:
-    """Force (T, 2) [N] at the teeth of what the tool touches, x forward and z up."""
+def contact_force(effects: Sequence[Imposed], t: Array) -> Array:
+    """Force (T, 2) [N] of an obstacle or the soil on the teeth, x forward and z up, at times t (T,) [s] of the run."""
     found = np.zeros((len(t), 2))
     for each in effects:
         effect = each.group[0]
@@ -233,12 +237,12 @@ def touching(effects: Sequence[Imposed], t: Array) -> Array:
 
 
 def base_motions(effects: Sequence[Imposed]) -> list[tuple[BaseMotion, Imposed]]:
-    """The effects by which what carries the first link moves."""
+    """The effects among `effects` that move the body which carries the first link."""
     return [(effect, each) for each in effects for effect in each.group if isinstance(effect, BaseMotion)]
 
 
 def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Signals (T, S) with the sensors' errors at times (T,) [s] of the run."""
+    """Signals (T, S) with all sensor and clock errors among `effects`, at times t (T,) [s] of the run."""
     for each in effects:
         during = each.during(t)[:, None] > 0.0
         for effect, size in each.members():
@@ -250,7 +254,7 @@ def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Ar
 
 
 def _late(machine: Machine, values: Array, t: Array, each: Imposed) -> Array:
-    """Pressures late by sizes (s, s/s): first + second (t - begin)."""
+    """Signals (T, S) in which all pressures are late by sizes[0] + sizes[1] (t - begin) [s]."""
     found, late = values.copy(), each.sizes[0] + each.sizes[1] * np.maximum(t - each.begin, 0.0)
     for k, signal in enumerate(machine.signals):
         if signal.kind in PRESSURES:

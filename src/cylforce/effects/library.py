@@ -32,10 +32,14 @@ from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.effects.sensors.tilt_ignored import TiltIgnored
 from cylforce.mechanics.machine import Machine
 
-WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))  # of a loss, extending and retracting
-PARTS = 5  # pins and bars of a linkage, at most
+# Shares (extending, retracting) of a line loss: both ways alike, half (the rod side returns less oil), one way only.
+WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
+PARTS = 5  # pins and bars of a four-bar linkage, the largest that there is
 
-Group = tuple[Fault, ...]  # effects of one name that act together, each with a size of its own
+Group = tuple[Fault, ...]  # effects of one name that act together, each with its own size
+
+# Where a law has a width, a decay or a power, it stands several times, over a plausible range; the diagnosis chooses
+# among them. The values are chosen, each about 2 to 4 times the one before.
 
 LIBRARY: tuple[Group, ...] = (
     (CoulombFriction(),),
@@ -69,7 +73,7 @@ LIBRARY: tuple[Group, ...] = (
 
 
 class Proposal(NamedTuple):
-    """A group of effects at a place: its name, the place's name `at` and its number `where`."""
+    """A group of effects at a place: name `at` and number `where` of the place."""
 
     group: Group
     at: str
@@ -77,7 +81,7 @@ class Proposal(NamedTuple):
 
     @property
     def about(self) -> About:
-        """What the effect says of itself."""
+        """Description of the group's first effect, which stands for all."""
         return self.group[0].about
 
     @property
@@ -87,11 +91,11 @@ class Proposal(NamedTuple):
 
     @property
     def course(self) -> TimeCourse | None:
-        """How its sizes change, if it happens at a time; None: it lasts."""
+        """How the sizes of an incident change with time; None for an effect that lasts."""
         effect = self.group[0]
         return effect.course if isinstance(effect, Incident) else None
 
 
 def proposals(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
-    """Every effect at every place that the machine has for it."""
+    """Every group of the library at every place where it can sit on this machine."""
     return tuple(Proposal(group, at, where) for group in library for at, where in places(machine, group[0].about.place))

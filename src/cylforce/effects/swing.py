@@ -1,4 +1,4 @@
-"""How the simulated machine's chassis moves when an effect of the library says that it does."""
+"""Motion of the simulated machine's chassis while an effect of the kind `BaseMotion` acts."""
 
 from collections.abc import Sequence
 from math import inf
@@ -10,14 +10,13 @@ from cylforce.effects.imposed import Imposed, base_motions
 from cylforce.effects.loads.carried import smooth
 from cylforce.signals.estimate import Array
 
-# How a chassis swings that ought to stand still: (amplitude [rad], period [s]) of several waves, within so many seconds
-# of its begin and of its end; a step [s] of the differences that tell its rate.
-WAVES = ((0.11, 9.0), (0.05, 5.2))
-EASE, STEP = 3.0, 1e-3
+WAVES = ((0.11, 9.0), (0.05, 5.2))  # amplitude [rad] and period [s] of the waves of the pitch; chosen
+EASE = 3.0  # s, over which the swing starts and stops; chosen
+STEP = 1e-3  # s, of the finite differences for rate and acceleration; chosen: rounding and truncation both negligible
 
 
 class Swing(NamedTuple):
-    """How the chassis swings: `angle` [rad], `rate` [rad/s], `acceleration` [rad/s^2], each (T,)."""
+    """Swing of the chassis about its pitch axis: `angle` [rad], `rate` [rad/s], `acceleration` [rad/s^2], each (T,)."""
 
     angle: Array
     rate: Array
@@ -25,7 +24,8 @@ class Swing(NamedTuple):
 
 
 def swing(effects: Sequence[Imposed], t: Array) -> Swing:
-    """The chassis' motion at times (T,) [s] of the run; without an effect that has a size it stands still."""
+    """The swing of the chassis at times t (T,) [s] of the run; zero unless an effect with a size different from zero
+    moves it."""
     found = np.zeros((3, len(t)))
     for _, each in base_motions(effects):
         if any(each.sizes):
@@ -35,7 +35,7 @@ def swing(effects: Sequence[Imposed], t: Array) -> Swing:
 
 
 def _swung(each: Imposed, t: Array) -> Array:
-    """Its angle (T,) [rad]."""
+    """Angle (T,) [rad] of the swing that one effect causes."""
     inside = smooth(t, each.begin, each.begin + EASE)
     if each.end < inf:
         inside = inside * (1.0 - smooth(t, each.end - EASE, each.end))

@@ -1,10 +1,10 @@
-"""Batch least squares on a recording's factors: weighted, with a prior, free of the bias of noisy columns, robust
-against spoilt blocks, with standard errors that hold for correlated residuals, and with the names of what the recording
-does not tell.
+"""Batch least squares on the factors of a recording: weighted, with a prior, without the bias that noisy columns cause,
+robust against disturbed blocks, with standard errors that are valid for correlated residuals, and with the directions
+that the recording does not determine.
 
-Columns hold measured angles, so least squares alone would shrink what it finds (errors in variables): the Gram matrix
-of the sensors' noise is taken off that of the rows, in information and scores alike (corrected score, Nakamura 1990,
-doi:10.1093/biomet/77.1.127)."""
+The columns contain measured angles, so that least squares alone would give parameters that are too small (errors in
+variables). Therefore the Gram matrix of the sensors' noise is subtracted from that of the rows, in the information and
+in the scores (corrected score, Nakamura 1990, doi:10.1093/biomet/77.1.127)."""
 
 from typing import NamedTuple
 
@@ -14,17 +14,18 @@ from scipy import linalg
 from cylforce.estimation.blocks import Factors, of_noise, of_others, residual_squares, scores, stacked_triangle
 from cylforce.signals.estimate import Array
 
-RANK = 1e-6  # singular value, as a share of the largest, below which a direction of the scaled parameters is not told
-SPOILT = 16.0  # times the usual mean square of a row's residual: from there on a block counts down
-ROUNDS = 4
-MOST = 0.9  # of a direction's information: no more is taken off for noise, or for a block that is left out
+RANK = 1e-6  # times the largest singular value: directions of the scaled parameters below it are not determined; chosen
+OUTLIER = 16.0  # times the median mean square of a row's residuals: blocks beyond it get a smaller weight; chosen
+ROUNDS = 4  # of reweighting after the first fit; chosen
+MOST_REMOVED = 0.9  # of the information in a direction: no more is subtracted for noise or a left-out block; chosen
 
 
 class Fit(NamedTuple):
-    """`values` (K,), `covariance` (K, K), `row_error` (R,): rms of the residual per row, rows that were set aside too,
-    `excited` (K,): whether the data alone tell the parameter, `weakest` (K, D): directions of the scaled parameters
-    that the data do not tell, `trust` (B, R): 1 for a block that counts in full, `memory`: residuals of so many samples
-    say the same."""
+    """Result of a fit of K parameters: `values` (K,), `covariance` (K, K); `row_error` (R,) [N m]: rms residual per
+    measured torque, rows set aside included; `excited` (K,): whether the data determine the parameter without the
+    prior; `weakest` (K, D): directions of the scaled parameters that the data do not determine; `trust` (B, R): weight
+    of each block, 1 in full; `memory`: number of consecutive samples whose residuals count as one independent
+    residual."""
 
     values: Array
     covariance: Array
@@ -36,44 +37,45 @@ class Fit(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What is known before: `mean` (K,) and `covariance` (K, K)."""
+    """Prior knowledge of K parameters: `mean` (K,) and `covariance` (K, K)."""
 
     mean: Array
     covariance: Array
 
 
-def least_squares(held: Factors, row_error: Array, prior: Prior | None) -> Fit:
-    """Fit observed = columns @ values; rows weighted by 1/row_error (R,), blocks by how much they fit the others.
+def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
+    """Fit of observed = columns @ values. Rows are weighted by 1/row_error (R,); a block that fits much worse than the
+    others gets a smaller weight.
 
-    Raises ValueError when there is nothing to fit."""
-    if not np.any(held.samples):
+    Raises ValueError when there are no usable rows."""
+    if not np.any(data.samples):
         raise ValueError("no usable rows: nothing to fit")
-    root = _prior_rows(prior, held.triangle.shape[-1] - 1)
-    found = _round(held, row_error, root, np.ones_like(held.samples), 1.0)
+    root = _prior_rows(prior, data.triangle.shape[-1] - 1)
+    found = _round(data, row_error, root, np.ones_like(data.samples), 1.0)
     for _ in range(ROUNDS):
-        found = _round(held, row_error, root, found.trust, found.next_memory)
+        found = _round(data, row_error, root, found.trust, found.next_memory)
     excited, weakest = _excitation(found.triangle[:, :-1], _scale(found.triangle, prior))
-    covariance = _covariance(held, found, root)
-    rms = _row_rms(held, found.solution.values, found.trust)
+    covariance = _covariance(data, found, root)
+    rms = _row_rms(data, found.solution.values, found.trust)
     return Fit(found.solution.values, covariance, rms, excited, weakest, found.trust, found.memory)
 
 
-def best(held: Factors, weight: Array, prior: Prior | None) -> tuple[Array, float]:
-    """(values (K,), least sum of squares) of `held`, its blocks and rows multiplied by `weight` (B, R), and the prior.
-    At equal weights, models of the same data may be compared by it."""
-    triangle, root = stacked_triangle(held, weight), _prior_rows(prior, held.triangle.shape[-1] - 1)
+def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, float]:
+    """(values (K,), smallest sum of squares) of `data`, whose blocks and rows are multiplied by `weight` (B, R), and of
+    the prior. With equal weights, models of the same data can be compared by this sum."""
+    triangle, root = stacked_triangle(data, weight), _prior_rows(prior, data.triangle.shape[-1] - 1)
     values = _solved(triangle, np.zeros_like(triangle), root).values
     return values, float(np.sum((np.concatenate([triangle, root]) @ np.append(values, -1.0)) ** 2))
 
 
-def predicted(held: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
-    """Mean squared residual per sample, in units of row_error, of each block in `out` (B,) bool, predicted from the
-    others alone (B_out,)."""
-    weight = np.where(out[:, None], 0.0, 1.0 / row_error) / np.sqrt(memory) * np.ones_like(held.samples)
-    root = _prior_rows(prior, held.triangle.shape[-1] - 1)
-    solution = _solved(stacked_triangle(held, weight), stacked_triangle(of_noise(held), weight), root)
-    squares = np.sum(residual_squares(held, solution.values)[out] / row_error**2, axis=1)
-    return np.asarray(squares / np.maximum(np.sum(held.samples[out], axis=1), 1.0))
+def predicted(data: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
+    """Mean squared prediction error per sample (B_out,), in units of row_error (R,) squared, of each block marked in
+    `out` (B,) by a fit of the other blocks; `memory`: see `Fit`."""
+    weight = np.where(out[:, None], 0.0, 1.0 / row_error) / np.sqrt(memory) * np.ones_like(data.samples)
+    root = _prior_rows(prior, data.triangle.shape[-1] - 1)
+    solution = _solved(stacked_triangle(data, weight), stacked_triangle(of_noise(data), weight), root)
+    squares = np.sum(residual_squares(data, solution.values)[out] / row_error**2, axis=1)
+    return np.asarray(squares / np.maximum(np.sum(data.samples[out], axis=1), 1.0))
 
 
 class _Solution(NamedTuple):
@@ -84,7 +86,8 @@ class _Solution(NamedTuple):
 
 
 class _Round(NamedTuple):
-    """One pass: the solution, the `weight` (B, R) and the triangle that it rests on, and what follows from it."""
+    """One pass of reweighting: the solution, the `weight` (B, R), the triangle and the `memory` that it is based on;
+    `next_memory` and `trust` (B, R) for the next pass."""
 
     solution: _Solution
     weight: Array
@@ -94,17 +97,17 @@ class _Round(NamedTuple):
     trust: Array
 
 
-def _round(held: Factors, row_error: Array, root: Array, trust: Array, memory: float) -> _Round:
+def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: float) -> _Round:
     weight = trust / row_error / np.sqrt(memory)
-    triangle = stacked_triangle(held, weight)
-    found = _solved(triangle, stacked_triangle(of_noise(held), weight), root)
-    pull = _pull(held, found.values, weight * np.sqrt(memory))
+    triangle = stacked_triangle(data, weight)
+    found = _solved(triangle, stacked_triangle(of_noise(data), weight), root)
+    pull = _pull(data, found.values, weight * np.sqrt(memory))
     longer = max(1.0, _inflation(triangle * np.sqrt(memory), pull.T @ pull))
-    return _Round(found, weight, triangle, memory, longer, _trust(held, found.values))
+    return _Round(found, weight, triangle, memory, longer, _trust(data, found.values))
 
 
 def _prior_rows(prior: Prior | None, size: int) -> Array:
-    """The prior as rows [columns | observed] with unit errors."""
+    """The prior as rows [columns | observed] (K, K+1) with errors of one; no rows without a prior."""
     if prior is None:
         return np.zeros((0, size + 1))
     spread = np.sqrt(np.diag(prior.covariance))
@@ -114,8 +117,8 @@ def _prior_rows(prior: Prior | None, size: int) -> Array:
 
 
 def _solved(triangle: Array, noise: Array, root: Array) -> _Solution:
-    """Least squares of the rows of `triangle` and `root`, scaled so that it does not lose digits, without what `noise`
-    contributes."""
+    """Least squares of the rows of `triangle` and `root` less the contribution of `noise`; the columns are scaled so
+    that no digits are lost."""
     rows = np.concatenate([triangle, root])
     scale = linalg.norm(rows[:, :-1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -130,26 +133,28 @@ def _solved(triangle: Array, noise: Array, root: Array) -> _Solution:
 
 
 def _enlarged(share: Array) -> tuple[Array, Array]:
-    """Eigenvalues (..., K) of (I - share)^-1 and its axes (..., K, K); `share` (..., K, K) is what is taken off."""
+    """Eigenvalues (..., K) and eigenvectors (..., K, K) of (I - share)^-1; the eigenvalues of `share` (..., K, K), the
+    share of the information that is subtracted, are limited to MOST_REMOVED."""
     values, axes = np.linalg.eigh(share)
-    return 1.0 / (1.0 - np.minimum(values, MOST)), axes
+    return 1.0 / (1.0 - np.minimum(values, MOST_REMOVED)), axes
 
 
-def _pull(held: Factors, values: Array, weight: Array) -> Array:
-    """What every block pulls the parameters by (B, K): its scores without those of the noise."""
-    each = scores(held, values) - scores(of_noise(held), values)
+def _pull(data: Factors, values: Array, weight: Array) -> Array:
+    """Score of every block (B, K), summed over the rows, without the part of the noise: how it would change the
+    parameters `values` (K,)."""
+    each = scores(data, values) - scores(of_noise(data), values)
     return np.asarray(np.sum(each * weight[..., None] ** 2, axis=1))
 
 
-def _covariance(held: Factors, found: _Round, root: Array) -> Array:
-    """The sandwich: bread (A'A - N'N + L'L)^-1, between two of it the scatter of the blocks' pulls, correlated within a
-    block as they may be, and the prior's own.
+def _covariance(data: Factors, found: _Round, root: Array) -> Array:
+    """Sandwich covariance (K, K): (A'A - N'N + L'L)^-1 on both sides of the sum of the squared scores of the blocks and
+    the prior's information L'L. Residuals may be correlated within a block.
 
-    A block pulls the estimate towards itself and so looks better than it is: its pull is enlarged to what it is when
-    the estimate is made from the others alone (jackknife, CR3: Bell and McCaffrey 2002)."""
+    A block attracts the estimate, so that its own residual is too small: its score is enlarged to the value that it has
+    for an estimate from the other blocks alone (jackknife, CR3: Bell and McCaffrey 2002)."""
     white = found.solution.white
-    pull = _pull(held, found.solution.values, found.weight) @ white
-    across = (held.triangle[..., :-1] * found.weight[..., None, None]) @ white
+    pull = _pull(data, found.solution.values, found.weight) @ white
+    across = (data.triangle[..., :-1] * found.weight[..., None, None]) @ white
     across = across.reshape(len(across), -1, white.shape[1])
     gain, axes = _enlarged(np.swapaxes(across, 1, 2) @ across)
     pull = np.sum(axes * (gain * np.sum(axes * pull[:, :, None], axis=1))[:, None], axis=2)
@@ -158,8 +163,8 @@ def _covariance(held: Factors, found: _Round, root: Array) -> Array:
 
 
 def _inflation(triangle: Array, meat: Array) -> float:
-    """By how much the scores scatter more than those of independent residuals of unit variance, on average over the
-    directions that the data tell."""
+    """Factor by which the variance of the scores, `meat` (K, K), exceeds that of independent residuals of unit
+    variance; mean over the directions that the data determine."""
     scale = linalg.norm(triangle[:, :-1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     _, singular, vectors = linalg.svd(triangle[:-1, :-1] / scale)
@@ -168,18 +173,19 @@ def _inflation(triangle: Array, meat: Array) -> float:
     return float(np.mean(np.diag(across) / singular[good] ** 2))
 
 
-def _trust(held: Factors, values: Array) -> Array:
-    """A block whose residual is far larger than the row's median counts down: weight^2 * square stays bounded."""
-    mean = residual_squares(held, values) / np.maximum(held.samples, 1.0)
-    usual = np.array(
-        [np.median(m[n > 0]) if np.any(n > 0) else 1.0 for m, n in zip(mean.T, held.samples.T, strict=True)]
+def _trust(data: Factors, values: Array) -> Array:
+    """Weight (B, R) of every block: 1, and less when its mean squared residual exceeds OUTLIER times the row's median,
+    so that weight^2 * square stays at that bound."""
+    mean = residual_squares(data, values) / np.maximum(data.samples, 1.0)
+    typical = np.array(
+        [np.median(m[n > 0]) if np.any(n > 0) else 1.0 for m, n in zip(mean.T, data.samples.T, strict=True)]
     )
-    bound = np.maximum(SPOILT * usual, 1e-300)
+    bound = np.maximum(OUTLIER * typical, 1e-300)
     return np.asarray(np.sqrt(bound / np.maximum(mean, bound)))
 
 
 def _scale(triangle: Array, prior: Prior | None) -> Array:
-    """One unit of a parameter: the prior's standard error, else what the columns' norms suggest."""
+    """Scale of every parameter (K,): the prior's standard error, without a prior the inverse norm of its column."""
     if prior is not None:
         return np.sqrt(np.diag(prior.covariance))
     norm = linalg.norm(triangle[:, :-1], axis=0)
@@ -194,8 +200,8 @@ def _excitation(triangle: Array, scale: Array) -> tuple[Array, Array]:
     return np.linalg.norm(weakest, axis=1) < 0.5, weakest
 
 
-def _row_rms(held: Factors, values: Array, trust: Array) -> Array:
+def _row_rms(data: Factors, values: Array, trust: Array) -> Array:
     weight = trust**2
-    squares = (residual_squares(held, values) + residual_squares(of_others(held), values)) * weight
-    count = (held.samples + held.others) * weight
+    squares = (residual_squares(data, values) + residual_squares(of_others(data), values)) * weight
+    count = (data.samples + data.others) * weight
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(count, axis=0), 1.0)))

@@ -1,4 +1,5 @@
-"""Samples to motion: the few channels that matter, smoothed, differenced between two samples, turned into levers."""
+"""Samples to motion: signals become channels (angles, forces, attitude), which are smoothed; means and slopes of four
+samples give the motion."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +14,13 @@ from cylforce.mechanics.motion import Attitude, Motion, motion
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-MIN_TRANSMISSION = 0.15  # sine of the angle between rocker and link below which a force says nothing
-MIN_LEVER = 0.02  # m
+MIN_TRANSMISSION = 0.15  # sine of the angle between rocker and link below which the force is not used; chosen
+MIN_LEVER = 0.02  # m/rad, smallest lever with which a cylinder's force is used; chosen
 
 
 class Moved(NamedTuple):
-    """A motion, and per cylinder (..., C) whether its force can be believed: no dead point, no end stop."""
+    """A motion, and per cylinder `usable` (..., C): whether its force shows the load, because the linkage is clear of
+    its dead points and the piston of its end stops."""
 
     motion: Motion
     usable: Array
@@ -26,16 +28,15 @@ class Moved(NamedTuple):
 
 @dataclass(frozen=True)
 class Channels:
-    """Signals (..., S) to channels (..., D): joint angles (N), cylinder forces (C), pitch, roll, slew (rate or
-    angle)."""
+    """Signals (..., S) to channels (..., D), D = N + C + 3: joint angles (N) [rad], cylinder forces (C) [N], pitch and
+    roll [rad], slew rate [rad/s] or, where no sensor measures it, slew angle [rad]."""
 
     machine: Machine
     filters: Filters
 
     @cached_property
     def smooth(self) -> Filter:
-        """The low-pass that every channel passes before anything non-linear is computed from it; `between` does the
-        rest of it."""
+        """Poles of the second-order low-pass on every channel; the mean of four samples in `between` adds its zeros."""
         return poles(second_order(self.filters.channel_hz, self.dt))
 
     @property
@@ -45,7 +46,7 @@ class Channels:
 
     @cached_property
     def forces(self) -> slice:
-        """The cylinders' forces among the channels; joint angles stand before them."""
+        """The slice of the cylinder forces among the channels."""
         return slice(self.machine.size, self.machine.size + len(self.machine.cylinders))
 
     @cached_property
@@ -54,12 +55,12 @@ class Channels:
 
     @cached_property
     def _by_length(self) -> dict[int, int]:
-        """Joint -> cylinder whose length gives its angle."""
+        """By joint: the cylinder whose measured length gives the joint's angle."""
         seen = [c for c in range(len(self.machine.cylinders)) if (Kind.CYLINDER_LENGTH, c) in self._where]
         return {self.machine.spans[c][0]: c for c in seen}
 
     def read(self, values: Array) -> Array:
-        """Channels from SI values of all signals."""
+        """Channels (..., D) from SI values of all signals (..., S); 0 for what is not measured."""
         zero = np.zeros(values.shape[:-1])
         pitch = self._value(values, Kind.PITCH, 0, zero)
         theta = self._angles(values, pitch)
@@ -76,9 +77,9 @@ class Channels:
         return default if k is None else values[..., k]
 
     def _angles(self, values: Array, pitch: Array) -> list[Array]:
-        """Joint angles from encoders, inclinometers on the links, or cylinder lengths."""
+        """Joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths."""
         theta: list[Array] = []
-        inner = pitch  # the true inclination of the link before
+        inner = pitch  # inclination of the next link inwards
         for j in range(self.machine.size):
             if (Kind.JOINT_ANGLE, j) in self._where:
                 angle = values[..., self._where[Kind.JOINT_ANGLE, j]]
@@ -92,8 +93,8 @@ class Channels:
         return theta
 
     def follow(self, before: Array, channels: Array) -> Array:
-        """The channels (D,) with the house's angle on the turn that it was on `before`: an encoder that passes its end
-        has not swung back."""
+        """The channels (D,) with the slew angle unwrapped to lie within half a turn of the one in `before` (D,): an
+        encoder that passes the end of its range has not turned back."""
         if (Kind.SLEW_ANGLE, 0) not in self._where:
             return channels
         return np.append(channels[:-1], np.unwrap([before[-1], channels[-1]])[1])
@@ -108,12 +109,13 @@ class Channels:
         return self.machine.cylinder_force(c, head, rod)
 
     def between(self, four: Array) -> Moved:
-        """Motion in the middle of four samples of smoothed channels (4, ..., D): means for places, slopes for
-        rates."""
+        """Motion in the middle of four samples of smoothed channels (4, ..., D): values from their mean, rates from
+        their slope."""
         return self.moved(mean(four), slope(four, self.dt))
 
     def moved(self, middle: Array, rate: Array, geometry: Geometry | None = None) -> Moved:
-        """Motion from channels (..., D) and their rates; `geometry` at these angles, if it is known already."""
+        """Motion from channels `middle` (..., D) and their rates `rate` (..., D) [1/s]; `geometry`: that of these
+        angles, where the caller has it already. Lever and speed of an unusable cylinder are set to zero."""
         n, c = self.machine.size, len(self.machine.cylinders)
         slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]
         attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
@@ -124,7 +126,7 @@ class Channels:
 
     @cached_property
     def _stops(self) -> tuple[Array, Array]:
-        margin = 0.005  # m before an end stop, which carries force that pressure does not show
+        margin = 0.005  # m from an end stop, which carries force that the pressures do not show; chosen
         low = np.array([c.length_low + margin for c in self.machine.cylinders])
         return low, np.array([c.length_high - margin for c in self.machine.cylinders])
 
@@ -135,19 +137,19 @@ class Channels:
         return np.asarray(clear & (moving.length > low) & (moving.length < high))
 
     def run(self, values: Array) -> Moved:
-        """A gapless recording (T, S): motion of its T-1 intervals."""
+        """Motion in the T-1 intervals of a recording (T, S) without gaps."""
         return self.between(fours(self.smoothed(self.course(values))))
 
     def course(self, values: Array) -> Array:
-        """Channels (T, D) of a gapless recording (T, S)."""
+        """Channels (T, D) of a recording (T, S) without gaps, the slew angle unwrapped."""
         channels = self.read(values)
         if (Kind.SLEW_ANGLE, 0) in self._where:
             channels[:, -1] = np.unwrap(channels[:, -1])
         return channels
 
     def turning(self, values: Array) -> Array:
-        """Rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a gapless recording (T, S): that of
-        its pitch, less what slewing on a slope makes of it; zero where no sensor tells."""
+        """Rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a recording (T, S) without gaps: the
+        derivative of the pitch less the part that slewing on a slope causes; zero without a pitch sensor."""
         if (Kind.PITCH, 0) not in self._where:
             return np.zeros(len(values) - 1)
         four = fours(self.smoothed(self.course(values)))
@@ -156,6 +158,7 @@ class Channels:
         return np.asarray(rate[:, -3] - slew * np.tan(middle[:, -2]) * np.cos(middle[:, -3]))
 
     def smoothed(self, channels: Array) -> Array:
-        """Channels (T, D) through the low-pass (T+2, D), as if they had stood still before."""
+        """Channels (T, D) after the low-pass, settled at the first sample; that one is put twice before the others, so
+        that (T+2, D) samples give T-1 intervals."""
         _, smooth = self.smooth.run(self.smooth.steady(channels[0]), channels)
         return np.concatenate([smooth[:1], smooth[:1], smooth])

@@ -1,4 +1,4 @@
-"""Discrete low-pass filters: one step for a live sample, one run for a recording; both give the same to rounding."""
+"""Discrete low-pass filters: `step` for one live sample, `run` for a recording, with the same result to rounding."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -9,42 +9,44 @@ from scipy import signal
 
 from cylforce.signals.estimate import Array
 
-STRETCH_S = 10.0  # stretches whose spectra are averaged
-SURE = 1.0  # standard errors of such a mean
+STRETCH_S = 10.0  # s, length of the stretches over which `denoised` averages spectra; chosen
+NOISE_MARGIN = 1.0  # relative standard errors of the averaged spectrum by which a signal must exceed noise; chosen
 
 
 @dataclass(frozen=True)
 class Filter:
-    """A linear filter b(z)/a(z) in transposed direct form II; a state has shape (order, *shape of a sample)."""
+    """A linear filter b(z)/a(z) in transposed direct form II, a[0] = 1; its state has the shape (order, *shape of a
+    sample)."""
 
     b: tuple[float, ...]
     a: tuple[float, ...]
 
     @cached_property
     def delay(self) -> float:
-        """By how many samples what is slow comes late: the group delay at frequency zero."""
+        """Delay of slow signals [samples]: the group delay at frequency zero."""
         late = [float(np.arange(len(c)) @ np.array(c)) / float(np.sum(c)) for c in (self.b, self.a)]
         return late[0] - late[1]
 
     def zero(self, shape: tuple[int, ...]) -> Array:
-        """The state of a filter that has seen nothing but zeros."""
+        """The state after an input of zeros, for samples of this shape."""
         return np.zeros((len(self.a) - 1, *shape))
 
     def steady(self, x: Array) -> Array:
-        """The state in which the constant input x has settled: the output then is x from the first sample."""
+        """The state settled at the constant input x: with gain 1 the output is x from the first sample."""
         return np.asarray(self._settled.reshape(-1, *([1] * np.ndim(x))) * x)
 
     @cached_property
     def _settled(self) -> Array:
-        """The state that the constant input 1 leads to."""
+        """The state (order,) settled at the constant input 1."""
         return np.asarray(signal.lfilter_zi(self.b, self.a))
 
     def rest(self, x: Array) -> Array:
-        """The state in which a filter that lets nothing constant pass, sum(b) = 0, has been shown x for ever."""
+        """The state settled at the constant input x, for a filter with sum(b) = 0, whose output then is zero."""
         return np.stack([-np.sum(self.b[:k]) * x for k in range(1, len(self.b))])
 
     def step(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """One sample: (new state, output); operations in the order of `run`, so that both round alike."""
+        """(New state, output) after one sample x; the operations are in the order of `run`, so that both round
+        alike."""
         y = state[0] + self.b[0] * x
         new = np.empty_like(state)
         for k in range(1, len(self.b) - 1):
@@ -53,7 +55,7 @@ class Filter:
         return new, y
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """A recording x (T, *shape): (state after it, output (T, *shape))."""
+        """(State after it, output (T, *shape)) for a recording x (T, *shape)."""
         y, end = signal.lfilter(self.b, self.a, x, axis=0, zi=state)
         return end, y
 
@@ -66,8 +68,8 @@ def first_order(cutoff_hz: float, dt: float) -> Filter:
 
 
 def poles(*stages: Filter) -> Filter:
-    """Low-passes one after the other without their zeros, which `mean` puts back: what follows may so choose between
-    means and slopes of what they filter."""
+    """The low-passes `stages` in series with their poles only and gain 1. `mean` adds the zeros; `slope` of the same
+    output gives the derivative, so that both need one filter only."""
     a = np.ones(1)
     for stage in stages:
         a = np.convolve(a, stage.a)
@@ -75,31 +77,33 @@ def poles(*stages: Filter) -> Filter:
 
 
 def mean(four: Array) -> Array:
-    """The mean of a stretch of four samples (4, ...) by Simpson's 3/8 rule. It equals that of the means of neighbours
-    of the means of three, (1 + z)^3/8: with `poles` before it, low-passes by Tustin's rule and the middle between two
-    samples."""
+    """Mean over four consecutive samples (4, ...) by Simpson's 3/8 rule, weights (1, 3, 3, 1)/8. These are the
+    coefficients of (1 + z)^3/8: the zeros of a first- and a second-order low-pass by Tustin's rule, so that `poles`
+    followed by `mean` are those low-passes in series; or of one of second order and the mean of two samples."""
     return np.asarray((four[0] + four[3] + 3.0 * (four[1] + four[2])) / 8.0)
 
 
 def slope(four: Array, dt: float) -> Array:
-    """The mean rate over the same stretch: slope = d(mean)/dt but for (w dt)^4/80. The difference of two samples beside
-    their mean is too large by (w dt)^2/12, and squared it makes an inertia too small: 0.4 % at 2.5 Hz and 100 Hz."""
+    """Mean rate over four consecutive samples (4, ...), `dt` [s] apart: the derivative of `mean` to a relative error of
+    (w dt)^4/80 at angular frequency w. The difference of two samples is larger than the derivative of their mean by
+    (w dt)^2/12, so that an estimated inertia would be too small, by 0.4 % at 2.5 Hz and 100 samples per second."""
     return np.asarray((four[3] - four[0]) / (3.0 * dt))
 
 
 def fours(x: Array) -> Array:
-    """All stretches of four neighbours (4, T-3, ...) of x (T, ...)."""
+    """All groups of four consecutive samples (4, T-3, ...) of x (T, ...)."""
     return np.stack([x[k : len(x) - 3 + k] for k in range(4)])
 
 
 def denoised(x: Array, rate_hz: float) -> Array:
-    """A recording (T,) without its sensor's white noise, nothing delayed (Wiener 1949): every frequency counts by the
-    share of it that is no noise, whose level is that of the upper half of the frequencies. A regression on what is left
-    is not biased by the noise, and a recording of nothing but noise leaves next to nothing."""
+    """A recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949). The noise level
+    is the mean power in the upper half of the frequencies; each frequency is multiplied by the share of its power that
+    is not noise, and removed when its power does not exceed the noise clearly (NOISE_MARGIN). The mean is kept. A
+    regression on the result is not biased by the noise."""
     length = min(len(x), round(STRETCH_S * rate_hz))
     f, power = signal.welch(x, rate_hz, nperseg=length)
     level = float(np.mean(power[f > rate_hz / 4.0]))
-    clear = level * (1.0 + SURE * np.sqrt(length / len(x)))  # what noise alone does not reach
+    clear = level * (1.0 + NOISE_MARGIN * np.sqrt(length / len(x)))  # power beyond which it cannot be noise alone
     share = np.where(power > clear, 1.0 - level / np.maximum(power, 1e-300), 0.0)
     share[0] = 1.0
     around = np.concatenate([2.0 * x[0] - x[:0:-1], x, 2.0 * x[-1] - x[-2::-1]])

@@ -1,5 +1,4 @@
-"""The model of the empty machine: which effects stand side by side, and what the data sheet says of their
-parameters."""
+"""The model of the empty machine: its effects, the prior of their parameters from the data sheet, and the tares."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,21 +26,25 @@ from cylforce.mechanics.machine import Machine, base_parameter_covariance, base_
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-# Laws of friction, and the delay of the angles, which on an empty machine looks like one.
+# Friction laws that a model may contain; with them the delay of the angles, which looks like friction while empty.
 FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 
-# Standard errors of what nobody measured yet: as shares of the largest force, of it per m/s, or of the force itself.
-CERTAIN_SHARE = 0.02  # at rest, above which friction is not what it is in motion: biased by noise, by break-away
+# Share of the lever with friction of unknown direction, above which a row is not fitted: the speed there is so low that
+# noise and break-away friction would bias the fit; chosen.
+CERTAIN_SHARE = 0.02
+# Prior standard errors: of coulomb and directional as a share of the cylinder's largest force; of viscous as such a
+# share per m/s; of load_dependent as a share of the force; of the delay in seconds. Chosen: wide for any cylinder.
 SPREAD = {"coulomb": 0.05, "viscous": 0.2, "load_dependent": 0.01, "directional": 0.01, "delay": 0.01}
-USUAL = {"load_dependent": 0.01}  # means where they are not zero: seals and pins rub the more they carry
-ABSOLUTE = ("load_dependent", "delay")  # do not grow with the cylinder
+TYPICAL = {"load_dependent": 0.01}  # prior means that are not zero; chosen: one percent of the force for seals and pins
+ABSOLUTE = ("load_dependent", "delay")  # laws whose prior does not scale with the cylinder's largest force
 
 
 class Tares(NamedTuple):
-    """The dynamic tares: `friction` laws of the model, `values` (P,) of its parameters, `covariance` (P, P),
-    `row_error` (R,) [N m] of what it leaves unexplained on the empty machine, `identified`: from a recording, else
-    from the data sheet. What remains is multiplied by `scale`, which a lift of known weight tells (levers, areas,
-    gains)."""
+    """The dynamic tares: the parameters that describe the empty machine. `friction`: names of the model's friction
+    laws; `names` and `values` (P,) of the parameters with `covariance` (P, P); `row_error` (R,) [N m]: rms torque that
+    the model does not explain on the empty machine; `identified`: from a recording, else from the data sheet. The
+    remaining torque is multiplied by `scale` (with standard error `scale_error`), which a lift of a known weight
+    corrects for errors of levers, areas and gains."""
 
     friction: tuple[str, ...]
     names: tuple[str, ...]
@@ -55,8 +58,8 @@ class Tares(NamedTuple):
 
 @dataclass(frozen=True)
 class Model:
-    """Columns of the empty machine (P), then the tool's force and moment (3), then the unknown friction at rest (C)
-    and the pressures' zero errors (C)."""
+    """The model of one machine. Its columns: the P parameters of the empty machine, then force and moment at the tool
+    (3), the unknown friction at rest (C) and the zero errors of the pressures (C)."""
 
     machine: Machine
     filters: Filters
@@ -64,7 +67,7 @@ class Model:
 
     @cached_property
     def empty(self) -> Regressor:
-        """Gravity, inertia, centrifugal terms of the slew where it is measured, friction."""
+        """Regressor of the empty machine: gravity, inertia, centrifugal terms where slewing is measured, friction."""
         rounding = self.filters.direction_speed
         laws: dict[str, ForceLaw] = {
             "coulomb": CoulombFriction(rounding),
@@ -82,14 +85,14 @@ class Model:
 
     @cached_property
     def filtered(self) -> FilteredRegressor:
-        """All columns, filtered."""
+        """The filtered regressor with all columns."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
     @cached_property
     def channels(self) -> Channels:
-        """From signals to motion."""
+        """The conversion of signals to motion."""
         return Channels(self.machine, self.filters)
 
     @property
@@ -104,12 +107,13 @@ class Model:
 
     @property
     def at_rest(self) -> slice:
-        """The columns of the unknown friction."""
+        """The columns of the unknown friction at rest."""
         first = len(self.parameters) + 3
         return slice(first, first + len(self.machine.cylinders))
 
     def share_at_rest(self, columns: Array) -> Array:
-        """The share (..., R) of the levers of rows (..., R, P) at which the direction of friction is unknown."""
+        """Share (..., R), 0 to 1, of the lever with friction of unknown direction, from all `columns` of filtered
+        rows."""
         unknown = columns[..., self.at_rest].sum(axis=-1)
         lever = np.abs(columns[..., self.coulomb]).sum(axis=-1)
         return np.asarray(unknown / np.maximum(lever + unknown, 1e-12))
@@ -121,8 +125,9 @@ class Model:
 
     @cached_property
     def scale_error(self) -> float:
-        """Relative standard error of what the data sheet turns pressure into at the innermost measured joint: areas,
-        and the lever with both its pins, in mid-range. The empty machine cannot tell it; a known weight can."""
+        """Relative standard error of the torque computed from pressures, from the data sheet: piston areas, and the
+        lever with its two pins in mid-range, at the innermost measured joint. A recording of the empty machine cannot
+        reduce it; a lift of a known weight can."""
         middle = np.array([(link.angle_low + link.angle_high) / 2.0 for link in self.machine.links])
         lever = np.abs(self.machine.geometry(middle).lever[:, self.machine.rows[0]])
         cylinders = [self.machine.cylinders[c] for c in self.acting[0]]
@@ -151,20 +156,20 @@ class Model:
 
     @cached_property
     def acting(self) -> tuple[tuple[int, ...], ...]:
-        """For each measured row the cylinders that act on its joint."""
+        """For each measured torque the numbers of the cylinders that act on its joint."""
         spans = self.machine.spans
         return tuple(tuple(c for c, span in enumerate(spans) if j in span) for j in self.machine.rows)
 
     @cached_property
     def settle_steps(self) -> int:
-        """Steps until a filter has forgotten its start: 5/w of the slowest, the smoothing filter's two poles
-        included."""
+        """Settling time of the filters in steps: 7/w of the lowest cut-off w, a first-order filter's 5/w with a reserve
+        for the filters of second order."""
         slowest = min(self.filters.regressor_hz, self.filters.smoothing_hz, self.filters.channel_hz)
         return int(np.ceil(7.0 / (2 * np.pi * slowest) * self.filters.rate_hz))
 
     @cached_property
     def prior(self) -> Prior:
-        """The data sheet with its tolerances; of friction only its order of magnitude."""
+        """Prior of the P parameters: the data sheet with its tolerances; of friction only the order of magnitude."""
         n = 3 * self.machine.size
         size = len(self.parameters)
         mean, covariance = np.zeros(size), np.zeros((size, size))
@@ -176,7 +181,7 @@ class Model:
         return Prior(mean, covariance)
 
     def _guesses(self) -> list[tuple[str, float, float]]:
-        """(name, mean, standard error) of every parameter that is not a base parameter."""
+        """Prior (name, mean, standard error) of every parameter of slew, friction and delay."""
         guesses = []
         if self._slews:
             for link, (excess, product) in zip(self.machine.links, slew_parameters(self.machine.links), strict=True):
@@ -184,14 +189,14 @@ class Model:
                 guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
         for law in self.friction:
             for c in self.machine.cylinders:
-                largest = 300e5 * c.area_head  # the force at a usual relief pressure
+                largest = 300e5 * c.area_head  # N, at a relief pressure of 300 bar, typical of excavators
                 spread = SPREAD[law] * (1.0 if law in ABSOLUTE else largest)
-                guesses.append((f"{c.name}.{law}", USUAL.get(law, 0.0), spread))
+                guesses.append((f"{c.name}.{law}", TYPICAL.get(law, 0.0), spread))
         return guesses
 
     @cached_property
     def data_sheet(self) -> Tares:
-        """Tares of a machine that nobody identified: what the data sheet says, with a modest idea of the friction."""
+        """Tares of a machine that was not identified: the prior, with row errors of 2 % of the weight's torque."""
         scale = np.array([0.02 * 9.8 * abs(np.sum(np.abs(self.prior.mean[1::3][: self.machine.size])))])
         rows = np.broadcast_to(scale, (len(self.machine.rows),))
         names = tuple(p.name for p in self.parameters)

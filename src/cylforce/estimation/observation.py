@@ -1,4 +1,4 @@
-"""Recordings as filtered rows and their factors: what identification and adaptation work on, in constant memory."""
+"""From recordings to filtered rows and their factors, the input of the identification, in constant memory."""
 
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -15,21 +15,21 @@ from cylforce.estimation.model import CERTAIN_SHARE, Model
 from cylforce.estimation.regressor import Rows
 from cylforce.signals.estimate import Array
 
-BLOCK_SECONDS = 2.0  # longer than the memory of filters and friction residuals
-CHUNK_SECONDS = 60.0  # of a recording that are worked on at once
-MOST_BLOCKS = 256  # kept apart; beyond, neighbours merge
-MOVING = 0.005  # m/s of a cylinder
-REST_SHARE = 0.1  # of the lever: above it a row hardly tells the direction of friction
-SEQUENCE = 20  # bits of the maximal-length sequence that stands in for noise
-NEAR = 100  # samples that tell how strong the noise is
-USUAL = 0.999  # share of the differences between samples that are taken for noise; larger ones count as these
+BLOCK_SECONDS = 2.0  # s per block; chosen: longer than the memory of the filters and of friction residuals
+CHUNK_SECONDS = 60.0  # s of a recording that are processed at once; chosen: bounds the memory needed
+MOST_BLOCKS = 256  # blocks; with more, neighbours are merged; chosen: bounds the memory needed
+MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
+REST_SHARE = 0.1  # of the lever with friction of unknown direction, above which a row is not used; chosen
+SEQUENCE = 20  # bits of the maximal-length sequence used as noise: a period of 1e6 samples; chosen
+NEAR = 100  # samples over which the noise level is averaged; chosen
+NOISE_SHARE = 0.999  # quantile at which differences are cut off, so that jumps do not count as noise; chosen
 
 
 class Observed(NamedTuple):
-    """Filtered rows of a stretch: `columns` (T, R, P), `torque` (T, R) with NaN where not usable, `posture` (T, N)
-    joint angles and `speed` (T, C) of the cylinders, `tool` (T, R, 3) columns of a force and moment there; `noise`
-    (T, R, P+4): what noise like that of the sensors adds to columns, tool's columns and torque; `certain` (T, R): the
-    direction of friction is known so well that the row may be fitted."""
+    """Filtered rows of a stretch: `columns` (T, R, P); `torque` (T, R) [N m], NaN where not usable; `posture` (T, N):
+    joint angles [rad]; `speed` (T, C) of the cylinders [m/s]; `tool` (T, R, 3): columns of a force and a moment at the
+    tool; `noise` (T, R, P+4): change of columns, tool columns and torque by noise as strong as the sensors';
+    `certain` (T, R): whether the direction of friction is known well enough for the row to be fitted."""
 
     columns: Array
     torque: Array
@@ -41,8 +41,8 @@ class Observed(NamedTuple):
 
 
 def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
-    """Gapless segments of samples (T, S) in overlapping pieces of a minute: the overlap is what the filters need to
-    settle, so that no sample is lost but the first ones."""
+    """Segments of samples (T, S) without gaps, cut into pieces of CHUNK_SECONDS that overlap by the settling time of
+    the filters, so that only the first samples of a segment are lost."""
     step, overlap = int(CHUNK_SECONDS * model.filters.rate_hz), model.settle_steps + 1
     for segment in segments:
         for first in range(0, max(len(segment) - overlap, 1), step):
@@ -52,8 +52,8 @@ def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
 
 
 def observe(model: Model, values: Array, first: int = 0) -> Observed:
-    """Rows of a gapless stretch of samples (T, S) from step `first` on, the filters' start left out; unusable levers
-    and friction of unknown direction are masked."""
+    """Rows of a stretch of samples (T, S) without gaps, which begins at step `first` of the recording. The settling
+    time of the filters is left out; rows with an unusable lever or unknown direction of friction have NaN as torque."""
     moved = model.channels.run(values)
     rows = model.filtered.run(moved.motion)
     unknown = model.share_at_rest(rows.columns)
@@ -66,7 +66,7 @@ def observe(model: Model, values: Array, first: int = 0) -> Observed:
 
 
 def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
-    """What noise adds to rows (T, R, P+4): the difference that a little more of it makes."""
+    """Noise of the rows (T, R, P+4): their change when artificial noise as strong as the sensors' is added."""
     moved = model.channels.run(values + noise_like(values, first))
     noisy = model.filtered.run(moved.motion)
     columns = (noisy.columns - rows.columns)[..., : model.tool.stop]
@@ -75,17 +75,18 @@ def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
 
 
 def unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
-    """Rows (T, R) in which a filter remembers an unusable lever."""
+    """Whether each row (T, R) is spoilt because a lever was unusable within the settling time of the filters."""
     lost = [np.logical_not(np.all(moved.usable[:, acting], axis=1)) for acting in model.acting]
     return np.stack([_stays(bad, model.settle_steps) for bad in lost], axis=-1)
 
 
 def noise_like(values: Array, first: int) -> Array:
-    """Noise (T, S) as strong as that of the samples (T, S), which their third differences tell (the motion is smooth),
-    and white: every signal has its own stretch of a maximal-length sequence of signs, from step `first` on."""
+    """White noise (T, S) as strong as that of the samples (T, S). Its level is estimated from their third differences,
+    in which smooth motion vanishes; its signs are a maximal-length sequence, a different part of it for each signal,
+    counted from step `first` of the recording, so that the result is reproducible."""
     steps, signals = values.shape
     differences = np.abs(np.diff(values, n=3, axis=0, prepend=values[:2], append=values[-1:]))
-    squares = np.minimum(differences, np.quantile(differences, USUAL, axis=0)) ** 2 / 20.0
+    squares = np.minimum(differences, np.quantile(differences, NOISE_SHARE, axis=0)) ** 2 / 20.0
     size = np.sqrt(np.maximum(ndimage.uniform_filter1d(squares, min(NEAR, steps), axis=0), 0.0))
     signs = _signs()
     places = first + np.arange(steps)[:, None] + np.arange(signals) * (signs.size // signals)
@@ -98,13 +99,13 @@ def _signs() -> Array:
 
 
 def _stays(bad: Array, steps: int) -> Array:
-    """Also the `steps` samples after each bad one: the filters remember it."""
+    """`bad` (T,) with the `steps` samples after each bad one marked, too: the filters still contain it."""
     since = np.convolve(bad.astype(np.float64), np.ones(steps + 1))[: bad.size]
     return np.asarray(since > 0.5)
 
 
 def block_factors(model: Model, seen: Observed) -> Factors:
-    """Factors of a stretch; see `observed_factors`."""
+    """Factors of a stretch in blocks of BLOCK_SECONDS; columns and marks as in `observed_factors`."""
     columns = np.concatenate([seen.columns, seen.tool], axis=-1)
     rows = blocks.BlockRows(columns, seen.torque, seen.noise, seen.certain, _marks(seen))
     return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))
@@ -116,10 +117,11 @@ def _marks(seen: Observed) -> Array:
 
 
 def observed_factors(model: Model, segments: Iterable[Array]) -> Factors:
-    """Factors of a recording, the tool's columns last; marks are the posture (N), of the cylinders (C) the mean speed,
-    the share of time in which they run out, and that in which they run in.
+    """Factors of a recording: columns of the P parameters, then the three of the tool. The marks of a block are the
+    mean posture (N), the cylinders' mean absolute speed (C) and the shares of time in which they extend (C) and retract
+    (C).
 
-    Raises ValueError, in a sentence, when no stretch is long enough."""
+    Raises ValueError, in one sentence, when no segment is long enough."""
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
     seen = (observe(model, piece, k * step) for k, piece in enumerate(chunks(model, segments)))
     parts = (block_factors(model, stretch) for stretch in seen)

@@ -1,7 +1,8 @@
-"""Recursive least squares in square-root information form, with forgetting in the regressor's row space only.
+"""Recursive least squares in square-root information form, with forgetting in the row space of the regressor only.
 
-The information R'R is kept as its triangular root: never indefinite, no covariance to wind up. With forgetting off it
-equals batch least squares with the same weights and the prior as extra rows, to rounding.
+The information matrix R'R is stored as its triangular root R, so that it can never become indefinite, and no covariance
+grows without bound. Without forgetting the result equals batch least squares with the same weights and the prior as
+additional rows, to rounding (mechanics/README.md, section 10).
 """
 
 from typing import NamedTuple
@@ -12,25 +13,26 @@ from cylforce.signals.estimate import Array
 
 
 class Root(NamedTuple):
-    """R (P, P) upper triangular and z (P,): R'R is the information, R values = z."""
+    """Information about P parameters: `factor` R (P, P) and `right` z (P,); R'R is the information matrix and the
+    estimate solves R values = z."""
 
     factor: Array
     right: Array
 
 
 def nothing_known(size: int) -> Root:
-    """No prior at all."""
+    """The state without any prior information about `size` parameters."""
     return Root(np.zeros((size, size)), np.zeros(size))
 
 
 def known(mean: Array, standard_error: Array) -> Root:
-    """Independent priors."""
+    """The state with independent priors: `mean` (P,) and `standard_error` (P,)."""
     return Root(np.diag(1.0 / standard_error), mean / standard_error)
 
 
 def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root:
-    """Take in rows `observed` (R,) = columns (R, P) @ values with `variance` (R,); infinite variance: no
-    information."""
+    """The state after further rows `observed` (R,) = columns (R, P) @ values with error `variance` (R,); a row of
+    infinite variance has no effect."""
     weight = 1.0 / np.sqrt(variance)
     size = root.right.size
     stacked = np.empty((size + weight.size, size + 1))
@@ -41,8 +43,9 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
 
 
 def forget(root: Root, columns: Array, keep: float) -> Root:
-    """Lose the share 1 - `keep` of the information about what `columns` (R, P) see, and of nothing else: parked or
-    unexcited, nothing is forgotten (SIFt-RLS, arXiv 2404.10844).
+    """The state without the share 1 - `keep` of its information in the directions of `columns` (R, P). Nothing is
+    forgotten in directions that these rows do not measure, so nothing while the machine is parked (SIFt-RLS, arXiv
+    2404.10844).
 
     With Q an orthonormal basis of R columns', R <- (I - (1 - sqrt(keep)) Q Q') R leaves the estimate as it is."""
     seen = root.factor @ columns.T
@@ -53,10 +56,10 @@ def forget(root: Root, columns: Array, keep: float) -> Root:
 
 
 def solution(root: Root) -> tuple[Array, Array]:
-    """The estimate (P,) and its covariance (R'R)^-1 (P, P); raises numpy.linalg.LinAlgError while the information is
+    """The estimate (P,) and its covariance (R'R)^-1 (P, P). Raises numpy.linalg.LinAlgError while the information is
     singular."""
     inverse = np.linalg.inv(root.factor)
     return inverse @ root.right, inverse @ inverse.T
 
 
-FORGETTING_RANK = 1e-6
+FORGETTING_RANK = 1e-6  # times the largest singular value: directions below it are not forgotten; chosen

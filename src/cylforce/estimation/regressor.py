@@ -17,14 +17,15 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True)
 class Regressor:
-    """Columns of several effects for the R measured torques of a machine; columns of one name are added."""
+    """Columns of several effects side by side, for the R measured torques of a machine; columns of the same name are
+    added."""
 
     machine: Machine
     effects: tuple[Effect, ...]
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The P parameters, each once, in the order of first appearance."""
+        """The P parameters of all effects, each once, in the order of first appearance."""
         return tuple(dict.fromkeys(p for e in self.effects for p in e.parameters(self.machine)))
 
     @cached_property
@@ -39,7 +40,7 @@ class Regressor:
 
     @cached_property
     def _shared(self) -> tuple[bool, ...]:
-        """For each effect whether an earlier one has a parameter of it."""
+        """For each effect whether it has a parameter in common with an earlier effect."""
         named = [set(e.parameters(self.machine)) for e in self.effects]
         return tuple(bool(own & set().union(*named[:k])) for k, own in enumerate(named))
 
@@ -63,7 +64,8 @@ class Regressor:
         return momentum[..., self._rows, :], static[..., self._rows, :]
 
     def products(self, moving: Motion, values: Array, without: Collection[Effect] = ()) -> tuple[Array, Array]:
-        """Momentum and static columns times `values` (P,), each (..., R); those of some effects may be left out."""
+        """Momentum [N m s] and static torque [N m] for parameters `values` (P,), each (..., R), without the effects in
+        `without`."""
         momentum, static = np.zeros((2, *moving.q.shape))
         for effect, places in zip(self.effects, self._places, strict=True):
             if effect in without:
@@ -80,19 +82,19 @@ class Regressor:
 
 
 def _times(columns: Array, values: Array) -> Array:
-    """Columns (..., N, P) @ values (P,) as one product, not one for each sample."""
+    """Columns (..., N, P) @ values (P,), computed as one matrix product for speed."""
     return np.asarray((columns.reshape(-1, len(values)) @ values).reshape(columns.shape[:-1]))
 
 
 def _compact(places: list[int]) -> Array | slice:
-    """A slice where the places are neighbours: much faster than an array of indices."""
+    """Consecutive indices as a slice, others as an array: indexing with a slice is much faster."""
     if places == list(range(places[0], places[0] + len(places))):
         return slice(places[0], places[0] + len(places))
     return np.array(places)
 
 
 class Rows(NamedTuple):
-    """Filtered columns (..., R, P) and filtered torque (..., R): torque = columns @ parameters."""
+    """Filtered columns (..., R, P) and filtered torque (..., R) [N m], with torque = columns @ parameters."""
 
     columns: Array
     torque: Array
@@ -100,11 +102,11 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class FilteredRegressor:
-    """S (d/dt L momentum + L static) = S L torque: L first-order, S the smoothing of second order, as one filter with
-    two numerators, the slope's for momentum and the mean's for the rest (`filters.mean`, `filters.slope`).
+    """S (d/dt L momentum + L static) = S L torque: L low-pass of first order, S low-pass of second order. Both are one
+    filter with two numerators: `filters.slope` for the momentum, `filters.mean` for static columns and torque.
 
-    It starts as if the momentum had always been the first one and the rest began with the first sample, so that the
-    identity holds from there on."""
+    Start: the momentum filter is settled at its first input, the others are at zero, so that the identity holds from
+    the first sample on. `dt` [s] is the fixed step."""
 
     regressor: Regressor
     dt: float
@@ -123,29 +125,29 @@ class FilteredRegressor:
 
     @property
     def delay(self) -> float:
-        """By how much a row comes after its motion [s]."""
+        """Delay of the rows behind the motion [s], for slow signals."""
         return self._mean.delay * self.dt
 
     def _inputs(self, moving: Motion) -> tuple[Array, Array]:
-        """Momentum (..., R, P) and static columns (..., R, P+1), the torque as the last of these."""
+        """Momentum columns (..., R, P), and static columns with the torque as the last one (..., R, P+1)."""
         (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
     def begin(self, moving: Motion) -> Array:
-        """State (3, R, P+1) before the first sample."""
+        """State (3, R, P+1) of the filters before the first sample."""
         momentum, static = self._inputs(moving)
         state = self._begun(static)
         state[..., :-1] += self._slope.rest(momentum)
         return state
 
     def _begun(self, static: Array) -> Array:
-        """The mean's state before the first sample: of three steps only those since then count, 0, 1/3 and 2/3 of
-        it."""
+        """State of the filter `_mean` before the first sample, as if the input had been zero until then. A first group
+        of four samples contains only a part of a step since then: 0, 1/3 and 2/3 of it for the first three outputs."""
         extra = [step * sum(self._mean.b) / 3.0 - sum(self._mean.b[: step + 1]) for step in range(3)]
         return np.stack([share * static for share in extra])
 
     def step(self, state: Array, moving: Motion) -> tuple[Array, Rows]:
-        """One sample."""
+        """(New state, rows) after one sample of the motion."""
         momentum, static = self._inputs(moving)
         first, *_, last = self._slope.b  # the others are zero
         begun = state.copy()
@@ -155,18 +157,18 @@ class FilteredRegressor:
         return new, Rows(rows[..., :-1], rows[..., -1])
 
     def run(self, moving: Motion) -> Rows:
-        """A recording: leading axis is time."""
+        """The rows of a recording, whose leading axis is time."""
         momentum, static = self._inputs(moving)
         rows = self._mean.run(self._begun(static[0]), static)[1]
         moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
         return Rows(rows[..., :-1] + moved, rows[..., -1])
 
     def left(self, moving: Motion, values: Array) -> Array:
-        """What parameters `values` (P,) leave of the filtered torque (T, R), along a recording."""
+        """Residual of the filtered torque (T, R) [N m] along a recording, for parameters `values` (P,)."""
         momentum, static = self.regressor.products(moving, values)
         return self.filtered(-momentum, self.regressor.torque(moving) - static)
 
     def filtered(self, momentum: Array, static: Array) -> Array:
-        """S (d/dt L momentum + L static) of a recording (T, ...)."""
+        """S (d/dt L momentum + L static) of a recording, `momentum` and `static` (T, ...)."""
         moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
         return np.asarray(self._mean.run(self._begun(static[0]), static)[1] + moved)

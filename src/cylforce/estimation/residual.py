@@ -1,5 +1,5 @@
-"""What the identified parameters of the empty machine leave of the measured torque: the load, the force at the tool,
-and errors. And the conventions by which that is called a weight."""
+"""The torque that the identified empty machine does not explain: load, force at the tool, and errors; and the limits
+from which on a load counts as a weight."""
 
 from typing import NamedTuple
 
@@ -9,16 +9,18 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.signals.estimate import Array
 
-MIN_SECONDS = 1.0  # of consistent samples before a weight is shown
-GOOD_ENOUGH = 0.01  # standard error, as a share of rated payload, to be shown as OK and to be booked
-SMALLEST = 0.05  # share of rated payload below which the bucket counts as empty
-RELATIVE = 0.01  # what the model leaves unexplained grows with the load: friction, elasticity
-REST_SECONDS = 10.0  # friction at rest does not average out: so long a rest tells what one sample would, then nothing
+MIN_SECONDS = 1.0  # s of consistent samples before a weight is shown; chosen
+GOOD_ENOUGH = 0.01  # times the rated payload: largest standard error to be shown as OK and to be booked; chosen
+SMALLEST = 0.05  # times the rated payload: below it the bucket counts as empty; chosen
+RELATIVE = 0.01  # times the residual: model error that grows with the load (friction, elasticity); chosen
+# s: a rest of this length counts as one sample, because friction at rest does not average out; longer rest is not used;
+# chosen.
+REST_SECONDS = 10.0
 
 
 class Residual(NamedTuple):
-    """What the tares do not explain: `torque` (R,) [N m] and its `variance` (R,); `columns` (R, P) of the tares; `rest`
-    (R,): variance of the friction that is unknown at rest."""
+    """The torque that the tares do not explain: `torque` (R,) [N m] and its `variance` (R,) [N^2 m^2] without friction
+    at rest; `rest` (R,) [N^2 m^2]: variance of the unknown friction at rest; `columns` (R, P) of the tares."""
 
     torque: Array
     variance: Array
@@ -27,7 +29,8 @@ class Residual(NamedTuple):
 
 
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
-    """r = torque - W Phi - drift of one instant, and how well it is known; `drift` (R,) [N m]."""
+    """Residual r = scale (torque - W Phi - drift) of one instant with its variances; `drift` (R,) [N m]: torque of the
+    adapted friction and zeros."""
     size = len(model.parameters)
     columns = rows.columns[..., :size]
     torque = tares.scale * (rows.torque - columns @ tares.values - drift)

@@ -1,4 +1,4 @@
-"""Recordings as gapless stretches of samples: what identification works on."""
+"""Recordings cut into stretches of samples without gaps, as the identification needs them."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -10,12 +10,12 @@ from cylforce.signals.estimate import Array
 
 
 def gapless(values: Array, longest: int) -> list[Array]:
-    """Stretches without NaN of samples (T, S); gaps of up to `longest` rows are bridged along a line."""
+    """Stretches without NaN of samples (T, S); gaps of up to `longest` rows are filled by linear interpolation."""
     return [stretch for _, stretch in stretches(values, longest)]
 
 
 def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
-    """The same, each with the number of its first row."""
+    """The stretches of `gapless`, each with the number of its first row."""
     good = np.flatnonzero(np.all(np.isfinite(values), axis=1))
     if good.size == 0:
         return []
@@ -24,8 +24,8 @@ def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
 
 
 class Part(NamedTuple):
-    """Samples `values` (T, S) without NaN from row `first` of a recording on; whether it `goes_on` where the part
-    before ended."""
+    """Samples `values` (T, S) without NaN, beginning at row `first` of a recording; `goes_on`: whether it follows the
+    part before without a gap."""
 
     first: int
     values: Array
@@ -33,16 +33,17 @@ class Part(NamedTuple):
 
 
 def parts(pieces: Iterable[Array], longest: int, size: int, least: int) -> Iterator[Part]:
-    """The stretches of a recording that comes in pieces (T, S), each in parts of `size` rows, the last one of up to
-    `size` + `least`; stretches shorter than `least` are left out."""
+    """The stretches of a recording that is read in pieces (T, S), each cut into parts of `size` rows (the last part of
+    a stretch: less than `size` + `least` rows). Gaps of up to `longest` rows are filled; stretches shorter than `least`
+    rows are left out."""
     count, pending = 0, None  # rows so far, and the part that may go on in the next piece
     for piece in pieces:
-        begin, held, goes_on = count, piece, False
+        begin, rows, goes_on = count, piece, False
         if pending is not None:
             missing = np.full((count - pending.first - len(pending.values), piece.shape[1]), np.nan)
-            begin, held, goes_on = pending.first, np.concatenate([pending.values, missing, piece]), pending.goes_on
+            begin, rows, goes_on = pending.first, np.concatenate([pending.values, missing, piece]), pending.goes_on
         count, pending = count + len(piece), None
-        for first, stretch in stretches(held, longest):
+        for first, stretch in stretches(rows, longest):
             *whole, rest = _cut(Part(begin + first, stretch, goes_on and first == 0), size, least)
             yield from whole
             if count - rest.first - len(rest.values) <= longest:

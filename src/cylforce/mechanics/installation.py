@@ -1,4 +1,4 @@
-"""The service's settings as plain values: what the settings file becomes once it has been checked."""
+"""The settings of the service in SI units: the content of a machine file after it has been checked."""
 
 from typing import NamedTuple
 
@@ -7,8 +7,9 @@ from cylforce.signals.layout import Pdo
 
 
 class Filters(NamedTuple):
-    """Rates and cut-offs [Hz]; `direction_speed` [m/s] rounds sgn(v). `channel_hz` smooths angles and forces before
-    anything is computed from them, `smoothing_hz` columns and torque alike, `regressor_hz` is the first-order one."""
+    """Step rate `rate_hz` and cut-off frequencies [Hz]. `channel_hz`: second-order low-pass on angles and forces before
+    anything is computed from them; `regressor_hz`: first-order low-pass of the filtered regressor; `smoothing_hz`:
+    second-order low-pass on its columns and torque. sgn(v) of friction is tanh(v / `direction_speed`) [m/s]."""
 
     rate_hz: float
     channel_hz: float
@@ -18,7 +19,8 @@ class Filters(NamedTuple):
 
 
 class SensorNode(NamedTuple):
-    """A sensor node to be commissioned: its identity objects (None: not checked), heartbeat, TPDOs."""
+    """A sensor node on the bus: device profile number, identity objects (None: not checked), heartbeat period [s],
+    TPDOs, and whether the service may write their mapping."""
 
     name: str
     node_id: int
@@ -30,7 +32,9 @@ class SensorNode(NamedTuple):
 
 
 class Health(NamedTuple):
-    """When signals stop being believed: age, frozen samples, physical limits."""
+    """Limits beyond which signals are not used: a value is repeated for `hold_s` [s] at most; a sensor that failed is
+    used again after `good_frames` good values; `frozen_samples` equal values while the machine moves mean a frozen
+    sensor; `max_tilt` [rad] of the chassis; `max_step_s` [s] between two ticks."""
 
     hold_s: float
     good_frames: int
@@ -40,7 +44,8 @@ class Health(NamedTuple):
 
 
 class Service(NamedTuple):
-    """Everything that a running service needs to know, checked and frozen."""
+    """All settings of a running service: the machine, the sensor nodes, the TPDOs that it publishes, its own node id,
+    whether it sends SYNC, its heartbeat period [s], filters and limits."""
 
     machine: Machine
     nodes: tuple[SensorNode, ...]
@@ -50,5 +55,5 @@ class Service(NamedTuple):
     heartbeat_s: float
     filters: Filters
     health: Health
-    effects: tuple[str, ...]  # friction laws to choose from, by name
-    adapt: bool = True  # friction and zero follow temperature and wear in service
+    effects: tuple[str, ...]  # names of the friction laws from which the identification chooses
+    adapt: bool = True  # whether friction and pressure zeros are adapted in service to temperature and wear

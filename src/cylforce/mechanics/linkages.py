@@ -17,8 +17,9 @@ from cylforce.signals.estimate import Array
 
 
 class Stretch(NamedTuple):
-    """Cylinder length (...,) [m], its gradient (..., N) [m/rad], and `transmission` (...,): 0 at a dead point where the
-    force no longer shows the load (the lever is infinite), 1 far from it."""
+    """Cylinder length (...,) [m], its gradient (..., N) [m/rad], and `transmission` (...,): sine of the angle between
+    rocker and link, 0 at the dead point where the cylinder force no longer depends on the load (infinite lever), 1 for
+    a cylinder without a linkage."""
 
     length: Array
     gradient: Array
@@ -26,7 +27,7 @@ class Stretch(NamedTuple):
 
 
 class Eye(NamedTuple):
-    """Where a cylinder's eye is, `place` (...,) [m], its `gradient` (..., N) [m/rad], and `transmission` (...,)."""
+    """The cylinder's rod end (eye): `place` (...,) [m], `gradient` (..., N) [m/rad], `transmission` (...,)."""
 
     place: Complex
     gradient: Complex
@@ -34,7 +35,7 @@ class Eye(NamedTuple):
 
 
 class Linkage(Protocol):
-    """Anything that moves a cylinder's eye."""
+    """A linkage between a cylinder and the joints: gives the place of the cylinder's rod end (eye)."""
 
     @property
     def pins(self) -> tuple[Pin, ...]:
@@ -42,7 +43,7 @@ class Linkage(Protocol):
         ...
 
     def driven(self, pins: Point) -> Eye:
-        """The eye from where the pins are, (..., K); NaN where the linkage cannot be closed."""
+        """The eye from the places (..., K) of the pins; NaN where the linkage cannot be closed."""
         ...
 
     def stretch(self, at: Pose) -> Stretch:
@@ -63,7 +64,7 @@ class Linkages:
 
     @cached_property
     def _own(self) -> tuple[slice, ...]:
-        """The pins of each linkage among all."""
+        """For each linkage the slice of its pins among all pins."""
         ends = accumulate((len(linkage.pins) for linkage in self.each), initial=0)
         return tuple(slice(*ends) for ends in pairwise(ends))
 
@@ -93,7 +94,8 @@ class Linkages:
 
 @dataclass(frozen=True, slots=True)
 class Triangle(Linkage):
-    """A cylinder straight between two pins: with one joint between them ell^2 = L2^2 + f^2 - 2 L2 f cos t'."""
+    """A cylinder directly between two pins. With one joint between them ell^2 = L2^2 + f^2 - 2 L2 f cos t', with L2 and
+    f the distances of the pins from the joint and t' the angle between them (mechanics/README.md, section 2)."""
 
     foot: Pin
     eye: Pin
@@ -144,8 +146,8 @@ class FourBar(Linkage):
         return np.asarray(1j * arm[..., None] * spin / self.rocker_length)
 
     def _turned(self, pins: Point) -> tuple[Complex, Array, Array]:
-        """Rocker pin -> rocker end (...,), how it turns with the joints (..., N), and the cross product of it and the
-        link (...,)."""
+        """Vector from rocker pin to rocker end (...,) [m], its rotation per joint angle (..., N), and the cross product
+        of rocker and link (...,) [m^2]."""
         rocker, link = pins.place[..., 1], pins.place[..., 2]
         apart = pins.gradient[..., 2, :] - pins.gradient[..., 1, :]
         arm = self._arm(link - rocker)
@@ -155,7 +157,8 @@ class FourBar(Linkage):
         return arm, _dot(bar[..., None], apart) / sine[..., None], sine
 
     def _arm(self, base: Complex) -> Complex:
-        """Rocker pin -> rocker end, from rocker pin -> link pin; NaN where the two circles do not meet."""
+        """Vector from rocker pin to rocker end, from the vector `base` from rocker pin to link pin; NaN where the two
+        circles do not meet."""
         span = np.abs(base)
         along = (span * span + (self.rocker_length**2 - self.link_length**2)) / (2.0 * span)
         height = np.sqrt(self.rocker_length**2 - along * along)

@@ -1,4 +1,4 @@
-"""The Machine: frozen, plain, pure. Links, linkages, cylinders, signals; lengths, levers, torques, base parameters."""
+"""The machine: links, linkages, cylinders and signals as immutable values; lengths, levers, forces, base parameters."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,8 +18,9 @@ FORCE_KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 @dataclass(frozen=True, slots=True)
 class Link:
     """A link with its data sheet: pin-to-pin `length` [m], `mass` [kg], centre of gravity (`cx`, `cz`) [m] in its own
-    frame, `inertia` [kg m^2] about that centre, the range of its joint's angle [rad], and each number's standard
-    error. The last link's frame points at the tool; its `length` is not used by the dynamics."""
+    frame (origin at the inner pin, x towards the outer pin), `inertia` [kg m^2] about that centre, the range of its
+    joint angle [rad], and each number's standard error. The last link's x axis points at the tool; its `length` is not
+    used by the dynamics."""
 
     name: str
     length: float
@@ -39,8 +40,8 @@ class Link:
 class Cylinder:
     """A cylinder (or several in parallel: the areas [m^2] are sums) with its shortest and longest length [m].
 
-    `rod_pressure` [Pa] stands in where no rod-side sensor exists; `area_error` is the areas' relative standard error,
-    `pin_error` [m] that of every pin's place."""
+    `rod_pressure` [Pa] is assumed where there is no rod-side sensor; `area_error` is the relative standard error of the
+    areas, `pin_error` [m] the standard error of every pin's place."""
 
     name: str
     linkage: Linkage
@@ -54,7 +55,8 @@ class Cylinder:
 
 
 class Geometry(NamedTuple):
-    """Cylinder `length` (..., C) [m], `lever` d(length)/d(angle) (..., C, N) [m/rad], `transmission` (..., C)."""
+    """Cylinder `length` (..., C) [m], `lever` d(length)/d(angle) (..., C, N) [m/rad], `transmission` (..., C): 0 at a
+    dead point of the linkage, 1 far from it (see `linkages.Stretch`)."""
 
     length: Array
     lever: Array
@@ -63,7 +65,11 @@ class Geometry(NamedTuple):
 
 @dataclass(frozen=True)
 class Machine:
-    """A chain of N revolute links driven by C cylinders, seen by S signals."""
+    """A chain of N links with revolute joints, driven by C cylinders and measured by S signals.
+
+    `tool`: tooth line x + i z [m] in the last link's frame; `rated_payload` [kg]; `payload_reach` [m]: distance of the
+    load's centre from the last pin, at most; `slew_axis` [m]: signed distance of the first pin from the slew axis;
+    `lengths` (N,) [m]: the links' pin-to-pin lengths."""
 
     name: str
     links: tuple[Link, ...]
@@ -85,27 +91,29 @@ class Machine:
 
     @cached_property
     def outward(self) -> Array:
-        """(N, N) ones above the diagonal: what row j sees of the links beyond it."""
+        """(N, N), 1 at [j, k] where link k lies beyond link j (k > j), else 0."""
         return np.triu(np.ones((self.size, self.size)), 1)
 
     @cached_property
     def identity(self) -> Array:
-        """(N, N)."""
+        """The unit matrix (N, N)."""
         return np.eye(self.size)
 
     @cached_property
     def reach(self) -> Array:
-        """(N, N) l_j for k > j [m]: how far row j is from the links beyond it."""
+        """(N, N) [m], l_j at [j, k] where link k lies beyond link j (k > j), else 0."""
         return self.lengths[:, None] * self.outward
 
     @cached_property
     def arms(self) -> Complex:
-        """(N,) from each link's inner pin to its outer one, from the last one's to the tool, in its own frame [m]."""
+        """(N,) [m] vector x + i z from each link's inner pin to its outer pin (last link: to the tool), in its own
+        frame."""
         return np.append(self.lengths[:-1], self.tool)
 
     @cached_property
     def sum_outward(self) -> Array:
-        """(N, N) that turns forces of absolute angles into joint torques: tau_j = sum_{k>=j} Q_k."""
+        """(N, N) matrix from the generalised forces Q_k of the absolute angles to joint torques: tau_j = sum_{k>=j} Q_k
+        (mechanics/README.md, section 3)."""
         return np.triu(np.ones((self.size, self.size)))
 
     def pose(self, theta: ArrayLike) -> Pose:
@@ -113,7 +121,8 @@ class Machine:
         return pose(self.lengths, theta)
 
     def geometry(self, theta: ArrayLike) -> Geometry:
-        """Lengths and levers of all cylinders at joint angles (..., N) [rad]."""
+        """Lengths, levers and transmissions of all cylinders at joint angles (..., N) [rad]; NaN where a linkage cannot
+        be closed."""
         return Geometry(*self._linkages.stretch(self.pose(theta)))
 
     @cached_property
@@ -138,13 +147,15 @@ class Machine:
 
     @cached_property
     def rows(self) -> tuple[int, ...]:
-        """The joints (from 0) whose torque is measured: at least one cylinder, and all of its cylinders, sensed."""
+        """The joints (from 0) whose torque is measured: at least one cylinder acts on the joint, and the force of every
+        cylinder that does is measured."""
         acting = [[c for c, span in enumerate(self.spans) if j in span] for j in range(self.size)]
         return tuple(j for j, cs in enumerate(acting) if cs and all(self.forces_measured[c] for c in cs))
 
     @cached_property
     def tables(self) -> tuple[tuple[Array, Array] | None, ...]:
-        """For each cylinder over one joint: (lengths ascending, joint angles), the start of its inverse; else None."""
+        """For each cylinder that acts on one joint: (lengths in ascending order [m], joint angles [rad]), the first
+        guess of `joint_angle`; None for the other cylinders."""
         return tuple(self._table(c) for c in range(len(self.cylinders)))
 
     def _table(self, c: int) -> tuple[Array, Array] | None:
@@ -158,9 +169,10 @@ class Machine:
         return length[order], theta[order, j]
 
     def joint_angle(self, c: int, length: ArrayLike) -> Array:
-        """Inverse of a cylinder over one joint: its angle (...,) [rad] from its length [m]; NaN outside the range.
+        """Joint angle (...,) [rad] from the length (...,) [m] of cylinder `c`, which acts on one joint; NaN outside the
+        range. A table gives the first guess, Newton steps refine it (error below 1e-12 rad away from dead points).
 
-        A table gives the start, three Newton steps the rest (error below 1e-12 rad away from dead points)."""
+        Raises ValueError for a cylinder that acts on several joints."""
         table = self.tables[c]
         if table is None:
             raise ValueError(f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle")
@@ -174,13 +186,14 @@ class Machine:
         return theta[..., j]
 
     def cylinder_force(self, c: int, head: ArrayLike, rod: ArrayLike) -> Array:
-        """F = p_head A_head - p_rod A_rod [N], positive when it pushes, from pressures [Pa]."""
+        """F = p_head A_head - p_rod A_rod (...,) [N] of cylinder `c`, positive when it pushes, from pressures [Pa]
+        (mechanics/README.md, section 2)."""
         cylinder = self.cylinders[c]
         return np.asarray(head) * cylinder.area_head - np.asarray(rod) * cylinder.area_rod
 
 
-TABLE = 1025
-NEWTON_STEPS = 3
+TABLE = 1025  # points of each of `Machine.tables`; chosen: fine enough for the Newton steps below
+NEWTON_STEPS = 3  # reach rounding error from that table's first guess
 
 
 def base_parameters(links: tuple[Link, ...]) -> Array:
@@ -200,7 +213,8 @@ def base_parameters(links: tuple[Link, ...]) -> Array:
 
 
 def base_parameter_covariance(links: tuple[Link, ...]) -> Array:
-    """Covariance (3N, 3N) of `base_parameters` from the data sheet's standard errors, to first order."""
+    """Covariance (3N, 3N) of `base_parameters` from the standard errors of the data sheet, by first-order error
+    propagation."""
     scale = [(k.mass_error, k.centre_error, k.centre_error, k.inertia_error) for k in links]
     gradient = np.concatenate([_mass_gradient(links, j) for j in range(len(links))], axis=1)
     spread = gradient * np.array(scale).reshape(-1)

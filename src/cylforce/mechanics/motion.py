@@ -1,4 +1,5 @@
-"""How the machine moves: everything that columns and torques are computed from, at one instant or along a recording."""
+"""Motion of the machine, at one instant or along a recording: the inputs from which columns and torques are
+computed."""
 
 from typing import NamedTuple
 
@@ -9,17 +10,17 @@ from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import STANDARD_GRAVITY
 
-UNKNOWN = np.zeros(0)
+UNKNOWN = np.zeros(0)  # stands for a force rate that was not computed
 
 
 class Motion(NamedTuple):
-    """N links, C cylinders; leading axes are samples.
+    """Motion of N links and C cylinders; leading axes are samples.
 
-    `a` (..., N): link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal; `qd` (..., N)
-    [rad/s]; `g` (...,): in-plane gravity g cos(roll) [m/s^2]; `slew` (...,): house rate [rad/s]; `length` (..., C)
-    [m], `lever` (..., C, N) [m/rad], `transmission` (..., C); `speed` (..., C): d(length)/dt [m/s]; `force` (..., C):
-    measured cylinder forces [N], NaN where not measured; `force_rate` (..., C): their derivative [N/s], where one
-    is known."""
+    `a` (..., N): absolute link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal [rad];
+    `qd` (..., N): rate of q [rad/s]; `g` (...,): gravity within the arm's plane, g cos(roll) [m/s^2]; `slew` (...,):
+    turning rate of the house [rad/s]; `length` (..., C) [m], `lever` (..., C, N) [m/rad], `transmission` (..., C): see
+    `Geometry`; `speed` (..., C): d(length)/dt [m/s]; `force` (..., C): measured cylinder forces [N]; `force_rate`
+    (..., C): their time derivative [N/s], zero where it was not computed."""
 
     a: Array
     q: Array
@@ -35,8 +36,8 @@ class Motion(NamedTuple):
 
 
 class Attitude(NamedTuple):
-    """The chassis: `pitch`, `roll` [rad], `pitch_rate` (a gyro's; never the derivative of the tilt) and `slew`
-    [rad/s]."""
+    """Attitude of the chassis: `pitch`, `roll` [rad]; `pitch_rate` [rad/s] from a gyro, never the derivative of the
+    tilt angle (mechanics/README.md, section 1); turning rate of the house `slew` [rad/s]."""
 
     pitch: ArrayLike = 0.0
     roll: ArrayLike = 0.0
@@ -55,13 +56,13 @@ def motion(
     attitude: Attitude = LEVEL,
     geometry: Geometry | None = None,
 ) -> Motion:
-    """Motion from joint angles and rates (..., N) and cylinder forces (..., C); `geometry` at these angles, if it is
-    known already."""
+    """Motion from joint angles `theta` [rad] and rates `thetad` [rad/s] (..., N) and cylinder forces (..., C) [N];
+    `geometry`: that of these angles, where the caller has it already. The force rate is set to zero."""
     angles, rates = np.asarray(theta, dtype=np.float64), np.asarray(thetad, dtype=np.float64)
     geometry = machine.geometry(angles) if geometry is None else geometry
     a = angles.cumsum(axis=-1)
     pushed = np.asarray(force, dtype=np.float64)
-    each = np.zeros(a.shape[:-1])  # what one number says of all samples
+    each = np.zeros(a.shape[:-1])  # adding it gives a single number the shape of the samples
     return Motion(
         a=a,
         q=a + np.asarray(attitude.pitch)[..., None],
@@ -78,5 +79,6 @@ def motion(
 
 
 def joint_torque(moving: Motion) -> Array:
-    """tau_j = sum_c F_c d(ell_c)/d(theta_j) (..., N) [N m], by virtual work, for any linkage."""
+    """Joint torques tau_j = sum_c F_c d(ell_c)/d(theta_j) (..., N) [N m], by virtual work, for any linkage
+    (mechanics/README.md, section 2)."""
     return np.asarray((moving.force[..., None, :] @ moving.lever)[..., 0, :])

@@ -1,4 +1,4 @@
-"""What a machine's signals say, read off directly: which one tells a joint's angle, which torque the cylinders have."""
+"""Angles, cylinder forces and torques directly from raw signals, without filters."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -9,14 +9,14 @@ from cylforce.signals.kinds import Kind
 
 
 def angle_signal(machine: Machine, joint: int) -> int | None:
-    """The number of the signal that tells a joint's own angle; None where none does."""
+    """Number of the signal that measures a joint's angle or its link's inclination; None where there is none."""
     kinds = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
     found = [k for k, s in enumerate(machine.signals) if s.kind in kinds and s.index == joint]
     return found[0] if found else None
 
 
 def cylinder_forces(machine: Machine, values: Array) -> Array:
-    """Forces (T, C) [N] of all cylinders from signals (T, S); 0 where not measured."""
+    """Forces (T, C) [N] of all cylinders from signals (T, S) in SI units; 0 where not measured."""
     place = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
     forces = np.zeros((len(values), len(machine.cylinders)))
     for c, cylinder in enumerate(machine.cylinders):
@@ -30,7 +30,8 @@ def cylinder_forces(machine: Machine, values: Array) -> Array:
 
 
 def joint_angles(machine: Machine, values: Array) -> Array:
-    """Joint angles (T, N) [rad] as far as a signal of their own tells them; else the middle of their range."""
+    """Joint angles (T, N) [rad] from signals (T, S): the reading of the joint's own sensor (an inclination is taken for
+    an angle), else the middle of the joint's range. A rough posture only."""
     angles = np.tile([(link.angle_low + link.angle_high) / 2.0 for link in machine.links], (len(values), 1))
     for joint in range(machine.size):
         signal = angle_signal(machine, joint)
@@ -40,7 +41,8 @@ def joint_angles(machine: Machine, values: Array) -> Array:
 
 
 def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
-    """Torque (T,) [N m] of a joint's cylinders from signals (T, S), unfiltered."""
+    """Torque (T,) [N m] of the cylinders on a joint from signals (T, S), unfiltered, at the posture of
+    `joint_angles`."""
     at, forces = machine.pose(joint_angles(machine, values)), cylinder_forces(machine, values)
     acting = [c for c, span in enumerate(machine.spans) if joint in span]
     levers = [machine.cylinders[c].linkage.stretch(at).gradient[:, joint] for c in acting]
@@ -48,7 +50,7 @@ def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
 
 
 def followed(course: Array, t: Array, constant: float) -> Array:
-    """A course (T,) at times t (T,) [s], evenly spaced, as what follows it with a time constant [s]; at first it has
-    caught up."""
+    """First-order lag of a signal `course` (T,) at evenly spaced times t (T,) [s] with a time `constant` [s]; settled
+    at the first sample."""
     keep = float(np.exp(-np.mean(np.diff(t)) / constant)) if len(t) > 1 else 0.0
     return np.asarray(lfilter([1.0 - keep], [1.0, -keep], course, zi=[keep * course[0]])[0])

@@ -1,21 +1,23 @@
-"""Where an arm can be driven, and how fast: joint ranges clear of end stops and dead points, times of strokes."""
+"""Working ranges: joint angles clear of end stops and dead points, and the time that a stroke takes."""
 
 import numpy as np
 
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.signals.estimate import Array
 
-PEAK = 1.875  # largest speed of a minimum-jerk stroke over its mean speed
-SHARP = 5.77  # largest acceleration over stroke / time^2
-HASTE = 0.3  # m/s^2, of any cylinder
-GRID = 201
-MIN_TRANSMISSION = 0.25  # the sine below which a linkage comes too near its dead point to be driven there
-STOP_MARGIN = 0.03  # of a cylinder's stroke kept free at its end stops
+PEAK = 1.875  # times the mean speed: peak speed of a minimum-jerk stroke (15/8)
+SHARP = 5.77  # times stroke / time^2: peak acceleration of a minimum-jerk stroke (10/sqrt(3))
+HASTE = 0.3  # m/s^2, largest acceleration of a cylinder in such a stroke; chosen: gentle for a hydraulic excavator
+GRID = 201  # angles at which a joint's range is examined; chosen
+MIN_TRANSMISSION = 0.25  # sine at the linkage below which it counts as too near its dead point; chosen
+STOP_MARGIN = 0.03  # times a cylinder's stroke: distance kept from its end stops; chosen
 
 
 def working_range(machine: Machine) -> Array:
-    """Joint angles (N, 2) [rad] that can be driven: clear of end stops and dead points, the other joints
-    midway."""
+    """Lowest and highest angle (N, 2) [rad] of every joint clear of end stops and dead points, with the other joints in
+    mid-range: the longest such part of the joint's range.
+
+    Raises ValueError when a joint has no such angle."""
     middle = np.array([(link.angle_low + link.angle_high) / 2 for link in machine.links])
     return np.array([_clear(machine, middle, j) for j in range(machine.size)])
 
@@ -33,7 +35,7 @@ def _clear(machine: Machine, middle: Array, j: int) -> Array:
 
 
 def _drivable(machine: Machine, at: Geometry, j: int) -> Array:
-    """Which of the poses every cylinder on joint j can hold (T,)."""
+    """Which poses (T,) leave every cylinder on joint j clear of its end stops and dead points."""
     good = np.ones(at.length.shape[0], dtype=bool)
     for c, cylinder in enumerate(machine.cylinders):
         if j in machine.spans[c]:
@@ -46,8 +48,8 @@ def _drivable(machine: Machine, at: Geometry, j: int) -> Array:
 
 
 def stroke_time(machine: Machine, theta: Array, j: int, target: float, speed: float) -> float:
-    """Shortest time [s] of a stroke of joint j from pose `theta` (N,) to `target` [rad] whose cylinders stay
-    below `speed` [m/s] and HASTE [m/s^2]; a joint without a cylinder counts as one with a lever of 1 m."""
+    """Shortest time [s] of a minimum-jerk stroke of joint j from pose `theta` (N,) to `target` [rad] whose cylinders
+    stay below `speed` [m/s] and HASTE [m/s^2]; a joint without a cylinder is given a lever of 1 m."""
     poses = np.tile(theta, (17, 1))
     poses[:, j] = np.linspace(theta[j], target, 17)
     lever = float(np.max(np.abs(machine.geometry(poses).lever[:, :, j]), initial=0.0)) if machine.cylinders else 0.0
@@ -56,5 +58,5 @@ def stroke_time(machine: Machine, theta: Array, j: int, target: float, speed: fl
 
 
 def driven(machine: Machine) -> tuple[int, ...]:
-    """The joints that some cylinder moves; the others are locked."""
+    """Numbers of the joints on which at least one cylinder acts; the others are taken as locked."""
     return tuple(sorted({j for span in machine.spans for j in span}))

@@ -49,7 +49,7 @@ def run_sim(
     seed
         One seed is one machine, whatever the scenario, and one run; None draws one.
     effects
-        A TOML file of effects of the diagnosis' library (`core/gap/library.py`): tables `[[effects]]` with `name`,
+        A TOML file of effects of the diagnosis' library (`effects/library.py`): tables `[[effects]]` with `name`,
         `at` (a cylinder, a sensor, a link or "machine"), `value` (SI; a list where the effect has several sizes) and,
         if need be, `shape` (a table of its other parameters), `from_s` and `until_s`.
     payload, turning

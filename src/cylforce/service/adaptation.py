@@ -1,8 +1,8 @@
-"""Slow adaptation in service: friction and zero follow temperature and wear, from empty returns only.
+"""Slow adaptation in service: friction and pressure zeros follow temperature and wear, while the bucket returns empty.
 
-What was identified at commissioning stays the reference; this is the drift on top of it. Recursive least squares
-forgets only what the present motion shows (parked, nothing is forgotten and nothing moves), is bounded to what is
-physically possible, and says what the drift amounts to in kilograms."""
+The parameters identified at commissioning remain the reference; only their drift is estimated. The recursive least
+squares forget only what the present motion measures, so that nothing changes while the machine is parked. The drift is
+limited to what is physically possible, and is also given in kilograms."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,18 +15,19 @@ from cylforce.estimation.recursive import Root, forget, known, solution, update
 from cylforce.estimation.regressor import Rows
 from cylforce.signals.estimate import Array
 
-MEMORY_SECONDS = 30.0  # of empty motion
-STROKE_SECONDS = 3.0
-EVERY = 5  # steps: neighbouring samples say the same
-ZERO_ERROR, ZERO_LIMIT = 3e4, 6e5  # Pa: how far a sensor's zero may be off at the start, and how far off none ever is
-FRICTION_ERROR, FRICTION_RANGE = 0.1, (0.2, 3.0)  # the same, of the value at commissioning
-SHOWN = 0.02  # share by which each update moves the drift that is shown
+MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
+STROKE_SECONDS = 3.0  # s, duration of a typical stroke, over which model errors keep their sign; chosen
+EVERY = 5  # steps between updates, because neighbouring samples contain the same information; chosen
+ZERO_ERROR, ZERO_LIMIT = 3e4, 6e5  # Pa, prior standard error of a pressure's zero drift, and its limit; chosen
+FRICTION_ERROR = 0.1  # times the identified friction: prior standard error of its drift; chosen
+FRICTION_RANGE = (0.2, 3.0)  # times the identified friction: limits of the adapted friction; chosen
+SHOWN = 0.02  # share of the difference by which each update changes the drift in kilograms; chosen: smooths it
 
 
 class Drift(NamedTuple):
-    """`values` (D,) on top of the tares (friction laws of speed, then pressure zeros), their `root`, steps since the
-    last update, `mass` [kg] that the empty bucket would show without adaptation; `following`: whether this instant
-    told something, else all is frozen."""
+    """State of the adaptation: `values` (D,) to be added to the tares (Coulomb and viscous friction, then pressure
+    zeros), their information `root`; `waited`: steps since the last update; `mass` [kg] that the empty bucket would
+    show without the adaptation; `following`: whether this instant was usable, else nothing changes."""
 
     root: Root
     values: Array
@@ -44,7 +45,7 @@ class Adapter:
 
     @cached_property
     def _friction(self) -> list[int]:
-        """Columns of the friction that temperature and wear change."""
+        """Numbers of the columns whose friction is adapted: Coulomb and viscous."""
         wanted = (".coulomb", ".viscous")
         return [k for k, p in enumerate(self.model.parameters) if p.name.endswith(wanted)]
 
@@ -57,11 +58,11 @@ class Adapter:
 
     @property
     def _memory(self) -> float:
-        """Updates that say the same: what the model leaves unexplained keeps its sign for about one stroke."""
+        """Updates that count as one independent measurement: model errors keep their sign for about one stroke."""
         return STROKE_SECONDS * self.model.filters.rate_hz / EVERY
 
     def begin(self) -> Drift:
-        """No drift, and hardly more to be expected yet: what motion shows loosens it within the memory."""
+        """The state without drift, with the prior standard errors above; old information fades within the memory."""
         zero = [ZERO_ERROR * c.area_head for c in self.model.machine.cylinders]
         floor = [1e-3 * self.model.machine.cylinders[0].area_head * 1e5] * len(self._friction)
         friction = np.maximum(FRICTION_ERROR * np.abs(self.tares.values[self._friction]), floor)
@@ -69,16 +70,16 @@ class Adapter:
         return Drift(known(np.zeros_like(spread), spread), np.zeros_like(spread), 0, 0.0, False)
 
     def columns(self, rows: Rows) -> Array:
-        """Columns (R, D) of what drifts."""
+        """Columns (R, D) of the adapted parameters."""
         return np.concatenate([rows.columns[..., self._friction], rows.columns[..., self.model.zero]], axis=-1)
 
     def step(self, drift: Drift, rows: Rows, torque: Array, variance: Array) -> Drift:
-        """Take in what is unexplained, the drift so far taken off, of an instant: `torque` (R,) with `variance` (R,),
-        infinite unless the bucket is known to be empty and in the air.
+        """The drift after one instant with residual `torque` (R,) [N m], from which the drift so far is already
+        subtracted, and `variance` (R,) [N^2 m^2], infinite unless the bucket is known to be empty and in the air.
 
-        Rows whose cylinder is hardly faster than at rest do not count: break-away friction there would look like a
-        pressure's zero, and with the opposite sign like Coulomb friction, of which a boom that only sinks when the
-        bucket is empty shows the sum alone."""
+        Rows at very low speed are not used: break-away friction would appear there as a pressure zero and, with the
+        opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty shows only the sum
+        of both, so that such an error would remain."""
         good = np.isfinite(variance) & (self.model.share_at_rest(rows.columns) < CERTAIN_SHARE)
         if not good.any():
             return drift._replace(following=False)
@@ -90,13 +91,13 @@ class Adapter:
         observed = torque + columns @ drift.values
         root = update(root, columns[good], observed[good], self._memory * variance[good])
         values, _ = solution(root)
-        held = np.clip(values, *self._limits)
-        if np.any(held != values):
-            root = Root(root.factor, root.factor @ held)
-        return Drift(root, held, 0, self._mass(drift, columns @ held, rows), True)
+        limited = np.clip(values, *self._limits)
+        if np.any(limited != values):
+            root = Root(root.factor, root.factor @ limited)
+        return Drift(root, limited, 0, self._mass(drift, columns @ limited, rows), True)
 
     def _mass(self, drift: Drift, torque: Array, rows: Rows) -> float:
-        """The load that would explain the drift's torque, smoothed."""
+        """Mass [kg] of the load that would explain the `torque` (R,) of the drift, smoothed over updates."""
         load = rows.columns[..., : len(self.model.parameters)] @ self.model.load[:, 0] / self.tares.row_error
         now = float(load @ (torque / self.tares.row_error) / (load @ load + 1e-12))
         return drift.mass + SHOWN * (now - drift.mass)

@@ -1,4 +1,4 @@
-"""Frames to samples: the last value of every signal, its age, and the reason when it cannot be believed."""
+"""Frames to samples: the last value of every signal, its age, and the reason when it is not usable."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,8 +13,8 @@ from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
 
-NEVER = -(1 << 62)  # longer ago than any clock can tell
-# No joint of such a machine turns, and no cylinder runs, faster than this: a larger step is the sensor's fault.
+NEVER = -(1 << 62)  # us, stands for a time before all others
+# rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
 FASTEST = {
     Kind.JOINT_ANGLE: 3.0,
     Kind.LINK_INCLINATION: 3.0,
@@ -25,8 +25,10 @@ FASTEST = {
 
 
 class Channel(NamedTuple):
-    """One signal: its last believed value (while it proves itself: its last), when that came, when anything came last,
-    what was wrong last, good values since, equal values in motion, leaps in a row."""
+    """One signal: its last accepted `value` (while it has not yet sent enough good values: its last value); `t_us`:
+    time of the last accepted value; `seen_us`: time of the last value of any kind; `reason`: what was wrong with that
+    one; `good`: number of good values in a row; `equal`: number of equal values in a row while the machine moved;
+    `jumps`: number of implausible jumps in a row."""
 
     value: float
     t_us: int
@@ -38,7 +40,7 @@ class Channel(NamedTuple):
 
 
 class FrameCounters(NamedTuple):
-    """What the bus did wrong so far."""
+    """Numbers of frames with an unknown identifier, too short, too long, or rejected."""
 
     unknown: int = 0
     short: int = 0
@@ -47,7 +49,7 @@ class FrameCounters(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """All channels and counters."""
+    """State of all channels, frame counters, and the time [us] of the last frame that was too long."""
 
     channels: tuple[Channel, ...]
     counters: FrameCounters
@@ -56,13 +58,13 @@ class Inputs(NamedTuple):
 
 @dataclass(frozen=True)
 class Assembler:
-    """Receives frames, gives samples; pure: every method returns the new inputs."""
+    """Receives frames and gives samples. Pure: every method returns the new state."""
 
     service: Service
 
     @cached_property
     def decoders(self) -> dict[int, Decoder]:
-        """By CAN identifier."""
+        """Decoders of the sensors' PDOs by CAN identifier."""
         names = {s.name: k for k, s in enumerate(self.service.machine.signals)}
         return decoders(tuple(p for n in self.service.nodes for p in n.pdos), names)
 
@@ -72,13 +74,13 @@ class Assembler:
         return tuple(size.get(s.name, 0.0) for s in self.service.machine.signals)
 
     def begin(self) -> Inputs:
-        """Nothing received yet."""
+        """The state before any frame."""
         empty = Channel(float("nan"), NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
         return Inputs((empty,) * len(self.service.machine.signals), FrameCounters(), NEVER)
 
     def receive(self, inputs: Inputs, frame: Frame, moving: tuple[bool, ...]) -> Inputs:
-        """Take a frame in: length and range are checked, unknown identifiers counted; `moving` tells, per signal,
-        whether the machine moves so that a sensor which repeats itself must be frozen."""
+        """The state after a frame: length and range are checked, unknown identifiers are counted. `moving`, per signal:
+        whether the machine moves so that an equal value from this sensor means that it is frozen."""
         found = self.decoders.get(frame.can_id)
         if found is None:
             return inputs._replace(counters=inputs.counters._replace(unknown=inputs.counters.unknown + 1))
@@ -126,8 +128,9 @@ class Assembler:
         return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0)
 
     def _room(self, old: Channel, slot: Slot, t_us: int) -> float:
-        """How far the next value may lie from the last. Time in which a sensor leapt, or was still to prove itself, is
-        no excuse: nobody believes that the joint moved meanwhile."""
+        """Largest plausible difference [SI] between the next value and the last one: FASTEST times the time between
+        them, and the noise. Time during which values jumped or were not yet accepted does not count, because the joint
+        need not have moved then."""
         signal = self.service.machine.signals[slot.signal]
         proving = t_us - old.t_us > 1e6 * self.service.health.hold_s and old.good > 0
         since_us = old.seen_us if old.jumps or proving else old.t_us
@@ -135,23 +138,26 @@ class Assembler:
         return room + 6.0 * signal.standard_error + 2.0 * slot.scale
 
     def _noisy(self, k: int) -> bool:
-        """Whether a working sensor's own noise keeps its last digit moving."""
+        """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
+        fault."""
         return self.service.machine.signals[k].standard_error >= 0.5 * self._quantum[k] > 0.0
 
     def restart(self, inputs: Inputs, node_id: int) -> Inputs:
-        """A sensor node booted: nothing that it said before counts, and it must prove itself anew."""
+        """The state after a sensor node booted: its earlier values are discarded, and its signals are used again only
+        after enough good values."""
         mine = {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}
         lost = Channel(float("nan"), NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
         return inputs._replace(channels=tuple(lost if k in mine else c for k, c in enumerate(inputs.channels)))
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
-        """What is known at a tick. A signal that is late, or was refused, is held for a short time, then invalid."""
+        """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
+        the signal is invalid."""
         hold_us = 1e6 * self.service.health.hold_s
         reasons: list[Reason] = []
         late = Reason.NONE
         for channel, signal in zip(inputs.channels, self.service.machine.signals, strict=True):
             age = t_us - channel.t_us
-            if abs(age) > hold_us:  # from the future: the clock was set back meanwhile
+            if abs(age) > hold_us:  # a negative age: the clock was set back meanwhile
                 reasons.append(Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason)
                 continue
             reasons.append(Reason.NONE)
@@ -160,4 +166,4 @@ class Assembler:
         return Sample(t_us, np.array([c.value for c in inputs.channels]), tuple(reasons), late)
 
 
-JUMPS_BELIEVED = 100  # a step that lasts is no outlier: the value is then taken, and must prove itself
+JUMPS_BELIEVED = 100  # implausible values in a row after which the new level is accepted as real; chosen

@@ -1,4 +1,5 @@
-"""Commands on the bus that the core obeys itself: zero and tare by SDO, and boot-up messages of sensors."""
+"""Frames that the service acts on itself: zero and tare by SDO, NMT commands to our node, boot-up messages of
+sensors."""
 
 from typing import Literal, NamedTuple
 
@@ -6,24 +7,24 @@ from cylforce.signals.estimate import Quantity, Status
 from cylforce.signals.events import Frame
 
 ZERO, TARE = 0x6125, 0x6139  # CiA 404: auto-zero, auto-tare
-SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # drivers in the field write either tare
-NOT_NOW = 0x08000022  # SDO abort: refused because of the present device state
-TOO_FAR = 0x06090030  # SDO abort: value range exceeded
-WRONG_VALUE = 0x06090030
-FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download, its size not said, or said to be 4
-ZERO_RANGE = 0.02  # of rated payload: beyond it a zero hides a fault
+SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # both spellings of tare are written by existing drivers
+NOT_NOW = 0x08000022  # SDO abort code (CiA 301): refused because of the present device state
+TOO_FAR = 0x06090030  # SDO abort code (CiA 301): value range exceeded
+WRONG_VALUE = 0x06090030  # the same code: the written value is not the signature
+FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, or with size 4 (CiA 301)
+ZERO_RANGE = 0.02  # times the rated payload: a larger zero would hide a fault; chosen
 
 
 class Command(NamedTuple):
-    """`zero` or `tare`, and whether the signature was right."""
+    """A zero or tare command; `signed`: whether its signature was right."""
 
     what: Literal["zero", "tare"]
     signed: bool
 
 
 def read(frame: Frame, node_id: int) -> Command | None:
-    """An expedited SDO download of 4 bytes to 6125h:1 or 6139h:1 of our node; None for anything else, which the SDO
-    server refuses by itself: fewer bytes than the signature has, for one."""
+    """The command in an expedited SDO download of 4 bytes to 6125h:1 or 6139h:1 of our node; None for any other frame.
+    A download of another length is refused by the SDO server itself."""
     if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
@@ -33,7 +34,8 @@ def read(frame: Frame, node_id: int) -> Command | None:
 
 
 def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: float) -> tuple[tuple[float, float], int]:
-    """The new (zero, tare) [kg] and the verdict: 0, or the abort code. Refused while the weight cannot be trusted."""
+    """((zero, tare) [kg] after the command, verdict): the verdict is 0 or an SDO abort code. `mass`: present load
+    before zero and tare; `rated`: rated payload [kg]. Refused unless the status of the weight is OK."""
     zero, _ = scale
     if not command.signed:
         return scale, WRONG_VALUE
@@ -45,15 +47,15 @@ def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: fl
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:
-    """Whether an NMT command stops our node (its SDO server is then mute, and no command is obeyed) or starts or resets
-    it; None for any other frame."""
+    """True for an NMT command that stops our node (it then answers no SDO, and commands have no effect), False for one
+    that starts or resets it, None for any other frame."""
     if frame.can_id != 0 or len(frame.data) != 2 or frame.data[1] not in (0, node_id):
         return None
     return {1: False, 2: True, 128: False, 129: False, 130: False}.get(frame.data[0])
 
 
 def booted(frame: Frame) -> int | None:
-    """The node whose boot-up message this is."""
+    """Id of the node whose boot-up message this is; None for any other frame."""
     if 0x700 < frame.can_id < 0x780 and frame.data == b"\0":
         return frame.can_id - 0x700
     return None

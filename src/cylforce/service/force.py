@@ -13,17 +13,18 @@ from cylforce.estimation.residual import Residual
 from cylforce.signals.estimate import Array, Force, Quantity, Reason, Status, invalid, invalid_force
 from cylforce.signals.units import STANDARD_GRAVITY
 
-BLIND = 0.3  # standard error, as a share of the rated force, from which on a component counts as not sensed
-POOR = 0.05  # and from which on it is only DEGRADED
+BLIND = 0.3  # times the rated force: a component with a larger standard error is INVALID; chosen
+POOR = 0.05  # times the rated force: a component with a larger standard error is DEGRADED; chosen
 
 
 @dataclass(frozen=True)
 class ForceSensor:
-    """Force at the tool: with three torques the resultant and its moment on the last link, with two the force on the
-    known contact line (the paper's mode).
+    """Force at the tool. With three measured torques: force and moment on the last link. With two: the force at the
+    known tooth line (the paper's method), without a moment.
 
-    What a pose does not show stays as uncertain as it was before: a force within the rated one, a moment as of a full
-    load. So neither a singular pose nor a lost row needs a special case; its direction has a large standard error."""
+    The estimate has a prior: forces with a standard error of the rated force, a moment with that of a full payload.
+    Therefore a singular pose or a missing row needs no special case: a direction that the pose does not show keeps this
+    large standard error."""
 
     model: Model
     tares: Tares
@@ -37,7 +38,9 @@ class ForceSensor:
         return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)
 
     def estimate(self, rows: Rows, left: Residual, usable: Array) -> Force:
-        """The force of one instant; a component that cannot be sensed is INVALID."""
+        """The force of one instant from the residual `left` of the rows marked in `usable` (R,). A component whose
+        standard error exceeds BLIND is INVALID; the direction is INVALID unless the force is larger than three standard
+        errors across it."""
         if not usable.any():
             return invalid_force(Reason.DEAD_POINT)
         tool = rows.columns[usable, self.model.tool][:, : len(self._prior)]
@@ -70,7 +73,7 @@ class ForceSensor:
     def _bounded(self, value: float, error: float) -> Quantity:
         if not error <= BLIND * self.rated_force:
             return invalid(Reason.SINGULAR)
-        if not abs(value) <= self.rated_force:  # NaN is not: parameters that cannot be may overflow
+        if not abs(value) <= self.rated_force:  # also true for NaN, to which absurd parameters may lead
             return invalid(Reason.OUT_OF_DECLARED_RANGE)
         return self._quantity(value, error)
 

@@ -1,4 +1,4 @@
-"""Weighing a recording after the fact: what hung in the bucket at each of its steps."""
+"""The load in the bucket at each step of a recording, by the weighing of the service."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from cylforce.signals.estimate import Array
 
 
 def hanging(model: Model, tares: Tares, values: Array) -> Array:
-    """What hangs (T-1,) [kg] at each step of samples (T, S), as weighing sees it; 0 where it does not know."""
+    """Estimated load (T-1,) [kg] at each step of samples (T, S); 0 where the weighing has no consistent estimate."""
     weigher = Weigher(model, tares)
     moved = model.channels.run(values)
     rows, state = model.filtered.run(moved.motion), weigher.begin()

@@ -1,4 +1,5 @@
-"""From a stream of samples to filtered rows, one fixed step at a time; the same numbers as `identification.observe`."""
+"""From samples to filtered rows, one fixed step at a time; the same numbers as `observation.observe` from a
+recording."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,8 +13,9 @@ from cylforce.signals.estimate import Array
 
 
 class Pipe(NamedTuple):
-    """State: the last raw channels (D,), the low-pass and its last three outputs (3, D), the regressor's filters, steps
-    done, and per row how many steps it must still wait until its filters have forgotten an unusable lever."""
+    """State of the filters: last channels `raw` (D,), state of the low-pass and its last three outputs `smooth` (3, D),
+    state `filters` of the regressor's filters (None before the first step), number of `steps`; `waiting` (R,): steps
+    for which each row is not used, because its filters still contain an unusable lever; cylinder `speed` (C,) [m/s]."""
 
     raw: Array
     smooth_state: Array
@@ -26,12 +28,12 @@ class Pipe(NamedTuple):
 
 @dataclass(frozen=True)
 class Pipeline:
-    """The model's filters, live."""
+    """The filters of a model, step by step."""
 
     model: Model
 
     def begin(self, channels: Array) -> Pipe:
-        """From the first channels (D,) after a start or a gap."""
+        """The state after the first channels (D,) at the start or after a gap, settled at them."""
         state, smooth = self.model.channels.smooth.step(self.model.channels.smooth.steady(channels), channels)
         rows, cylinders = len(self.model.machine.rows), len(self.model.machine.cylinders)
         return Pipe(
@@ -39,8 +41,8 @@ class Pipeline:
         )
 
     def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows]:
-        """To the channels `periods` steps later; missing steps are filled along a straight line
-        (`periods` >= 1)."""
+        """The state and the rows `periods` >= 1 steps later, at `channels` (D,); missing steps are filled by linear
+        interpolation."""
         first, here = pipe.raw, self.model.channels.follow(pipe.raw, channels)
         for k in range(1, periods):
             pipe, _ = self.advance(pipe, first + (here - first) * (k / periods), 1)

@@ -1,4 +1,4 @@
-"""What we publish: one table, from which PDOs, EDS and DBC are made. The node is a CiA 404 measuring device."""
+"""The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
 from math import pi
 
@@ -22,7 +22,8 @@ _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers
 
 
 def publication(node_id: int, period_s: float, rated_payload: float, rated_force: float) -> tuple[Pdo, ...]:
-    """TPDO 1..4 of our node. A quality byte is status (bits 0-1) + 4 * reason (bits 2-7)."""
+    """TPDO 1 to 4 of our node, sent every `period_s` [s]; `rated_payload` [kg] and `rated_force` [N] give the ranges. A
+    quality byte is status (bits 0-1) + 4 * reason (bits 2-7)."""
     kg = (-0.5 * rated_payload, 2.0 * rated_payload)
     newton = (-rated_force, rated_force)
     table = (
@@ -55,7 +56,8 @@ def publication(node_id: int, period_s: float, rated_payload: float, rated_force
 
 
 def published(estimate: Estimate) -> dict[str, float]:
-    """Named SI values of an estimate, NaN where there is none; a standard error is never rounded down to nothing."""
+    """SI values of an estimate by name, NaN where there is none; a standard error is at least one step of its published
+    integer, so that it is never sent as zero."""
     force, booking = estimate.force, estimate.booking
     return {
         GROSS: estimate.gross.value,
@@ -76,11 +78,11 @@ def published(estimate: Estimate) -> dict[str, float]:
 
 
 def quality(q: Quantity) -> int:
-    """One byte: status in bits 0-1, reason in bits 2-7."""
+    """The quality byte: status in bits 0-1, reason in bits 2-7."""
     return int(q.status) | int(q.reason) << 2
 
 
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
-    """(TPDO number, data) of everything that we publish."""
+    """(TPDO number, data) of all TPDOs in `table` for an estimate."""
     values = published(estimate)
     return tuple((pdo.number, encode(pdo, values)) for pdo in table)

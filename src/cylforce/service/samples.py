@@ -1,4 +1,4 @@
-"""Events to rows of samples: what a recorded log holds, one row a tick."""
+"""Recorded events to rows of samples, one row per tick."""
 
 from collections.abc import Iterable, Iterator
 
@@ -8,13 +8,13 @@ from cylforce.service.assembler import Assembler
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Event, Frame
 
-PIECE = 30_000  # rows that are held at once
-LONGEST_JUMP = 1000  # periods of silence that are kept as missing rows; a longer one, or one back, only separates
+PIECE = 30_000  # rows per piece; chosen: bounds the memory needed
+LONGEST_JUMP = 1000  # missing rows at most between two ticks, for a longer pause or a jump backwards too; chosen
 
 
 def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
-    """One row of SI values per tick, in pieces (T, S) of some minutes; NaN where something was missing or could not be
-    believed."""
+    """One row of SI values per tick, in pieces (T, S) of PIECE rows; a row is NaN when any of its signals is missing,
+    late or not usable. `period_us`: the fixed step, by which missing ticks are recognised."""
     rows: list[Array] = []
     for row in _rows(assembler, events, period_us):
         rows.append(row)
@@ -41,11 +41,11 @@ def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iter
 
 
 def skipped(elapsed_us: int, period_us: int) -> int:
-    """Missing rows between two ticks."""
+    """Number of rows that are missing between two ticks `elapsed_us` apart."""
     count = round(elapsed_us / period_us) - 1
     return min(count, LONGEST_JUMP) if count >= 0 else LONGEST_JUMP
 
 
 def is_whole(sample: Sample) -> bool:
-    """Every signal came in time and can be believed."""
-    return sample.held is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)
+    """Whether every signal came in time and is usable."""
+    return sample.late is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)

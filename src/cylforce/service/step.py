@@ -36,9 +36,9 @@ from cylforce.signals.estimate import (
 from cylforce.signals.events import Event, Frame, Tick
 from cylforce.signals.kinds import Kind
 
-MOVING = 0.005  # m/s of any cylinder: the machine moves
-LONG_FRAME_US = 1_000_000  # a frame longer than its mapping degrades what is said for so long
-TICK_SLACK = 0.5  # periods by which a tick may be off its place
+MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
+LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
+TICK_SLACK = 0.5  # periods by which a tick may be early or late
 
 
 class Scale(NamedTuple):
@@ -52,7 +52,9 @@ NO_SCALE = Scale()
 
 
 class State(NamedTuple):
-    """All that the service remembers."""
+    """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
+    started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
+    it should change because the machine moves; whether NMT has stopped our node."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -79,7 +81,7 @@ NOTHING = Output()
 
 @dataclass(frozen=True)
 class Core:
-    """A service, its tares, and what follows from them."""
+    """The settings of a service and its tares, and the parts of the calculation made from them."""
 
     service: Service
     tares: Tares
@@ -106,7 +108,7 @@ class Core:
 
     @cached_property
     def adapter(self) -> Adapter:
-        """Empty returns to drift."""
+        """Rows with an empty bucket to drift."""
         return Adapter(self.model, self.tares)
 
     @cached_property
@@ -121,28 +123,29 @@ class Core:
 
     @property
     def adapts(self) -> bool:
-        """Whether friction and zeros follow temperature and wear; a data sheet's tares would follow their errors."""
+        """Whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow their
+        errors."""
         return self.service.adapt and self.tares.identified
 
     @cached_property
     def longest_step(self) -> float:
-        """Periods between two ticks from which on the filters start anew."""
+        """Largest time between two ticks [periods]; after a longer one the filters start again."""
         return self.service.health.max_step_s * self.service.filters.rate_hz + TICK_SLACK
 
     @property
     def period_us(self) -> int:
-        """The fixed step."""
+        """The fixed step [us]."""
         return round(1e6 / self.service.filters.rate_hz)
 
     def begin(self, scale: Scale = NO_SCALE) -> State:
-        """The state of a service that has seen nothing."""
+        """The state of a service before any event, with the operator's zero and tare."""
         nothing = _nothing(0, Reason.STARTING, None)
         still = (False,) * len(self.service.machine.signals)
         return State(self.assembler.begin(), None, self.weigher.begin(), self.adapter.begin(), scale, 0, nothing, still)
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
-    """The service: one event in, the new state and what to send out. Never raises for any frame."""
+    """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
         state = _tick(core, state, event.t_us)
         return state, Output(None, state.estimate, frames(core.service.publication, state.estimate))
@@ -153,7 +156,7 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
-    """What a command or a boot-up message does; None for any other frame."""
+    """State and output after a zero, tare or NMT command or a boot-up message; None for any other frame."""
     stopped = commands.stopped(frame, core.service.node_id)
     if stopped is not None:
         return state._replace(stopped=stopped), NOTHING
@@ -170,10 +173,11 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
 
 
 def _tick(core: Core, state: State, t_us: int) -> State:
-    """A sample is taken, turned into rows, and the rows into an estimate; or the reason why there is none."""
+    """The state after a tick: sample, channels, filtered rows, load and force; or an estimate with the reason why there
+    are none."""
     sample = core.assembler.sample(state.inputs, t_us)
-    if sample.held is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
-        return state._replace(estimate=_hold(state.estimate, t_us, sample.held))
+    if sample.late is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
+        return state._replace(estimate=_hold(state.estimate, t_us, sample.late))
     channels = _channels(core, sample)
     if isinstance(channels, Reason):
         return _lose(core, state, t_us, channels)
@@ -195,7 +199,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
 
 
 def _channels(core: Core, sample: Sample) -> Array | Reason:
-    """Joint angles, cylinder forces and attitude (D,) of a sample; or why nothing can be measured from it."""
+    """Joint angles, cylinder forces and attitude (D,) of a sample; or the reason why it is not usable."""
     worst = max(sample.reasons, default=Reason.NONE)
     if worst is not Reason.NONE:
         return worst
@@ -206,7 +210,7 @@ def _channels(core: Core, sample: Sample) -> Array | Reason:
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
-    """The measurement is interrupted: filters and lift start anew, nothing is shown."""
+    """The state after an interruption: filters and lift start again, no value is shown."""
     return state._replace(
         pipe=None,
         moving=(False,) * len(state.moving),
@@ -216,7 +220,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
 
 
 def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Residual, usable: Array) -> Drift:
-    """Friction and zeros after this instant: they follow while the bucket is known to be empty."""
+    """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty."""
     if not core.adapts:
         return drift
     empty = np.logical_and(usable, core.weigher.is_empty(weighing))
@@ -224,7 +228,8 @@ def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Resid
 
 
 def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> Estimate:
-    """What is published of load and force: zeroed, tared, within the declared ranges."""
+    """The published estimate: load, load less zero (gross), less tare (net), and force. OK becomes DEGRADED for
+    LONG_FRAME_US after a frame longer than its mapping; gross and net are INVALID outside their declared range."""
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         load, force = Load(*(_degrade(q) for q in load)), _each(force, _degrade)
     rated = core.service.machine.rated_payload
@@ -234,8 +239,8 @@ def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> 
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
-    """Per signal whether it should move, so that one which repeats itself must be frozen: a pressure while its own
-    cylinder moves, all else while any cylinder does, for the whole machine then shakes."""
+    """Per signal whether it should change, so that a repeated value means a frozen sensor: a pressure while its own
+    cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
     moves = (np.abs(pipe.speed) > MOVING).tolist()
     shaken = any(moves)
     return tuple(moves[s.index] if s.kind in PRESSURES else shaken for s in core.service.machine.signals)
@@ -267,7 +272,8 @@ def _degrade(q: Quantity) -> Quantity:
 
 
 def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
-    """OK means finite, inside the declared range, with 0 < standard error < the largest sensible one."""
+    """The quantity itself when it is finite, within `limits`, and its standard error is between 0 and `largest_error`;
+    else INVALID."""
     if q.status is Status.INVALID:
         return q
     fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
@@ -275,13 +281,13 @@ def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> 
 
 
 def _hold(last: Estimate, t_us: int, reason: Reason) -> Estimate:
-    """The last values for a short while, marked as held."""
+    """The last estimate with the status HOLD and the reason."""
 
-    def held(q: Quantity) -> Quantity:
+    def repeated(q: Quantity) -> Quantity:
         return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
 
-    load, force = Load(*(held(q) for q in last.load)), _each(last.force, held)
-    return Estimate(t_us, load, held(last.gross), held(last.net), force, last.booking)
+    load, force = Load(*(repeated(q) for q in last.load)), _each(last.force, repeated)
+    return Estimate(t_us, load, repeated(last.gross), repeated(last.net), force, last.booking)
 
 
 def _nothing(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:

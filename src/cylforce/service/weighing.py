@@ -12,18 +12,19 @@ from cylforce.estimation.recursive import Root, forget, known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH, MIN_SECONDS, REST_SECONDS, SMALLEST, Residual
 from cylforce.signals.estimate import Array, Booking, Load, Quantity, Reason, Status, invalid, invalid_load
 
-GATE = 9.0  # mean squared normalised innovation per row above which a sample does not belong to the load
-BREAK_AWAY = 3.0  # friction not yet what it is in motion, in units of what its direction leaves unknown
-PATIENCE_S = 0.3  # a lift ends when samples have not belonged to it for so long
-EMPTY = 0.03  # share of rated payload below which tares may adapt to what is left
-FARTHEST = 1.5  # times the declared reach of the load's centre: farther out no material can lie
-FORGET_SECONDS = 30.0
+GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
+BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
+PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
+EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
+FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
+FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; chosen
 
 
 class Lift(NamedTuple):
-    """A load in the making: the recursive estimate of (m, m x, m z, J) as its `root`, `values` (4,) and `covariance`
-    (4, 4), its sensitivity to the tares covariance @ `gram` (4, P), samples taken in, samples refused in a row, samples
-    in motion, and for how many samples each row has been at rest, `rested` (R,)."""
+    """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) as information `root`, `values`
+    (4,) and `covariance` (4, 4); `gram` (4, P), with which its sensitivity to the tares is covariance @ gram; numbers
+    of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples for which each row has been
+    at rest."""
 
     root: Root
     values: Array
@@ -36,7 +37,8 @@ class Lift(NamedTuple):
 
 
 class Weight(NamedTuple):
-    """Mass [kg], its standard error, the load's centre x + i z [m] in the last link's frame, its standard errors."""
+    """Mass [kg] with standard error [kg]; centre x + i z [m] of the load in the last link's frame with the standard
+    errors (x, z) [m]."""
 
     mass: float
     standard_error: float
@@ -45,7 +47,8 @@ class Weight(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """The best weight of the current lift: mass, standard error, how many samples in motion it rests on."""
+    """The weight that would be booked now: mass [kg], standard error [kg], number of samples in motion on which it is
+    based."""
 
     mass: float
     standard_error: float
@@ -53,7 +56,7 @@ class Candidate(NamedTuple):
 
 
 class Weighing(NamedTuple):
-    """State: the lift, the candidate for booking, what was booked last."""
+    """State of the weighing: the present lift, the candidate for booking, the last booking."""
 
     lift: Lift
     candidate: Candidate | None
@@ -69,13 +72,13 @@ class Weigher:
 
     @cached_property
     def _memory(self) -> float:
-        """Samples that say the same: the filters' correlation length."""
+        """Number of consecutive samples that count as one independent sample: the correlation time of the filters."""
         f = self.model.filters
         return max(1.0, f.rate_hz / (np.pi * min(f.smoothing_hz, f.regressor_hz)))
 
     @property
     def _long(self) -> float:
-        """Samples after which old ones fade: nothing hangs for so long without a change."""
+        """Number of samples after which older ones begin to fade."""
         return FORGET_SECONDS * self.model.filters.rate_hz
 
     @cached_property
@@ -88,23 +91,24 @@ class Weigher:
         return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)))
 
     def begin(self) -> Weighing:
-        """Nothing in the bucket is known yet."""
+        """The state before any sample."""
         return Weighing(self._fresh, None, None)
 
     def interrupt(self, state: Weighing) -> Weighing:
-        """The measurement stopped: the lift starts anew, what was found stays."""
+        """The state after an interruption of the measurement: a new lift; candidate and booking remain."""
         return state._replace(lift=self._fresh)
 
     def step(self, state: Weighing, left: Residual, usable: Array, t_us: int) -> tuple[Weighing, Load]:
-        """Take one instant in; `usable` (R,) rows. Returns the load, not yet zeroed."""
+        """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
+        [us]."""
         lift = self._advance(state.lift, left, usable)
         if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
-            lift = self._fresh  # what the lift showed stays a candidate until the bucket is seen empty
+            lift = self._fresh  # the candidate remains until the bucket is seen empty
         weight = self._conclude(lift)
         return self._note(state._replace(lift=lift), weight, t_us), self._judge(lift, weight)
 
     def is_empty(self, state: Weighing) -> bool:
-        """Whether the bucket is known to hang empty in the air."""
+        """Whether the bucket is known to be empty and in the air."""
         weight = self._conclude(state.lift)
         small = abs(weight.mass) < EMPTY * self.model.machine.rated_payload
         return small and self._doubt(state.lift, weight) is None
@@ -118,25 +122,25 @@ class Weigher:
             return lift._replace(refused=lift.refused + 1)
         at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
         rested = np.where(at_rest, lift.rested + 1, 0)
-        telling = np.logical_and(usable, rested <= patience)
-        variance = (self._memory * left.variance + patience * left.rest)[telling]
-        told = columns[telling]
-        root, gram = self._faded(lift, told)
-        root = update(root, told, left.torque[telling], variance)
-        gram = gram + (told / variance[:, None]).T @ left.columns[telling]
+        informative = np.logical_and(usable, rested <= patience)
+        variance = (self._memory * left.variance + patience * left.rest)[informative]
+        used = columns[informative]
+        root, gram = self._faded(lift, used)
+        root = update(root, used, left.torque[informative], variance)
+        gram = gram + (used / variance[:, None]).T @ left.columns[informative]
         moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
         return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested)
 
     def _faded(self, lift: Lift, columns: Array) -> tuple[Root, Array]:
-        """The lift's root and gram, about to learn from `columns` (K, 4), without a little of what such rows told long
-        ago. What the lift says, and how that depends on the tares, stays."""
+        """Root and gram of the lift before it takes in rows with `columns` (K, 4): in long lifts a small share of the
+        old information in these directions is forgotten. The estimate and its dependence on the tares do not change."""
         if lift.taken < self._long or not len(columns):
             return lift.root, lift.gram
         root = forget(lift.root, columns, 1.0 - 1.0 / self._long)
         return root, root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
 
     def _conclude(self, lift: Lift) -> Weight:
-        """The mass with its standard error (with that of the tares), the centre of the load."""
+        """Mass and centre of the load. The standard error of the mass includes those of the tares and of the scale."""
         gain = lift.covariance[0] @ lift.gram
         mass = float(lift.values[0])
         variance = lift.covariance[0, 0] + gain @ self.tares.covariance @ gain + (mass * self.tares.scale_error) ** 2
@@ -147,7 +151,8 @@ class Weigher:
         return Weight(mass, float(np.sqrt(variance)), centre, (float(error_x), float(error_z)))
 
     def _plausible(self, weight: Weight) -> bool:
-        """No hanging load pulls upwards or has its centre outside the tool."""
+        """Whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass near
+        zero, its first moment is near zero, too."""
         rated, reach = self.model.machine.rated_payload, self.model.machine.payload_reach
         if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
@@ -173,7 +178,7 @@ class Weigher:
         return Status.OK, Reason.NONE
 
     def _doubt(self, lift: Lift, weight: Weight) -> Reason | None:
-        """Why there is no weight."""
+        """The reason why there is no weight, or None."""
         if lift.refused:
             return Reason.IN_CONTACT
         if lift.taken < MIN_SECONDS * self.model.filters.rate_hz:
@@ -183,14 +188,15 @@ class Weigher:
         return Reason.UNCERTAIN if weight.standard_error >= self.model.machine.rated_payload else None
 
     def _note(self, state: Weighing, weight: Weight, t_us: int) -> Weighing:
-        """Remember the weight that rests on most samples in motion; book it once the bucket is empty again."""
+        """The state with the candidate updated to the weight based on most samples in motion, and booked once the
+        bucket is empty again."""
         rated = self.model.machine.rated_payload
         if self._doubt(state.lift, weight) is not None or weight.standard_error > GOOD_ENOUGH * rated:
             return state
         if weight.mass < SMALLEST * rated:
             return self._book(state, t_us)
-        held = state.candidate
-        if held is None or state.lift.moving >= held.moving:
+        best = state.candidate
+        if best is None or state.lift.moving >= best.moving:
             found = Candidate(weight.mass, weight.standard_error, state.lift.moving)
             return state._replace(candidate=found)
         return state

@@ -1,4 +1,4 @@
-"""Bytes to SI values and back, by structs compiled once from the table of PDO layouts."""
+"""PDO data to SI values and back, by `struct` formats compiled once from the table of PDO layouts."""
 
 from collections.abc import Mapping
 from math import isfinite, nan
@@ -9,7 +9,8 @@ from cylforce.signals.layout import CODES, Field, Pdo, not_available
 
 
 class Slot(NamedTuple):
-    """Where a decoded value goes: signal number, scale, offset, believed range."""
+    """One field of a PDO: number `signal` of the signal it carries, its place `item` among the PDO's fields,
+    SI value = raw * `scale` + `offset`, accepted from `low` to `high` [SI]."""
 
     signal: int
     item: int
@@ -20,7 +21,8 @@ class Slot(NamedTuple):
 
 
 class Decoder(NamedTuple):
-    """A PDO's compiled layout."""
+    """A PDO's compiled layout: the sender's node id, the `struct` of all fields, the fields that carry signals, and per
+    field the raw value that means "no value" (None for a float, where NaN means it)."""
 
     node_id: int
     struct: Struct
@@ -29,7 +31,7 @@ class Decoder(NamedTuple):
 
 
 def decoders(pdos: tuple[Pdo, ...], signals: Mapping[str, int]) -> dict[int, Decoder]:
-    """CAN identifier -> decoder; `signals` maps names to numbers, fields of other names are gaps."""
+    """Decoder by CAN identifier; `signals` maps signal names to numbers, fields with any other name are skipped."""
     return {pdo.can_id: _decoder(pdo, signals) for pdo in pdos}
 
 
@@ -48,7 +50,9 @@ def _struct(pdo: Pdo) -> Struct:
 
 
 def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
-    """Named SI values of a PDO's data; NaN where the producer says that it has none."""
+    """SI values by name from the data of a PDO; NaN where the sender marks "no value".
+
+    Raises struct.error when `data` is shorter than the PDO."""
     raw = _struct(pdo).unpack_from(data)
     return {
         f.signal: float("nan") if f.code != "f" and r == not_available(f.code) else r * f.scale + f.offset
@@ -58,8 +62,8 @@ def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
 
 
 def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
-    """Data of a PDO from named SI values; what is missing, not finite or out of the field's range becomes "no
-    value"."""
+    """Data of a PDO from SI values by name; a value that is missing, not finite or outside the field's range is sent as
+    "no value"."""
     return _struct(pdo).pack(*(_raw(f, values.get(f.signal, nan) if f.signal else 0.0) for f in pdo.fields))
 
 
@@ -74,7 +78,7 @@ def _raw(field: Field, value: float) -> int | float:
 
 
 def _raw_range(code: str) -> tuple[int, int]:
-    """Integers that carry a value: all but the one that says "no value"; of signed ones as many below 0 as above."""
+    """Smallest and largest integer that carries a value: all but the one that means "no value"."""
     bits = 8 * CODES[code]
     return (0, (1 << bits) - 2) if code.isupper() else (1 - (1 << (bits - 1)), (1 << (bits - 1)) - 1)
 

@@ -1,4 +1,5 @@
-"""Samples and estimates: what was measured at a tick, what is concluded from it, and why not when it is not."""
+"""Samples and estimates: the values measured at a tick, the values estimated from them, and the reason where a value is
+withheld."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -10,7 +11,8 @@ Array = NDArray[np.float64]
 
 
 class Status(IntEnum):
-    """How far a published value can be trusted."""
+    """How far a published value can be trusted: OK: fully; DEGRADED: valid with the standard error given, but see the
+    reason; HOLD: the last value, because its sensors are late; INVALID: no value."""
 
     OK = 0
     DEGRADED = 1
@@ -19,7 +21,7 @@ class Status(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a value is not (fully) trustworthy; published as one byte."""
+    """Why a value is withheld or degraded; published as one byte. The cure for each stands in service/README.md."""
 
     NONE = 0
     STARTING = 1
@@ -48,13 +50,14 @@ class Reason(IntEnum):
 
 
 class Sample(NamedTuple):
-    """What is known at a tick: SI values `(S,)` in the order of the machine's signals, the reason for which each
-    cannot be believed, and the reason for which the last values are held (NONE: all are fresh)."""
+    """The signals at a tick: SI `values` (S,) in the order of the machine's signals; per signal the reason why it is
+    not usable (NONE: usable); `late`: the reason why at least one value is not fresh but repeated from before (NONE:
+    all are fresh)."""
 
     t_us: int
     values: Array
     reasons: tuple[Reason, ...]
-    held: Reason
+    late: Reason
 
 
 class Quantity(NamedTuple):
@@ -67,7 +70,7 @@ class Quantity(NamedTuple):
 
 
 def invalid(reason: Reason) -> Quantity:
-    """No value, and why."""
+    """A quantity without a value, with the reason."""
     return Quantity(float("nan"), float("nan"), Status.INVALID, reason)
 
 
@@ -83,18 +86,19 @@ class Force(NamedTuple):
 
     @property
     def quantities(self) -> tuple[Quantity, Quantity, Quantity, Quantity]:
-        """What is published."""
+        """The four published quantities: x, z, magnitude, direction."""
         return self.x, self.z, self.magnitude, self.direction
 
 
 def invalid_force(reason: Reason) -> Force:
-    """No force, and why."""
+    """A force without a value, with the reason."""
     nan = float("nan")
     return Force(invalid(reason), invalid(reason), invalid(reason), invalid(reason), (nan, nan, nan))
 
 
 class Booking(NamedTuple):
-    """A weight that was good enough to be booked: number of the lift, time, kg, its standard error."""
+    """A weight that was accurate enough to be booked: number of the lift, time of booking [us], mass [kg] and its
+    standard error [kg]."""
 
     number: int
     t_us: int
@@ -112,13 +116,13 @@ class Load(NamedTuple):
 
 
 def invalid_load(reason: Reason) -> Load:
-    """No load, and why."""
+    """A load without a value, with the reason."""
     return Load(invalid(reason), invalid(reason), invalid(reason))
 
 
 class Estimate(NamedTuple):
-    """What is concluded at a tick; published as it is: `load` as measured, `gross` zeroed, `net` zeroed and tared
-    [kg]."""
+    """All estimates of a tick, as published: `load` before zero and tare, `gross` = load less zero [kg], `net` = gross
+    less tare [kg], the force at the tool, the last booking."""
 
     t_us: int
     load: Load

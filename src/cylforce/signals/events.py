@@ -1,8 +1,9 @@
-"""Everything that ever enters the service: frames and ticks, each with its time in integer microseconds."""
+"""The inputs of the service: frames and ticks, each with its time in integer microseconds. Nothing else enters it."""
 
 from typing import NamedTuple
 
-EXTENDED = 0x80000000  # SocketCAN's flag bits: a foreign frame simply misses every table of 11-bit identifiers
+# Flag bits of SocketCAN (linux/can.h) in the identifier. A flagged frame matches no table of 11-bit identifiers.
+EXTENDED = 0x80000000
 REMOTE = 0x40000000
 ERROR = 0x20000000
 
@@ -16,7 +17,7 @@ class Frame(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """The moment of one step of the estimator."""
+    """The time of one step of the estimator."""
 
     t_us: int
 

@@ -1,4 +1,4 @@
-"""Signals: what is measured, where on the machine, and when it can be believed."""
+"""Signals: what is measured, where on the machine, and within which limits a value is accepted."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -37,7 +37,8 @@ UNIT: dict[Kind, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One measured quantity, in SI units.
+    """One measured quantity: accepted from `low` to `high` [SI], sent every `period_s`, with the sensor's
+    `standard_error` [SI].
 
     `index` is the number of the cylinder (pressures, force pin, cylinder length) or of the link (joint angle,
     inclination) that it belongs to, from 0 at the house outwards; 0 for what belongs to the chassis.

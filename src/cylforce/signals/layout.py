@@ -1,4 +1,5 @@
-"""The table of PDO layouts: which bytes carry which value. Sensors, our own publication, EDS, DBC all come from it."""
+"""PDO layouts: which bytes carry which value. Sensor decoding, our own publication, EDS and DBC are all made from
+them."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,15 +12,16 @@ CODES = {
     "i": 4,
     "I": 4,
     "f": 4,
-}  # struct codes of the object types we carry: bytes
+}  # `struct` codes of the object types in use, and their size in bytes
 TYPE_NAMES = {"b": "INTEGER8", "B": "UNSIGNED8", "h": "INTEGER16", "H": "UNSIGNED16", "i": "INTEGER32"}
 TYPE_NAMES |= {"I": "UNSIGNED32", "f": "REAL32"}
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One mapped object: SI value = raw * scale + offset. `signal` is the signal's (or published value's) name, None
-    for a gap. `index`, `sub` address the object; `low`, `high` [SI] bound what is believed or published."""
+    """One mapped object: SI value = raw * scale + offset. `signal` is the name of the signal or published value, None
+    for unused bytes. `index` and `sub` address the object; values outside `low`..`high` [SI] are neither accepted nor
+    published."""
 
     signal: str | None
     index: int
@@ -33,8 +35,9 @@ class Field:
 
 
 class Pdo(NamedTuple):
-    """A PDO: identifier on the bus, producer's node id, TPDO number 1..4 (or up to 512), fields in byte order (little
-    endian, no gaps but those declared). `synchronous`: sent after each `sync`-th SYNC; else event timer `period_s`."""
+    """A PDO: identifier on the bus, sender's node id, TPDO number (1..512), fields in byte order (little endian,
+    without gaps: unused bytes are fields too). `synchronous`: sent after each `sync`-th SYNC; else by an event timer
+    every `period_s`."""
 
     can_id: int
     node_id: int
@@ -46,12 +49,13 @@ class Pdo(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Bytes."""
+        """Length of the data in bytes."""
         return sum(CODES[field.code] for field in self.fields)
 
 
 def not_available(code: str) -> int | float:
-    """The raw value that says "no value": NaN, the most negative integer, or the largest unsigned one."""
+    """The raw value that means "no value" for a `struct` code: NaN, the most negative signed or the largest unsigned
+    integer."""
     bits = 8 * CODES[code]
     if code == "f":
         return float("nan")

@@ -1,4 +1,5 @@
-"""Units at the edges: everything inside is SI; these factors turn other units into SI."""
+"""Factors from other units to SI. All values inside the program are SI; other units appear only in files and on the
+bus."""
 
 from math import pi
 
@@ -7,4 +8,4 @@ DEGREE = pi / 180.0  # rad
 MILLIMETRE = 1e-3  # m
 MICROSECOND = 1e-6  # s
 ZERO_CELSIUS = 273.15  # K, the offset between degrees Celsius and kelvin
-STANDARD_GRAVITY = 9.80665  # m/s^2
+STANDARD_GRAVITY = 9.80665  # m/s^2, by definition (CGPM 1901)

@@ -1,5 +1,5 @@
-"""What the simulated machine does: empty commissioning moves, digging cycles. Drawn from a generator that is
-handed in."""
+"""Scenarios of the simulated machine: commissioning moves with an empty bucket, and digging cycles. Random numbers come
+from a generator passed by the caller."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -12,12 +12,12 @@ from cylforce.signals.estimate import Array
 from cylforce.simulation.soil import carried, draw_dig
 from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 
-FASTEST = 0.30  # m/s, of any cylinder
-CLEAR = 0.3  # of their range: lifting joints stay above it in empty moves, which keeps the tool off the ground
-ALONE = 0.45  # of the time, joints move one by one
-SHAKE = 0.02  # how far a via point of one cycle lies from another's, in ranges
-TURN = 4.0  # s for a swing of the house
-HEADWAY = 2.4  # s of empty motion before the first cycle
+FASTEST = 0.30  # m/s of any cylinder; chosen
+CLEAR = 0.3  # times their range: lifting joints stay above it in empty moves, to keep the tool off the ground; chosen
+ALONE = 0.45  # times the duration: for so long the joints move one by one; chosen
+SHAKE = 0.02  # times a joint's range: largest random change of a target from cycle to cycle; chosen
+TURN = 4.0  # s for a swing of the house; chosen
+HEADWAY = 2.4  # s of empty motion before the first cycle; chosen
 
 
 class Sweep(NamedTuple):
@@ -29,7 +29,7 @@ class Sweep(NamedTuple):
     target: float
 
 
-# The nominal cycle of 14.6 s. Strokes overlap, so that while the load hangs free something always moves.
+# The nominal cycle of 14.6 s. Strokes overlap, so that the arm is never at rest while it carries the load.
 LIFT = (
     Sweep(0.0, 2.4, 0.40),
     Sweep(2.7, 6.2, 0.46),
@@ -42,7 +42,7 @@ STICK = (
     Sweep(7.0, 10.9, 0.50),
     Sweep(11.0, 14.2, 0.66),
 )
-# Where nothing else lifts, the stick does: by reaching out, away from the vertical, where it could not feel the weight.
+# Where no other joint lifts, the stick reaches out: near the vertical its torque would not depend on the weight.
 STICK_ALONE = (*STICK[:2], Sweep(6.9, 10.9, 0.86), Sweep(11.2, 14.3, 0.66))
 TOOL = (
     Sweep(0.2, 2.4, 0.66),
@@ -64,24 +64,22 @@ def _role(machine: Machine, j: int) -> int:
 
 
 def _nominal(machine: Machine, j: int) -> tuple[Sweep, ...]:
-    """The strokes of joint j in the nominal cycle; none for a locked joint."""
+    """The strokes of joint j in the nominal cycle; empty for a locked joint."""
     moved = driven(machine)
     lifts = any(_role(machine, k) == 0 for k in moved)
     return (LIFT, STICK if lifts else STICK_ALONE, TOOL)[_role(machine, j)] if j in moved else ()
 
 
 def _begin(machine: Machine, fractions: tuple[float, float, float]) -> Array:
-    """A pose (N,) [rad] at fractions of the working ranges; locked joints midway."""
+    """The pose (N,) [rad] at the given fractions of the working ranges (lifting joints, stick, tool)."""
     low, high = working_range(machine).T
     share = np.array([fractions[_role(machine, j)] for j in range(machine.size)])
     return np.asarray(low + share * (high - low))
 
 
 def cycles(machine: Machine, rng: np.random.Generator, count: int, swing: bool) -> Iterator[Scene]:
-    """Empty air motion of 2.4 s, then `count` digging cycles of at most 15 s, each beginning where the last
-    ended.
-
-    `swing`: the house turns while the load is lifted, and back."""
+    """Motion in the air with an empty bucket for 2.4 s, then `count` digging cycles of at most 15 s; each begins at the
+    pose in which the one before ended. `swing`: the house turns while the load is lifted, and back afterwards."""
     ranges = working_range(machine)
     scene = _headway(machine, ranges)
     yield scene
@@ -119,7 +117,8 @@ def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Arr
 
 
 def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tuple[Sweep, ...]) -> JointCourse:
-    """Strokes to fractions of the range; one that its cylinder cannot make in time is cut short."""
+    """Strokes of joint j to targets given as fractions of its range; a stroke that its cylinder cannot make in time is
+    shortened."""
     low, high = ranges[j]
     now, steps = begin.copy(), []
     for stroke in strokes:
@@ -134,10 +133,10 @@ def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tupl
 def moves(
     machine: Machine, rng: np.random.Generator, duration: float, *, payload: float = 0.0, turning: bool = False
 ) -> Scene:
-    """Commissioning moves of `duration` [s]: first one joint after the other, slow and fast, both ways
-    (the paper's procedure), then, from the share ALONE of the time on, all at once at drawn speeds between
-    drawn postures. `payload` [kg] lies in the bucket all the time; `turning`: the house turns to and fro as well, from
-    the share ALONE on."""
+    """Commissioning moves of `duration` [s]. For the share ALONE of the time one joint after the other moves, slowly
+    and fast, in both directions (the paper's procedure); then all joints move at once at random speeds between random
+    postures. `payload` [kg] is in the bucket all the time; `turning`: in the second part the house turns to and fro as
+    well."""
     ranges = working_range(machine)
     begin = _begin(machine, (0.6, 0.5, 0.5))
     for j in range(machine.size):
@@ -149,8 +148,8 @@ def moves(
         steps[j] += _wander(machine, ranges, rng, pose, j=j, window=(ALONE * duration, duration - 0.5))
     courses = tuple(JointCourse(float(begin[j]), tuple(steps[j])) for j in range(machine.size))
     house = JointCourse(0.0, _turns(rng, ALONE * duration, duration) if turning else ())
-    held = carried(payload, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach)) if payload else None
-    return Scene(duration, courses, house, ((0.0, Phase.AIR),), held)
+    dig = carried(payload, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach)) if payload else None
+    return Scene(duration, courses, house, ((0.0, Phase.AIR),), dig)
 
 
 def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, ...]:
@@ -167,7 +166,7 @@ def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, .
 def _one_by_one(
     machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float
 ) -> list[list[Move]]:
-    """Strokes of one joint after the other until `stop` [s]: one fast, one slow, one back between the two."""
+    """Strokes of one joint after the other until `stop` [s]: a fast one, a slow one, and one back at medium speed."""
     steps: list[list[Move]] = [[] for _ in machine.links]
     pose, clock = begin.copy(), 0.5
     while clock < stop:
@@ -193,7 +192,7 @@ def _wander(
     j: int,
     window: tuple[float, float],
 ) -> list[Move]:
-    """Strokes of joint j between drawn postures at drawn speeds, with short rests."""
+    """Strokes of joint j between random angles at random speeds, with short pauses."""
     low, high = ranges[j]
     now, (clock, stop) = begin.copy(), window
     clock += float(rng.uniform(0.2, 1.0))

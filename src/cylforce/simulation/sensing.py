@@ -1,5 +1,4 @@
-"""What the sensors make of the physics: first-order lag, zero error, noise, resolution; and a run, scene
-after scene."""
+"""Simulated sensors: first-order lag, zero error, noise and resolution; and a whole run, scene by scene."""
 
 from collections.abc import Iterable, Iterator
 from math import ceil, exp
@@ -16,16 +15,15 @@ from cylforce.signals.kinds import Kind, Signal
 from cylforce.simulation.simulator import Physics, Truth, simulate
 from cylforce.simulation.trajectory import Scene
 
-PRESSURE_LAG = 1.5e-3  # s: a usual transmitter's rise time
-ANGLE_LAG = 3e-3  # s: a magnetic encoder's or a gyro-aided inclinometer's
+PRESSURE_LAG = 1.5e-3  # s, time constant of a typical pressure transmitter; chosen
+ANGLE_LAG = 3e-3  # s, time constant of a magnetic encoder or of an inclinometer with gyro; chosen
 LAG = {Kind.HEAD_PRESSURE: PRESSURE_LAG, Kind.ROD_PRESSURE: PRESSURE_LAG, Kind.FORCE_PIN: PRESSURE_LAG}
-OIL = (318.0, 0.01)  # K at the start, K/s
+OIL = (318.0, 0.01)  # oil temperature: K at the start, and its rise in K/s; chosen
 
 
 class Sensors(NamedTuple):
-    """Of every signal (S,): time constant `lag` [s], zero error `bias`, standard deviation `noise`, and the
-    steps in which it is sent: `origin` + integer * `quantum` (0: not quantised); all in the signal's SI
-    unit."""
+    """Properties of every signal (S,), in its SI unit: time constant `lag` [s], zero error `bias`, standard deviation
+    `noise`, and the values that can be sent: `origin` + integer * `quantum` (0: not quantised)."""
 
     lag: Array
     bias: Array
@@ -35,8 +33,8 @@ class Sensors(NamedTuple):
 
 
 class Record(NamedTuple):
-    """A scene as measured at T instants: `t` (T,) [s] from the start of the run, the physics, the sensors'
-    inner `analog` values (T, S), errors included, before noise and resolution, `values` (T, S) as sent; SI units."""
+    """A scene as measured at T instants: `t` (T,) [s] from the start of the run; the physics; `analog` (T, S): sensor
+    values with lag and errors, before noise and resolution; `values` (T, S) as sent. SI units."""
 
     t: Array
     physics: Physics
@@ -45,8 +43,8 @@ class Record(NamedTuple):
 
 
 def sensors(machine: Machine, nodes: tuple[SensorNode, ...]) -> Sensors:
-    """The machine's sensors as their data sheets have them: noise = standard error, no zero error; a usual
-    lag."""
+    """The sensors of a machine by the machine file: noise = standard error, no zero error, resolution of their PDOs; a
+    typical lag."""
     fields = {f.signal: f for node in nodes for pdo in node.pdos for f in pdo.fields if f.code != "f"}
     steps = [(fields[s.name].scale, fields[s.name].offset) if s.name in fields else (0.0, 0.0) for s in machine.signals]
     quantum, origin = np.array(steps).reshape(-1, 2).T
@@ -62,7 +60,7 @@ def perfect(machine: Machine) -> Sensors:
 
 
 def true_values(machine: Machine, found: Physics) -> Array:
-    """What ideal sensors would read: SI values (T, S)."""
+    """Readings of ideal sensors (T, S) in SI units."""
     columns = [np.broadcast_to(_reading(found, signal), found.t.shape) for signal in machine.signals]
     return np.stack(columns, axis=-1) if columns else np.zeros((*found.t.shape, 0))
 
@@ -89,7 +87,7 @@ def _reading(found: Physics, signal: Signal) -> Array:
 
 
 def lag_filter(lag: float, dt: float) -> Filter:
-    """First-order lag, exact for an input that runs straight from sample to sample:
+    """First-order lag with time constant `lag` [s] at step `dt` [s], exact for an input that is linear between samples:
     y_1 = e y_0 + (r - e) x_0 + (1 - r) x_1, e = exp(-dt/lag), r = lag (1 - e)/dt."""
     e = exp(-dt / lag) if lag > 0 else 0.0
     r = lag * (1.0 - e) / dt
@@ -97,7 +95,7 @@ def lag_filter(lag: float, dt: float) -> Filter:
 
 
 def as_sent(made: Sensors, analog: Array, rng: np.random.Generator) -> Array:
-    """Values (..., S) with zero error, noise and resolution."""
+    """Values (..., S) as sent: `analog` (..., S) with zero error, noise and resolution."""
     values = analog + made.bias + made.noise * rng.standard_normal(analog.shape)
     quantum = np.where(made.quantum > 0, made.quantum, 1.0)
     rounded = np.round((values - made.origin) / quantum) * quantum + made.origin
@@ -113,8 +111,8 @@ def run(
     dt: float,
     rng: np.random.Generator,
 ) -> Iterator[Record]:
-    """Scenes one after the other, sampled at the multiples of `dt` [s] that fall into each; lags carry
-    over, and what comes late comes from the scene before."""
+    """Records of scenes one after the other, sampled at the multiples of `dt` [s] that fall into each scene. Sensor
+    lags and delays continue across scenes."""
     filters = [lag_filter(float(lag), dt) for lag in made.lag]
     states: list[Array] = []
     begin, before = 0.0, np.zeros((0, len(machine.signals)))

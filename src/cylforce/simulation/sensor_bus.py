@@ -1,5 +1,5 @@
-"""The sensors' frames and our ticks along a simulated run, as the daemon would see them: no bus, no clock
-needed."""
+"""The events of a simulated run, sensor frames and ticks, as the daemon would receive them, without a bus or a
+clock."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from cylforce.signals.events import Event, Frame, Tick
 from cylforce.signals.layout import Pdo
 from cylforce.simulation.sensing import Record, Sensors, as_sent
 
-ANSWER_US = 300  # from SYNC to the first answer
-FRAME_US = 250  # of a frame on the bus; nodes answer one after the other
-JITTER = 0.02  # of an event timer's period, standard deviation
-HEARTBEAT, OPERATIONAL = 0x700, 5
+ANSWER_US = 300  # us from SYNC to the first synchronous PDO; chosen
+FRAME_US = 250  # us per frame on the bus; nodes answer one after the other; 8 bytes of data, 500 kbit/s
+JITTER = 0.02  # times the period: standard deviation of an event timer; chosen
+HEARTBEAT, OPERATIONAL = 0x700, 5  # identifier base and state byte of a heartbeat (CiA 301)
 
 
 class Window(NamedTuple):
-    """A stretch of the run: instants `t` (T,) [s], the sensors' inner values (T, S) at them; what is sent in
-    it is sent after `begin` [s] and not after the last instant."""
+    """A part of the run: instants `t` (T,) [s] and the sensors' values before noise `analog` (T, S). The frames of this
+    part are sent after `begin` [s] and not after the last instant."""
 
     t: Array
     analog: Array
@@ -31,11 +31,11 @@ class Window(NamedTuple):
 def bus_events(
     service: Service, made: Sensors, records: Iterable[Record], start_us: int, rng: np.random.Generator
 ) -> Iterator[Event]:
-    """Ticks at the service's rate, the sensors' boot-up messages, heartbeats and PDOs, in the order of their
-    times.
+    """Ticks at the service's rate and the sensors' boot-up messages, heartbeats and PDOs in order of time, from
+    `start_us` [us] on.
 
-    The tick at t is the moment of the SYNC to which synchronous PDOs answer: they carry what was measured
-    then, and arrive before the next tick. Event-timer PDOs run freely, with jitter."""
+    The tick at t is the time of the SYNC to which synchronous PDOs answer: they carry the values of that time and
+    arrive before the next tick. Event-timer PDOs are not synchronised and have jitter."""
     for node in service.nodes:
         yield Frame(start_us, HEARTBEAT + node.node_id, b"\x00")
     timers = [_timer(pdo, rng) for node in service.nodes for pdo in node.pdos if not pdo.synchronous]
@@ -62,7 +62,7 @@ def _window(before: Window | None, record: Record) -> Window:
 
 
 def _clocked(service: Service, record: Record, start_us: int) -> Iterator[Event]:
-    """Ticks, and the answers to the SYNC that goes out with each."""
+    """Ticks, each followed by the synchronous PDOs that answer its SYNC."""
     names = [signal.name for signal in service.machine.signals]
     pdos = [pdo for node in service.nodes for pdo in node.pdos if pdo.synchronous]
     for t, row in zip(record.t.tolist(), record.values.tolist(), strict=True):
@@ -84,13 +84,13 @@ def _heartbeats(nodes: tuple[SensorNode, ...], window: Window, start_us: int) ->
 
 
 class _Timer:
-    """A free-running event timer: when its PDO is sent next [s]."""
+    """An event timer that is not synchronised: its PDO and the time [s] at which that is sent next."""
 
     def __init__(self, pdo: Pdo, first: float) -> None:
         self.pdo, self.due = pdo, first
 
     def until(self, end: float, rng: np.random.Generator) -> Array:
-        """The times (n,) [s] up to `end` at which it fires; it goes on from there."""
+        """The times (n,) [s] up to `end` at which the PDO is sent; the next call continues from there."""
         count = int((end - self.due) / self.pdo.period_s * 1.5) + 8
         steps = self.pdo.period_s * (1.0 + JITTER * np.clip(rng.standard_normal(count), -5.0, 5.0))
         times = self.due + np.concatenate([[0.0], np.cumsum(steps)])
@@ -106,7 +106,7 @@ def _timer(pdo: Pdo, rng: np.random.Generator) -> _Timer:
 def _free_running(
     service: Service, made: Sensors, timer: _Timer, window: Window, *, start_us: int, rng: np.random.Generator
 ) -> Iterator[Event]:
-    """A PDO as its own timer sends it: the sensor's values of that very moment."""
+    """The frames of a PDO at the times of its own timer, with the sensor's values at those times."""
     times = timer.until(float(window.t[-1]), rng)
     analog = [np.interp(times, window.t, column) for column in window.analog.T]
     names = [signal.name for signal in service.machine.signals]

@@ -1,8 +1,6 @@
-"""The simulated machine: driven by its motion, it tells which cylinder forces and pressures that motion
-needs.
+"""The simulated machine: from a given motion it computes the cylinder forces and pressures that this motion needs.
 
-It uses the product's own effects: figures reached on it show that the programs work, not that the method is
-right.
+It uses the same effects as the estimator: results on it show that the programs work, not how accurate the method is.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +19,9 @@ from cylforce.effects.imposed import (
     altered,
     base_motions,
     changed_load,
+    contact_force,
     excess_force,
     friction_level,
-    touching,
     unseen_slew,
 )
 from cylforce.effects.loads.carried import CarriedLoad
@@ -40,14 +38,14 @@ from cylforce.signals.units import STANDARD_GRAVITY
 from cylforce.simulation.soil import load, resistance, soil_force
 from cylforce.simulation.trajectory import Kinematics, Scene, follow
 
-H = 1e-3  # s, step of the fourth-order difference that turns momentum into force: relative error about 1e-11
-ROUNDING = 1e-3  # m/s: below this the simulated friction leaves its full value
-STRIBECK_SPEED = 0.015  # m/s
-SUPPLY = 4e5  # Pa: no chamber falls below this
+H = 1e-3  # s, step of the fourth-order finite difference d/dt(momentum); chosen: relative error about 1e-11
+ROUNDING = 1e-3  # m/s, speed scale of the smooth sgn(v) of friction; chosen
+STRIBECK_SPEED = 0.015  # m/s, speed scale of the Stribeck friction; chosen
+SUPPLY = 4e5  # Pa, lowest pressure in a chamber; chosen
 
 
 class CylinderFriction(NamedTuple):
-    """A law of friction that every cylinder has, called `name`, and its sizes `value` (C,)."""
+    """A friction law that acts on every cylinder, with its `name` and its coefficients `value` (C,)."""
 
     name: str
     law: ForceLaw
@@ -55,9 +53,9 @@ class CylinderFriction(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """The machine as it really is: its links, its friction, `back` (C,) [Pa/(m/s)^2] of the return side, the
-    ground's pitch and roll [rad] below a house that looks along its tracks; `effects` that nobody told the estimator
-    of."""
+    """The true machine, which the estimator does not know: its links; its friction; `back` (C,) [Pa/(m/s)^2]: pressure
+    loss of the return line; pitch and roll of the ground [rad], seen by a house that looks along its tracks; `effects`:
+    further differences from the model."""
 
     links: tuple[Link, ...]
     friction: tuple[CylinderFriction, ...]
@@ -68,10 +66,10 @@ class Truth(NamedTuple):
 
 
 class Physics(NamedTuple):
-    """A scene at T instants `t` (T,) [s] from its start: the motion, `moving` with the true cylinder forces,
-    `attitude`, `friction` (T, C) [N] within those forces, chamber pressures `head`, `rod` (T, C) [Pa], the
-    soil's force `soil` (T, 2) [N] at the teeth (x forward, z up, true), tip velocity (T, 2) [m/s], tip place
-    (T, 2) [m] seen from the first pin, the load."""
+    """The physics of a scene at T instants `t` (T,) [s] from its start: `course`: joint motion; `moving`: the motion
+    with the true cylinder forces; `attitude`; `friction` (T, C) [N], contained in those forces; chamber pressures
+    `head` and `rod` (T, C) [Pa]; force of the soil on the teeth `soil` (T, 2) [N] (x forward, z truly vertical); tip
+    velocity (T, 2) [m/s]; tip place (T, 2) [m] from the first pin; the load."""
 
     t: Array
     course: Kinematics
@@ -89,9 +87,9 @@ class Physics(NamedTuple):
 def draw_truth(
     machine: Machine, rng: np.random.Generator, mass_error: float, effects: tuple[Imposed, ...] = ()
 ) -> Truth:
-    """A machine whose masses differ from the machine file's by the fraction `mass_error` either way, centres
-    and inertias by up to half of it besides; friction and return-side pressure as usual for the cylinders'
-    sizes. A machine whose tilt nobody measures stands level."""
+    """A true machine drawn at random: its masses differ from the machine file by the fraction `mass_error` up or down,
+    centres and inertias in addition by up to half of it. Friction and return-line loss are drawn in proportion to
+    piston areas. The ground is level where no sensor measures the tilt."""
     signs = rng.choice((-1.0, 1.0), machine.size)
     rest = rng.uniform(-0.5, 0.5, (machine.size, 3)) * mass_error
     links = tuple(_off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True))
@@ -108,7 +106,7 @@ def draw_truth(
 
 
 def _off(link: Link, factor: float, rest: Array) -> Link:
-    """A link whose mass is `factor` times as large, centre and inertia besides by the fractions `rest`
+    """The link with `factor` times its mass; centre (x, z) and inertia in addition larger by the fractions `rest`
     (3,)."""
     return Link(
         link.name,
@@ -123,8 +121,8 @@ def _off(link: Link, factor: float, rest: Array) -> Link:
 
 
 def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: float = 0.0) -> Physics:
-    """What the machine needs to follow `scene` at times `t` (T,) [s] from the scene's start, which is `begin` [s] after
-    the run's."""
+    """The physics of a machine that follows `scene`, at times `t` (T,) [s] from the start of the scene, which is
+    `begin` [s] after the start of the run."""
     clock, machine = t + begin, altered(machine, truth.effects)
     course, carried = follow(scene, t), changed_load(truth.effects, load(scene.dig, t), clock)
     slew = np.sqrt(course.slew**2 + unseen_slew(truth.effects, clock))
@@ -135,7 +133,7 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     tip = machine.tool_point(course.theta)
     turn = np.exp(1j * np.asarray(attitude.pitch))
     velocity = _plane(turn * np.sum(tip.gradient * course.thetad, axis=-1))
-    soil = soil_force(resistance(scene.dig, t), velocity) + touching(truth.effects, clock)
+    soil = soil_force(resistance(scene.dig, t), velocity) + contact_force(truth.effects, clock)
     value = base_values(truth.links, carried)
     value[..., :3] += added_parameters(machine, truth.effects, clock)
     tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
@@ -150,8 +148,9 @@ def _plane(z: Complex) -> Array:
 
 
 def standing(pitch: float, roll: float, turn: Array) -> Attitude:
-    """Pitch and roll (T,) of a house turned by `turn` (T,) [rad] on a slope, from gravity seen in the house's
-    axes: sin(roll) = a_y/g, pitch = atan2(a_x, a_z)."""
+    """Pitch and roll (T,) [rad] of a house turned by `turn` (T,) [rad] on ground with `pitch` and `roll` [rad], from
+    the direction of gravity in the house's axes: sin(roll) = a_y/g, pitch = atan2(a_x, a_z) (mechanics/README.md,
+    section 1)."""
     x, y, z = np.cos(roll) * np.sin(pitch), np.sin(roll), np.cos(roll) * np.cos(pitch)
     ahead = x * np.cos(turn) + y * np.sin(turn)
     aside = y * np.cos(turn) - x * np.sin(turn)
@@ -159,8 +158,8 @@ def standing(pitch: float, roll: float, turn: Array) -> Attitude:
 
 
 def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
-    """(J, X, Z, D_excess, E) of every link (T, N, 5) with the load: it adds m l^2 to J and m l to X of all
-    but the last link, its own moments to the last one's."""
+    """(J, X, Z, D_excess, E) of every link (T, N, 5) with the load, which adds m l^2 to J and m l to X of all links but
+    the last, and its own moments to the last link (mechanics/README.md, sections 4 and 9)."""
     n, mass, (x, z) = len(links), carried.mass, carried.centre.T
     lengths = np.array([link.length for link in links])[:-1]
     values = np.zeros((*mass.shape, n, 5))
@@ -178,8 +177,9 @@ def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
 def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: Attitude) -> Array:
     """tau = d/dt(momentum) @ value + static @ value (T, N) [N m], `value` (T, N, 5): see `base_values`.
 
-    Momentum depends on place and speed only, so along the parabola of each instant its difference gives d/dt.
-    Material joins and leaves at the bucket's own velocity: value itself is not differentiated."""
+    The momentum depends on angles and rates only. Each instant's angles, rates and accelerations give a parabola in
+    time; finite differences along it give d/dt. `value` is not differentiated, because material is picked up and
+    released at the bucket's own velocity."""
     columns = _columns(lambda s: Rigid().halves(machine, _later(course, attitude, s)))
     flat = value.shape[:-2]
     torque = columns @ value[..., :3].reshape(*flat, -1, 1)
@@ -188,7 +188,7 @@ def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: A
 
 
 def _columns(at: Callable[[float], Halves]) -> Array:
-    """d/dt(momentum) + static (T, N, P) of what is `at` so many seconds after each instant."""
+    """d/dt(momentum) + static (T, N, P); `at(s)`: the halves `s` seconds after each instant."""
     columns = at(0.0).static
     for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
         momentum = at(s).momentum
@@ -200,7 +200,8 @@ def _columns(at: Callable[[float], Halves]) -> Array:
 def carrying_torque(
     machine: Machine, effects: Sequence[Imposed], value: Array, course: Kinematics, attitude: Attitude, swung: Swing
 ) -> Array:
-    """What a chassis that turns as `swung` asks of the joints besides (T, N) [N m]."""
+    """Additional joint torques (T, N) [N m] by the effects that move the chassis (`BaseMotion`), which swings as
+    `swung`; `value` (T, N, 5): see `base_values`."""
     torque = np.zeros_like(course.theta)
     for effect, each in base_motions(effects):
         columns = _columns(_carried(machine, effect, value[..., :3], course, attitude, swung))
@@ -211,7 +212,7 @@ def carrying_torque(
 def _carried(
     machine: Machine, effect: BaseMotion, base: Array, course: Kinematics, attitude: Attitude, swung: Swing
 ) -> Callable[[float], Halves]:
-    """The effect's halves so many seconds along the parabola of each instant."""
+    """A function of s: the effect's halves `s` seconds after each instant, along its parabola."""
 
     def at(s: float) -> Halves:
         pitch = np.asarray(attitude.pitch) + swung.rate * s + swung.acceleration * (s * s / 2)
@@ -222,7 +223,8 @@ def _carried(
 
 
 def _later(course: Kinematics, attitude: Attitude, s: float) -> Motion:
-    """The motion `s` seconds along the parabola of each instant; rigid columns ask for no cylinder."""
+    """The motion `s` seconds after each instant, along its parabola; without cylinders, which rigid columns do not
+    use."""
     theta = course.theta + course.thetad * s + course.thetadd * (s * s / 2)
     none = np.zeros((*theta.shape[:-1], 0))
     a = np.cumsum(theta, axis=-1)
@@ -233,9 +235,8 @@ def _later(course: Kinematics, attitude: Attitude, s: float) -> Motion:
 
 
 def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
-    """Cylinder forces, friction included (in the motion returned), and that friction (T, C) [N]: lever^T F =
-    tau + friction's torque, at times (T,) [s] of the run. Friction may depend on the force itself, so the two are found
-    by turns."""
+    """The motion with cylinder forces F, and the friction (T, C) [N] in them, from lever^T F = tau + torque of the
+    friction, at times t (T,) [s] of the run. Friction may depend on the force, so that both are found by iteration."""
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     bare = (inverse @ tau[..., None])[..., 0]
     levels = [friction_level(truth.effects, moving.speed.shape[1], t, c.name) for c in truth.friction]
@@ -243,21 +244,20 @@ def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion,
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
         each = zip(levels, truth.friction, strict=True)
-        usual = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for level, c in each]
-        found = sum(usual, excess_force(truth.effects, loaded, t))
+        known = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for level, c in each]
+        found = sum(known, excess_force(truth.effects, loaded, t))
         change, friction = np.max(np.abs(found - friction), initial=0.0), found
         if change < 1e-9:
             break
     return moving._replace(force=bare + friction), friction
 
 
-TURNS = 30
+TURNS = 30  # iterations at most; they end earlier when the friction changes by less than 1e-9 N
 
 
 def pressures(machine: Machine, back: Array, force: Array, speed: Array) -> tuple[Array, Array]:
-    """Head and rod pressure (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly: the return chamber (rod
-    side when extending) holds at least SUPPLY + back v^2, no chamber less than SUPPLY; no more than that asks
-    for."""
+    """Lowest head and rod pressures (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly, at least SUPPLY in every
+    chamber, and at least SUPPLY + back v^2 in the return chamber (rod side when extending)."""
     head_area = np.array([c.area_head for c in machine.cylinders])
     rod_area = np.array([c.area_rod for c in machine.cylinders])
     returning = SUPPLY + back * speed**2

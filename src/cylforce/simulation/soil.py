@@ -1,5 +1,4 @@
-"""What the tool meets: soil that resists the teeth while digging, material that fills the bucket and leaves
-it again."""
+"""Soil: its resistance at the teeth while digging, and the material that fills the bucket and is dumped again."""
 
 from typing import NamedTuple
 
@@ -8,15 +7,15 @@ import numpy as np
 from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
 from cylforce.signals.estimate import Array
 
-GYRATION = 0.35  # radius of gyration of the heap over the reach of its centre
-SLIP_SPEED = 0.05  # m/s of the teeth below which the soil's resistance fades
+GYRATION = 0.35  # times the distance of the heap's centre from the last pin: its radius of gyration; chosen
+SLIP_SPEED = 0.05  # m/s of the teeth, below which the soil's force decreases to zero; chosen
 
 
 class Dig(NamedTuple):
-    """One digging: the teeth are in the soil from `start` to `stop` [s]; `mass` [kg] gathers meanwhile around
-    `centre` (x, z) [m] of the last link's frame and leaves from `dump_start` to `dump_stop`. The soil resists
-    with `force` = (at first, at most) [N], times 1 + the `waves` (K, 3): amplitude, angular frequency
-    [rad/s], phase."""
+    """One digging operation: the teeth are in the soil from `start` to `stop` [s]; meanwhile `mass` [kg] fills the
+    bucket around `centre` (x, z) [m] in the last link's frame; it is dumped from `dump_start` to `dump_stop` [s]. The
+    soil resists with `force` = (at first, at most) [N], modulated by K `waves` (K, 3): amplitude (share of the force),
+    angular frequency [rad/s], phase [rad]."""
 
     start: float
     stop: float
@@ -29,12 +28,13 @@ class Dig(NamedTuple):
 
 
 def carried(mass: float, centre: tuple[float, float]) -> Dig:
-    """A load [kg] that lay in the bucket before and stays there."""
+    """A digging operation in the past: a load of `mass` [kg] at `centre` (x, z) [m] that is in the bucket
+    throughout."""
     return Dig(-2.0, -1.0, 1e9, 2e9, mass, centre, (0.0, 0.0), np.zeros((0, 3)))
 
 
 def load(dig: Dig | None, t: Array) -> CarriedLoad:
-    """What lies in the bucket at times (T,) [s]."""
+    """The load in the bucket at times t (T,) [s]."""
     if dig is None:
         return CarriedLoad(np.zeros_like(t), np.zeros((*t.shape, 2)), np.zeros_like(t))
     filled, gone = smooth(t, dig.start, dig.stop), smooth(t, dig.dump_start, dig.dump_stop)
@@ -46,7 +46,7 @@ def load(dig: Dig | None, t: Array) -> CarriedLoad:
 
 
 def resistance(dig: Dig | None, t: Array) -> Array:
-    """Size of the soil's force at the teeth (T,) [N]."""
+    """Magnitude of the soil's force at the teeth (T,) [N] at times t (T,) [s]."""
     if dig is None:
         return np.zeros_like(t)
     amplitude, frequency, phase = dig.waves.T
@@ -61,8 +61,8 @@ def resistance(dig: Dig | None, t: Array) -> Array:
 
 
 def soil_force(size: Array, tip_velocity: Array) -> Array:
-    """Force of the soil on the teeth (T, 2) [N], x forward and z up: against the tip's velocity (T, 2)
-    [m/s]."""
+    """Force of the soil on the teeth (T, 2) [N], x forward and z up, of magnitude `size` (T,) [N], opposite to the
+    tip's velocity (T, 2) [m/s]."""
     speed = np.sqrt(np.sum(tip_velocity**2, axis=-1) + SLIP_SPEED**2)
     return np.asarray(-tip_velocity * (size / speed)[:, None])
 
@@ -70,11 +70,11 @@ def soil_force(size: Array, tip_velocity: Array) -> Array:
 def draw_dig(
     rng: np.random.Generator, times: tuple[float, float, float, float], rated_payload: float, reach: float
 ) -> Dig:
-    """A digging of 0.2..1 of the rated payload [kg]; the force grows from 0.7 to 1.6..4 rated payloads'
-    weight.
+    """A random digging operation: a load of 0.2 to 1 of the rated payload [kg]; a force that grows from 0.7 to 1.6..4
+    times the weight of the rated payload.
 
-    `times` = start, stop, dump_start, dump_stop [s]; `reach` [m]: how far from the last pin a load's centre
-    can lie."""
+    `times` = start, stop, dump_start, dump_stop [s]; `reach` [m]: largest distance of a load's centre from the last
+    pin."""
     weight = 10.0 * rated_payload
     frequency = 2 * np.pi * np.array([0.4, 0.9, 1.7]) * rng.uniform(0.8, 1.25, 3)
     waves = np.stack([rng.uniform(0.03, 0.08, 3), frequency, rng.uniform(0, 2 * np.pi, 3)], axis=-1)

@@ -1,9 +1,8 @@
-"""How the simulated machine is moved: strokes of minimum jerk, overlapping between joints as an operator's
-levers do.
+"""Motion of the simulated machine: minimum-jerk strokes, which overlap between joints as under an operator.
 
-Positions, velocities and accelerations are analytic. No code knows a link's name: the last link is the tool,
-the one before it the stick, all before that lift. Larger joint angles raise, reach out and open; smaller ones
-curl.
+Angles, rates and accelerations are analytic. The roles of the links follow from their order, not from their names: the
+last link is the tool, the one before it the stick, all others lift. Larger joint angles raise, reach out and open the
+tool; smaller ones curl it.
 """
 
 from enum import IntEnum
@@ -16,7 +15,7 @@ from cylforce.simulation.soil import Dig
 
 
 class Phase(IntEnum):
-    """What the machine does; written into the truth."""
+    """What the machine does at a time; written into the truth file."""
 
     AIR = 0
     REACH = 1
@@ -27,7 +26,7 @@ class Phase(IntEnum):
 
 
 class Move(NamedTuple):
-    """A stroke of minimum jerk from `start` to `stop` [s] by `rise` [rad]."""
+    """A minimum-jerk stroke from `start` to `stop` [s] that changes the angle by `rise` [rad]."""
 
     start: float
     stop: float
@@ -57,8 +56,8 @@ class JointCourse(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """A piece of a run: `duration` [s], the joints' and the house's courses, (start [s], phase) in order, the
-    digging."""
+    """A part of a run: its `duration` [s], the courses of joints and house, (start [s], phase) in order of time, and
+    the digging operation."""
 
     duration: float
     joints: tuple[JointCourse, ...]
@@ -68,8 +67,8 @@ class Scene(NamedTuple):
 
 
 class Kinematics(NamedTuple):
-    """A scene at T instants: `theta`, `thetad`, `thetadd` (T, N), house angle `turn` and rate `slew` (T,),
-    `phase` (T,)."""
+    """The motion of a scene at T instants: joint angles `theta` [rad], rates `thetad` [rad/s], accelerations `thetadd`
+    [rad/s^2] (T, N); house angle `turn` [rad] and rate `slew` [rad/s] (T,); `phase` (T,)."""
 
     theta: Array
     thetad: Array
@@ -80,7 +79,7 @@ class Kinematics(NamedTuple):
 
 
 def follow(scene: Scene, t: Array) -> Kinematics:
-    """The scene at times (T,) [s] from its own start."""
+    """The motion of a scene at times t (T,) [s] from its start."""
     theta, thetad, thetadd = np.stack([course.at(t) for course in scene.joints], axis=-1)
     turn, slew, _ = scene.slew.at(t)
     starts = np.array([start for start, _ in scene.phases])

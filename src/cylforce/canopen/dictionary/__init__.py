@@ -1,1 +1,4 @@
-"""TODO"""
+"""Object dictionary of our node, and the files made from it: EDS and DBC; reader for the EDS files of sensor vendors.
+
+Work here to add an object or to read another vendor's file.
+"""

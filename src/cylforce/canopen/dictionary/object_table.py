@@ -8,7 +8,7 @@ from typing import NamedTuple
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
 VARIABLE, ARRAY, RECORD = 7, 8, 9
-TEXT = "s"  # beside the struct codes of core.layout
+TEXT = "s"  # in addition to the `struct` codes of `signals.layout.CODES`
 DATA_TYPES = {"b": 2, "h": 3, "i": 4, "B": 5, "H": 6, "I": 7, "f": 8, TEXT: 9}
 
 

@@ -1,4 +1,4 @@
-"""Friction that is larger one way than the other: f |sgn(v)|."""
+"""Friction that is larger in one direction than in the other."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class AsymmetricFriction:
-    """Friction that is larger one way than the other: f |sgn(v)|."""
+    """Friction that is larger in one direction than in the other: force f |sgn(v)|, beside the symmetric f_c sgn(v)."""
 
-    rounding: float = 0.0005  # m/s
+    rounding: float = 0.0005  # m/s, speed scale of the smooth sgn(v)
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "asymmetric_friction",
             "N",
@@ -29,9 +29,9 @@ class AsymmetricFriction:
 
     @property
     def of_dry(self) -> float:
-        """Half of the difference between both ways, which is up to 60 % of dry friction."""
+        """0.3: f is half the difference between both directions, which is taken to be at most 60 % of dry friction."""
         return 0.3
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """|sgn(v)|."""
+        """Force per newton of f: |sgn(v)|, rounded as |tanh(v / rounding)|."""
         return np.asarray(np.abs(np.tanh(speed / self.rounding)))

@@ -1,4 +1,4 @@
-"""Dry friction of a cylinder that the model lacks or has too much of: f sgn(v)."""
+"""Dry (Coulomb) friction of a cylinder."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class CoulombFriction:
-    """Dry friction of a cylinder that the model lacks or has too much of: f sgn(v)."""
+    """Dry friction of a cylinder: force f sgn(v). As a fault: by how much it is larger (f > 0) than in the model."""
 
-    rounding: float = 0.002  # m/s
+    rounding: float = 0.002  # m/s, speed scale of the smooth sgn(v)
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "coulomb_friction",
             "N",
@@ -28,5 +28,5 @@ class CoulombFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """sgn(v), rounded as tanh(v / rounding)."""
+        """Force per newton of f: sgn(v), rounded as tanh(v / rounding)."""
         return np.asarray(np.tanh(speed / self.rounding))

@@ -1,5 +1,5 @@
-"""Friction of all cylinders at once, as columns of the model: any law (mechanics/README.md, section 6), and what
-hides at rest."""
+"""Friction of all cylinders at once, as columns of the model: any law (mechanics/README.md, section 6), and the unknown
+friction at rest."""
 
 from dataclasses import dataclass
 
@@ -11,34 +11,36 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
 
-NEVER = np.zeros(())  # s: the laws of a model do not depend on time
+NEVER = np.zeros(())  # s: the time argument, which the laws of a model do not use
 
 
 def _columns(law: Array, lever: Array) -> Halves:
-    """Force laws (..., C) on levers (..., C, N) as columns (..., N, C)."""
+    """Static columns (..., N, C) of a force law (..., C) that acts on levers (..., C, N) [m/rad]."""
     return Halves(None, np.swapaxes(law[..., None] * lever, -1, -2))
 
 
 @dataclass(frozen=True, slots=True)
 class Friction:
-    """A law that every cylinder has with a size of its own, called `name`; one that depends on the instant alone."""
+    """A force law with one coefficient per cylinder, `<cylinder>.<name>`. The law may depend on speed and force at the
+    same instant only, not on time or history."""
 
     name: str
     law: ForceLaw
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The size at every cylinder."""
+        """The coefficient of every cylinder."""
         return tuple(Parameter(f"{c.name}.{self.name}", self.law.about.unit) for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C)."""
+        """Static columns (..., N, C): the law's force per unit times the lever."""
         return _columns(self.law.force(moving.speed, moving.force, NEVER), moving.lever)
 
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """The friction of a cylinder that does not move: anything between -f_c and f_c, known to nobody. One column per
-    cylinder, |lever| (1 - |sgn v|): not a force law, but how much of the Coulomb friction is unknown in a row."""
+    """The friction of a cylinder at rest, which can be anything between -f_c and f_c. One column per cylinder, |lever|
+    (1 - |sgn(v)|): not a force law, but the share of the Coulomb friction whose direction is unknown, times the lever.
+    sgn(v) is rounded as tanh(v / rounding) [m/s]."""
 
     rounding: float
 
@@ -47,6 +49,6 @@ class AtRest:
         return tuple(Parameter(f"{c.name}.at_rest", "N") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C), never negative."""
+        """Static columns (..., N, C), never negative."""
         unknown = 1.0 - np.abs(np.tanh(moving.speed / self.rounding))
         return _columns(unknown, np.abs(moving.lever))

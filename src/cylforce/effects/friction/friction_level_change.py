@@ -1,4 +1,4 @@
-"""All friction of a cylinder, larger or smaller by one share than it was: wear, new seals, other grease."""
+"""All friction of a cylinder changed by one factor since identification: wear, new seals, other grease."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionLevelChange:
-    """All friction of a cylinder, larger or smaller by one share than it was."""
+    """All identified friction of a cylinder multiplied by 1 + size."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "friction_level_change",
             "1",
@@ -27,9 +27,9 @@ class FrictionLevelChange:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """The known laws that change together."""
+        """Names of the identified friction laws that change together."""
         return ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:
-        """One and the same (T,)."""
+        """1 at all times (T,): the change is constant."""
         return np.ones_like(t)

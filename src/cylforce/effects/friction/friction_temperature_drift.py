@@ -1,4 +1,4 @@
-"""Friction that falls as the oil warms while it works: f (1 + size t / hour), to first order in time."""
+"""Friction that changes with the oil's temperature in the course of a recording, to first order in time."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,14 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionTemperatureDrift:
-    """Friction of a cylinder that falls as its oil warms: of the known friction all, or only what is `viscous`."""
+    """The identified friction of a cylinder multiplied by 1 + size t, t in hours since the start of the recording: all
+    of it, or only the viscous part (`viscous`). The size is negative while the oil warms."""
 
     viscous: bool = False
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "friction_temperature_drift",
             "1/h",
@@ -29,9 +30,9 @@ class FrictionTemperatureDrift:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """The known laws that change together."""
+        """Names of the identified friction laws that change together."""
         return ("viscous",) if self.viscous else ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:
-        """t (T,), in hours."""
+        """Time t (T,) [s] in hours."""
         return np.asarray(t / 3600.0)

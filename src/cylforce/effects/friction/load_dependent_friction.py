@@ -1,4 +1,4 @@
-"""Friction that grows with the force that the seals and pins carry: a |F| sgn(v)."""
+"""Friction that grows with the cylinder's force, which presses on seals and pins."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,15 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class LoadDependentFriction:
-    """Friction that grows with the force that the seals and pins carry, in proportion or ever less."""
+    """Friction that grows with the cylinder force F: a |F| sgn(v), or, with `easing` e > 0, a sgn(v)
+    (1 - exp(-e |F|)) / e, which saturates (mechanics/README.md, section 6)."""
 
-    rounding: float = 0.002  # m/s
-    easing: float = 0.0  # 1/N, one over the force about which it saturates: a seal that is pressed on fully
+    rounding: float = 0.002  # m/s, speed scale of the smooth sgn(v)
+    easing: float = 0.0  # 1/N, the inverse of the force at which the friction begins to saturate; 0: it never does
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "load_dependent_friction",
             "1",
@@ -29,6 +30,6 @@ class LoadDependentFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """|F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v)."""
+        """Force per unit of a: |F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v), sgn(v) rounded as tanh(v / rounding)."""
         load = -np.expm1(-self.easing * np.abs(force)) / self.easing if self.easing else np.abs(force)
         return np.asarray(load * np.tanh(speed / self.rounding))

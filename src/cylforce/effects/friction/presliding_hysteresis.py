@@ -1,4 +1,4 @@
-"""Friction that builds up over a short way after each reversal (Dahl, 1968)."""
+"""Friction that builds up over a short distance after each reversal (Dahl, 1968)."""
 
 from dataclasses import dataclass
 from math import copysign, exp
@@ -11,15 +11,16 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class PreslidingHysteresis:
-    """What the friction f z lacks of f sgn(v): z' = v / way (1 - z sgn(v)), a bristle that bends over `way` [m]."""
+    """Difference between Dahl's friction f z and Coulomb friction f sgn(v): dz/dt = v / way (1 - z sgn(v)). After a
+    reversal z reaches its new value within a few times `way` [m]."""
 
     way: float = 0.001  # m
-    slack: float = 0.0002  # m that a sensor's noise may turn to and fro, at rest above all
-    rounding: float = 0.0005  # m/s
+    slack: float = 0.0002  # m, hysteresis against sensor noise: smaller movements to and fro do not change z; chosen
+    rounding: float = 0.0005  # m/s, speed scale of the smooth sgn(v)
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "presliding_hysteresis",
             "N",
@@ -29,11 +30,12 @@ class PreslidingHysteresis:
             "within millimetres after a reversal, gone after them",
             "many short strokes of 2 to 20 mm both ways",
             1,
-            form=0.2,  # widths, ways and powers differ from machine to machine
+            form=0.2,  # chosen: the true shape of the build-up differs from machine to machine
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """z - sgn(v); z is integrated exactly along the way that exceeds the `slack`."""
+        """Force per newton of f: z - sgn(v) (T,); z is integrated exactly over the movement beyond the `slack`, from
+        z = 0 at the first sample."""
         bent, z, lag = np.empty_like(speed), 0.0, 0.0
         for k, step in enumerate((speed * np.gradient(t)).tolist()):
             lag += step

@@ -1,4 +1,4 @@
-"""The extra friction of break-away: f exp(-(v / width)^2) sgn(v)."""
+"""Additional friction near standstill (Stribeck effect)."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Stribeck:
-    """The extra friction of break-away: f exp(-(v / width)^2) sgn(v)."""
+    """Additional friction at low speed: force f exp(-(v / width)^2) sgn(v), gone above about twice `width` [m/s]."""
 
     width: float = 0.015  # m/s
-    rounding: float = 0.0005  # m/s
+    rounding: float = 0.0005  # m/s, speed scale of the smooth sgn(v)
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "stribeck",
             "N",
@@ -27,10 +27,10 @@ class Stribeck:
             "below the speed `width`, gone above it",
             "creep both ways at 3 to 30 mm/s",
             1,
-            form=0.2,  # widths, ways and powers differ from machine to machine
+            form=0.2,  # chosen: the true width and shape differ from machine to machine
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """exp(-(v / width)^2) sgn(v)."""
+        """Force per newton of f: exp(-(v / width)^2) sgn(v), sgn(v) rounded as tanh(v / rounding)."""
         fading = np.exp(-((speed / self.width) ** 2))
         return np.asarray(fading * np.tanh(speed / self.rounding))

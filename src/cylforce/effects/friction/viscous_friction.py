@@ -1,4 +1,4 @@
-"""Friction that grows with the cylinder's speed: f v."""
+"""Viscous friction of a cylinder."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,12 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class ViscousFriction:
-    """Friction that grows with the cylinder's speed: f v."""
+    """Friction in proportion to the cylinder's speed: force f v. As a fault: by how much it is larger than in the
+    model."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "viscous_friction",
             "N s/m",
@@ -24,5 +25,5 @@ class ViscousFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """v."""
+        """Force per N s/m of f: the speed v [m/s]."""
         return speed

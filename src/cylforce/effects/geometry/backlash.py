@@ -1,4 +1,4 @@
-"""Play in a joint: its angle is measured off by half the play, to the side to which the load presses."""
+"""Play (backlash) in a joint."""
 
 from dataclasses import dataclass
 
@@ -10,19 +10,19 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.reading import angle_signal, followed, measured_torque
 from cylforce.signals.estimate import Array
 
-NEARLY = 1.5  # by which the torque that takes up the play is uncertain
+NEARLY = 1.5  # factor by which `turning` may be wrong either way; chosen
 
 
 @dataclass(frozen=True, slots=True)
 class Backlash:
-    """Play in a joint: its angle is measured off by half the play, to the side to which the load presses."""
+    """Play in a joint: the measured angle is wrong by half the play, towards the side to which the load presses."""
 
-    turning: float = 2e2  # N m, torque that takes up the play
-    crossing: float = 0.04  # s, time constant of the way from side to side
+    turning: float = 2e2  # N m, torque beyond which the joint lies against one side; chosen
+    crossing: float = 0.04  # s, time constant with which it crosses from side to side; chosen
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "backlash",
             "rad",
@@ -34,7 +34,8 @@ class Backlash:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """a + size/2 s, s' = (sgn(tau) - s) / crossing, tau's sign the last that |tau| > turning had."""
+        """The signals (T, S) with the joint's angle changed to a + size/2 s, ds/dt = (side - s) / crossing; side: the
+        sign that the cylinders' torque had when it last exceeded `turning`. The same object without an angle sensor."""
         signal = angle_signal(machine, where)
         if signal is None:
             return values
@@ -43,7 +44,7 @@ class Backlash:
         return found
 
     def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
-        """Where the load begins to press to the other side, or would if it took half as much again, or less."""
+        """Samples (T,) at which the load changes sides, or would with `turning` larger or smaller by NEARLY."""
         less, more = (self._side(machine, values, where, f * self.turning) for f in (1.0 / NEARLY, NEARLY))
         changed = [np.diff(side, prepend=side[:1]) != 0.0 for side in (less, more)]
         return np.asarray((less != more) | changed[0] | changed[1])

@@ -1,4 +1,4 @@
-"""What carries the first link moves, and the model takes it for a chassis that stands still."""
+"""The body that carries the first link moves, for example a crane's boom, but the model assumes a chassis at rest."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,13 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class BoomMotion:
-    """The first pin goes on a circle, (Rx, Rz) in the chassis' own frame from its foot, as the measured pitch phi
-    turns with rate w: velocity V = i w R exp(i phi). All links turn with w besides, of which `spin` (1) is a share."""
+    """The measured pitch phi of the carrying body changes with rate w. Its three sizes: the place R = (Rx, Rz) [m] of
+    the first pin relative to the body's pivot, in the body's frame, so that the pin has the velocity V = i w R exp(i
+    phi); and the share (1: in full) of w with which all links turn in addition."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "boom_motion",
             "m",
@@ -34,16 +35,17 @@ class BoomMotion:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of its sizes."""
+        """Units of the sizes of which the effect consists."""
         return ("m", "m", "1")
 
     @property
-    def usual(self) -> tuple[float, ...]:
-        """Usual sizes."""
+    def typical(self) -> tuple[float, ...]:
+        """Typical sizes, the scale of the diagnosis' prior: several metres; the rate in full."""
         return (4.0, 4.0, 1.0)
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Columns (..., N, 3): both parts of the pin's way at the true rates, and what the rates lack."""
+        """Columns (..., N, 3). Rx and Rz: change per metre by the pin's velocity, at link rates that include `turning`;
+        share: difference between link rates with and without `turning` (see `fault.BaseMotion`)."""
         turned, w = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0])), turning[..., None]
         bodies = _Bodies(machine, np.exp(1j * moving.q), base)
         still = np.zeros(1, dtype=np.complex128)
@@ -58,10 +60,10 @@ class BoomMotion:
 
 @dataclass(frozen=True, slots=True)
 class _Bodies:
-    """Links at angles exp(i q) (..., N) with base parameters (..., N, 3), hung on a pin that moves with V.
+    """Links at angles exp(i q) (..., N) with base parameters (J, X, Z) (..., N, 3), hung on a pin with velocity V.
 
-    With r_j = (X_j + i Z_j) exp(i q_j), arms l_j exp(i q_j), pins that go at P_j = V + sum_{i<j} i qd_i l_i exp(i q_i),
-    what the links beyond add, B_j = sum_{k>j} i qd_k r_k, and U_j = r_j* P_j + l_j exp(-i q_j) B_j:
+    With r_j = (X_j + i Z_j) exp(i q_j), the velocity of pin j, P_j = V + sum_{i<j} i qd_i l_i exp(i q_i), the momentum
+    of the links beyond, B_j = sum_{k>j} i qd_k r_k, and U_j = conj(r_j) P_j + l_j exp(-i q_j) B_j:
     p_j = J_j qd_j + Im(U_j), -dT/dq_j = qd_j Re(U_j)."""
 
     machine: Machine
@@ -69,7 +71,8 @@ class _Bodies:
     base: Array
 
     def halves(self, qd: Array, velocity: Complex) -> tuple[Array, Array]:
-        """p and -dT/dq of every absolute angle (..., N)."""
+        """p and -dT/dq of every absolute angle, each (..., N), at rates `qd` (..., N) [rad/s] and the complex velocity
+        (..., 1) [m/s] of the first pin."""
         r, arms = (self.base[..., 1] + 1j * self.base[..., 2]) * self.turn, self.machine.lengths * self.turn
         pins = velocity + (1j * qd * arms) @ self.machine.outward
         beyond = (1j * qd * r) @ self.machine.outward.T

@@ -1,4 +1,4 @@
-"""A link that gives under load: its joint's angle is measured off by size times the torque."""
+"""A link that bends under load, so that its joint's angle is measured wrong."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Compliance:
-    """A link that gives under load: its joint's angle is measured off by size times the torque, less so beyond a knee:
-    contacts grow with the load, and slack tightens."""
+    """A link that bends under load: the measured angle is wrong by size [rad/(N m)] times the joint's torque. With
+    `stiffening` the error grows more slowly at large torque, because contact areas grow and clearances close."""
 
-    stiffening: float = 0.0  # 1 / (N m), of the knee's torque
-    settling: float = 0.03  # s, time constant with which the link follows its load
+    stiffening: float = 0.0  # 1/(N m), inverse of the torque at which the stiffening begins; 0: linear
+    settling: float = 0.03  # s, time constant with which the link follows its load; chosen
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "compliance",
             "rad/(N m)",
@@ -30,7 +30,8 @@ class Compliance:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """a + size tau / (1 + (stiffening tau)^2)^(1/4), tau the joint's torque from its cylinders' pressures."""
+        """The signals (T, S) with the joint's angle changed to a + size tau / (1 + (stiffening tau)^2)^(1/4), tau: the
+        joint's torque from its cylinders' pressures. The same object without an angle sensor."""
         signal = angle_signal(machine, where)
         if signal is None:
             return values

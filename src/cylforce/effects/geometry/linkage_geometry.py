@@ -1,4 +1,4 @@
-"""A pin or bar of a linkage that is not where the drawing has it."""
+"""A pin or bar of a linkage that differs from the drawing."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -10,15 +10,15 @@ from cylforce.mechanics.machine import Machine
 
 @dataclass(frozen=True, slots=True)
 class LinkageGeometry:
-    """The `part`-th of the pins and bars of the linkage that drives a joint is not as the drawing has it: the pin off
-    by size along its link, or `across` it; the bar longer by size."""
+    """Pin or bar number `part` of the linkage that drives a joint differs from the drawing by size [m]: a pin is
+    displaced along the x axis of the link that holds it, or `across` (along z); a bar is longer."""
 
     part: int = 0
     across: bool = False
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "linkage_geometry",
             "m",
@@ -31,7 +31,8 @@ class LinkageGeometry:
         )
 
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
-        """The machine with that part changed, where the joint's linkage has it."""
+        """The machine with that part of the linkage at joint `where` changed by `size` [m]; the same object when there
+        is no such part."""
         driving = [c for c, span in enumerate(machine.spans) if span == (where,)]
         if not driving:
             return machine
@@ -45,7 +46,8 @@ class LinkageGeometry:
 
 
 def _moved(linkage: Linkage, part: int, step: complex) -> Linkage | None:
-    """The linkage with one part changed; None where it has no such part."""
+    """The linkage with one part changed: a pin displaced by `step` = x + i z [m], a bar longer by a real `step` [m];
+    None where the linkage has no such part, and for a bar with a `step` that is not real."""
     holder: Any = linkage
     parts = [(f.name, value) for f in fields(holder) if isinstance(value := getattr(holder, f.name), tuple | float)]
     if part >= len(parts) or (isinstance(parts[part][1], float) and step.imag):

@@ -1,4 +1,4 @@
-"""Pressures and angles on clocks of their own: one lags the other, by a jump or more and more."""
+"""Pressures and angles time-stamped by different clocks."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,12 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class ClockFault:
-    """Pressures and angles on clocks of their own: one lags the other, by a jump or more and more."""
+    """Pressures and angles time-stamped by different clocks: from some instant on one lags behind the other, by a
+    constant time or by a growing one."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "clock_fault",
             "s",
@@ -24,10 +25,10 @@ class ClockFault:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return ("clock",)
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.CLOCK

@@ -1,4 +1,4 @@
-"""The load moves in the bucket: its centre, not its mass."""
+"""A load that moves in the bucket."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadShift:
-    """The load moves in the bucket: its centre, not its mass."""
+    """A load that moves in the bucket: its centre changes, its mass does not."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "payload_shift",
             "kg m",
@@ -25,10 +25,10 @@ class PayloadShift:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return ("load.X", "load.Z")
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.AFTER

@@ -1,4 +1,4 @@
-"""A part of the load falls out."""
+"""A load of which a part falls out."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadSpill:
-    """A part of the load falls out."""
+    """A load of which a part falls out: mass and first moments change at one instant."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "payload_spill",
             "kg",
@@ -25,10 +25,10 @@ class PayloadSpill:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return ("load.mass", "load.X", "load.Z")
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.AFTER

@@ -1,1 +1,1 @@
-"""TODO"""
+"""Weight, inertia and outside forces on the links, one file each. Work here to add a load or a force."""

@@ -1,4 +1,4 @@
-"""The load that lies in the bucket, and how what comes and goes does so without a step."""
+"""The load in the bucket, and the smooth transition with which loads and forces come and go."""
 
 from typing import NamedTuple
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from cylforce.signals.estimate import Array
 
-RAMP = 0.35  # s in which the teeth enter and leave the soil
+RAMP = 0.35  # s in which the teeth enter and leave the soil; chosen
 
 
 class CarriedLoad(NamedTuple):
-    """A load at T instants: `mass` (T,) [kg], `centre` (T, 2) [m] and `inertia` (T,) [kg m^2] about the last
-    pin."""
+    """A load at T instants: `mass` (T,) [kg], `centre` (T, 2) = (x, z) [m] in the last link's frame, `inertia` (T,)
+    [kg m^2] about the last pin."""
 
     mass: Array
     centre: Array
@@ -19,6 +19,6 @@ class CarriedLoad(NamedTuple):
 
 
 def smooth(t: Array, start: float, stop: float) -> Array:
-    """0 before `start`, 1 after `stop`, minimum jerk between."""
+    """Transition (T,) at times t (T,) [s]: 0 before `start`, 1 after `stop`, a minimum-jerk polynomial between."""
     u = np.clip((t - start) / (stop - start), 0.0, 1.0)
     return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))

@@ -1,4 +1,4 @@
-"""A mass on a link that the model does not know: a tool, a repair, mud."""
+"""An additional mass on a link: a tool, a repair, mud."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class ExtraMass:
-    """A mass on a link that the model does not know: a tool, a repair, mud."""
+    """An additional mass on a link that the model does not contain: a tool, a repair, mud."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "extra_mass",
             "kg",
@@ -29,16 +29,18 @@ class ExtraMass:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of its sizes."""
+        """Units of the sizes of which the effect consists."""
         return ("kg", "kg m", "kg m", "kg m^2")
 
     @property
-    def usual(self) -> tuple[float, ...]:
-        """Usual sizes: mass [kg] at the link's centre, first moments about that [kg m], inertia [kg m^2]."""
+    def typical(self) -> tuple[float, ...]:
+        """Typical sizes, the scale of the diagnosis' prior: mass [kg], its first moments about the link's centre of
+        gravity [kg m], its inertia [kg m^2]; chosen for a machine of 20 t."""
         return (500.0, 60.0, 60.0, 300.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """(3N, 4): a mass at the link's centre of gravity, its first moments and its inertia besides."""
+        """Change (3N, 4) of (J, X, Z) of all links by a unit mass at the centre of gravity of link `where`, by its two
+        first moments about that point, and by its inertia."""
         link, columns = machine.links[where], np.zeros((machine.size, 3, 4))
         for i in range(where):
             columns[i, 0, 0], columns[i, 1, 0] = machine.links[i].length ** 2, machine.links[i].length

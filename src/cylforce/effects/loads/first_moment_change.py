@@ -1,4 +1,4 @@
-"""A link whose centre of gravity (or whose first moment) is not where the data sheet has it."""
+"""A link whose first moments (mass times centre of gravity) differ from the data sheet."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FirstMomentChange:
-    """A link whose centre of gravity (or whose first moment) is not where the data sheet has it."""
+    """A link whose first moments (mass times centre of gravity) and inertia differ from the data sheet."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "first_moment_change",
             "kg m",
@@ -29,16 +29,17 @@ class FirstMomentChange:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of its sizes."""
+        """Units of the sizes of which the effect consists."""
         return ("kg m", "kg m", "kg m^2")
 
     @property
-    def usual(self) -> tuple[float, ...]:
-        """Usual sizes of X, Z [kg m] and J [kg m^2]."""
+    def typical(self) -> tuple[float, ...]:
+        """Typical changes of X, Z [kg m] and J [kg m^2], the scale of the diagnosis' prior; chosen for a machine of
+        20 t."""
         return (1000.0, 1000.0, 3000.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """(3N, 3): first moments X and Z of the link, and its inertia J."""
+        """Change (3N, 3) of (J, X, Z) of all links per unit of X, Z and J of link `where`."""
         columns = np.zeros((machine.size, 3, 3))
         columns[where, 1, 0] = columns[where, 2, 1] = columns[where, 0, 2] = 1.0
         return columns.reshape(3 * machine.size, 3)

@@ -1,4 +1,4 @@
-"""The weight of bars that neither link carries: rocker, link and rod end of a four-bar linkage."""
+"""Weight of the bars of a four-bar linkage: rocker, connecting link and rod end, which belong to no link of the arm."""
 
 from dataclasses import dataclass
 
@@ -12,17 +12,17 @@ from cylforce.mechanics.motion import Motion
 
 @dataclass(frozen=True, slots=True)
 class RockerWeight:
-    """V = w g sin(angle of the rocker from the horizontal), torque dV/d(theta): w is the first moment about the
-    rocker's pin of the rocker and of what hangs at its end. The three parameters per link absorb what turns with
-    neither of them in the mean only (mechanics/README.md, section 3, limit), and otherwise on another slope. Its
-    inertia is left out."""
+    """Torque dV/d(theta) of the potential energy V = w g sin(angle of the rocker from the horizontal); w: first moment
+    of the rocker, and of what hangs at its end, about its pin. The three parameters per link absorb what turns with
+    neither of them in the mean only (mechanics/README.md, section 3, limit), and leave an error on another slope. The
+    inertia of the bars is neglected."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """One moment [kg m] per four-bar linkage."""
+        """The first moment w [kg m] of every four-bar linkage."""
         return tuple(Parameter(f"{c.name}.rocker", "kg m") for c in machine.cylinders if isinstance(c.linkage, FourBar))
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, K); zero where a linkage cannot be closed."""
+        """Static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be closed."""
         at = machine.pose(np.diff(moving.a, axis=-1, prepend=0.0))
         turned = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))[..., None]
         bars = [c.linkage.rocker(at) for c in machine.cylinders if isinstance(c.linkage, FourBar)]

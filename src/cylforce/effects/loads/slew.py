@@ -1,4 +1,4 @@
-"""Centrifugal torques of a slewing house (mechanics/README.md, section 4); as a fault: the house slews and no sensor
+"""Centrifugal torques of a slewing house (mechanics/README.md, section 4). As a fault: the house slews, but no sensor
 measures it."""
 
 from dataclasses import dataclass
@@ -14,19 +14,20 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Slew:
-    """Omega^2 [rho_j (X_j sin a_j + Z_j cos a_j) + D_j/2 sin 2a_j + E_j cos 2a_j
+    """Centrifugal torque of every absolute angle at slew rate Omega:
+    Omega^2 [rho_j (X_j sin a_j + Z_j cos a_j) + D_j/2 sin 2a_j + E_j cos 2a_j
     + l_j sin a_j sum_{k>j} (X_k cos a_k - Z_k sin a_k)], rho_j = rho_0 + sum_{i<j} l_i cos a_i.
 
-    J, X and Z are the rigid ones (a regressor adds columns of one name), D = J + D_excess; slender links: excess and
-    E 0."""
+    J, X and Z are the parameters of `Rigid` (the regressor adds columns of the same name); D = J + D_excess. For
+    slender links D_excess and E are zero."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """J, D_excess, E [kg m^2]; X, Z [kg m]."""
+        """J [kg m^2], X, Z [kg m], D_excess and E [kg m^2] of every link, house outwards."""
         units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"), ("D_excess", "kg m^2"), ("E", "kg m^2"))
         return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, 5N)."""
+        """Static columns (..., N, 5N) in joint torques."""
         n, lengths, turn = machine.size, machine.lengths, np.exp(1j * moving.a)
         rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
         # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has the columns Re(u) and -Im(u)
@@ -43,7 +44,7 @@ class Slew:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "slew_centrifugal",
             "rad^2/s^2",
@@ -58,16 +59,16 @@ class Slew:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return tuple(f"slew.{k}" for k in range(SHAPES))
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.WINDOWS
 
 
 def slew_parameters(links: tuple[Link, ...]) -> Array:
-    """(D_j - J_j, E_j) (N, 2) from rough masses: D = J - 2 Z^2/m, E = (X - mu l) Z / m, with Z = m cz, X - mu l = m
-    cx."""
+    """(D_excess, E) (N, 2) [kg m^2] from the data sheet's masses: D - J = -2 Z^2/m = -2 m cz^2,
+    E = (X - mu l) Z / m = m cx cz (mechanics/README.md, section 4)."""
     return np.array([(-2.0 * k.mass * k.cz**2, k.mass * k.cx * k.cz) for k in links])

@@ -1,5 +1,5 @@
-"""Force of the outside world on the tool: r = -(dP/dq)^T F (mechanics/README.md, section 8); as a fault: the tool
-touches the soil where the model has it in the air."""
+"""Force of the outside world on the tool: r = -(dP/dq)^T F (mechanics/README.md, section 8). As a fault: the tool is in
+contact with the soil while the model assumes it in the air."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,15 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class TipForce:
-    """A force (x forward, z up, true vertical) at the tooth line and a moment [N m] on the last link."""
+    """A force (x forward, z truly vertical) at the tooth line and a moment on the last link."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """x, z [N] and moment [N m]."""
         return (Parameter("tip.x", "N"), Parameter("tip.z", "N"), Parameter("tip.moment", "N m"))
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, 3): the torque that the cylinders supply against each."""
-        # links seen from the true horizontal; the vector from joint j to the tool is the sum of what lies beyond
+        """Static columns (..., N, 3): the joint torques that the cylinders supply against x, z and the moment."""
+        # in axes of the true horizontal; the vector from joint j to the tool is the sum of the arms from j outwards
         beyond = (np.exp(1j * moving.q) * machine.arms) @ machine.sum_outward.T
         columns = np.empty((*beyond.shape, 3))
         columns[..., 0], columns[..., 1], columns[..., 2] = beyond.imag, -beyond.real, -1.0
@@ -30,7 +30,7 @@ class TipForce:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "soil_contact",
             "N",
@@ -44,15 +44,15 @@ class TipForce:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns whose sizes change."""
+        """Names of the columns whose sizes change during the incident (see `fault.INCIDENTAL`)."""
         return tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """How these sizes change with time."""
         return TimeCourse.WINDOWS
 
 
 def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:
-    """What the joints must supply (T, N) [N m] against a force (T, 2) [N] on the teeth."""
+    """Joint torques (T, N) [N m] that balance a force (T, 2) [N] (x forward, z up) on the teeth."""
     return np.asarray((TipForce().halves(machine, moving).static[..., :2] @ force[..., None])[..., 0])

@@ -1,4 +1,4 @@
-"""An angle (or length) sensor that was mounted, or has slipped, off its zero."""
+"""A constant error of an angle or length sensor: mounted off its zero, or slipped."""
 
 from dataclasses import dataclass
 
@@ -9,11 +9,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class AngleOffset:
-    """An angle (or length) sensor that was mounted, or has slipped, off its zero."""
+    """A constant error of an angle or length sensor: reading = true value + size [rad or m]."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "angle_offset",
             "rad (m)",
@@ -25,7 +25,7 @@ class AngleOffset:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """a + size."""
+        """The signals (T, S) with `size` added to signal `where`."""
         found = values.copy()
         found[:, where] += size
         return found

@@ -1,4 +1,4 @@
-"""An angle (or length) sensor whose scale is off: more the farther from where it was set."""
+"""A scale error of an angle or length sensor: it grows with the distance from where the sensor was set."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,15 @@ from cylforce.signals.kinds import Kind
 
 @dataclass(frozen=True, slots=True)
 class AngleScale:
-    """An angle (or length) sensor whose scale is off, set in the middle of the range; `aside`: by how much it was set
-    elsewhere, as the error at the middle over half the range."""
+    """A scale error of an angle or length sensor: reading = a + size (a - middle), correct in the middle of the range.
+    With `aside` the second term of the same error, a constant of size times half the range, because the sensor was
+    correct elsewhere than in the middle. Both together are one effect with two sizes."""
 
     aside: bool = False
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "angle_scale",
             "1",
@@ -29,14 +30,14 @@ class AngleScale:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """a + size (a - middle), or a + size half the range."""
+        """The signals (T, S) with signal `where` changed to a + size (a - middle), or to a + size (half the range)."""
         found, (low, high) = values.copy(), _range(machine, where)
         found[:, where] += size * (0.5 * (high - low) if self.aside else values[:, where] - 0.5 * (low + high))
         return found
 
 
 def _range(machine: Machine, where: int) -> tuple[float, float]:
-    """Between what a sensor's reading lies on this machine."""
+    """Lowest and highest reading of a sensor on this machine."""
     signal = machine.signals[where]
     if signal.kind is Kind.JOINT_ANGLE:
         return machine.links[signal.index].angle_low, machine.links[signal.index].angle_high

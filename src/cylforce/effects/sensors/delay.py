@@ -1,4 +1,4 @@
-"""Angles that arrive later than pressures: what was measured as F(t) belongs to the posture of t - delay."""
+"""A delay between posture and cylinder force: F(t) is processed with the posture of the time t - delay."""
 
 from dataclasses import dataclass
 
@@ -13,20 +13,21 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """F(t) - F(t - delay) = delay dF/dt, to first order: a few milliseconds of lag look like viscous friction on the
-    empty machine, but grow with the load."""
+    """Delay of the posture behind the force: to first order F(t) - F(t - delay) = delay dF/dt. On the empty machine a
+    few milliseconds look like viscous friction, but the error grows with the load. As a fault (`distorted`): the delay
+    of one sensor."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The delay [s] of the posture behind the force of every cylinder."""
+        """The delay [s] of the posture behind the force, one per cylinder."""
         return tuple(Parameter(f"{c.name}.delay", "s") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C)."""
+        """Static columns (..., N, C): dF/dt times the lever."""
         return Halves(None, np.swapaxes(moving.force_rate[..., None] * moving.lever, -1, -2))
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "sensor_delay",
             "s",
@@ -39,7 +40,7 @@ class Delay:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """a(t - size), along a line between samples."""
+        """The signals (T, S) with signal `where` delayed by `size` [s], linear between samples."""
         found = values.copy()
         found[:, where] = np.interp(t - size, t, values[:, where])
         return found

@@ -1,4 +1,4 @@
-"""A pressure sensor whose zero wanders while it works."""
+"""A drift of a pressure sensor's zero."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,14 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class PressureDrift:
-    """A pressure sensor whose zero wanders while it works: size t / hour, and as it gets warm ever less."""
+    """A drift of a pressure sensor's zero: size [Pa/h] times the time, or, with `fading`, ever slower as the sensor
+    becomes warm."""
 
-    fading: float = 0.0  # 1/s, how fast it gets warm
+    fading: float = 0.0  # 1/s, inverse of the sensor's thermal time constant; 0: the drift goes on
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "pressure_drift",
             "Pa/h",
@@ -29,7 +30,8 @@ class PressureDrift:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """p + size t, t in hours from the recording's start; p + size (1 - exp(-f t)) / f if that fades."""
+        """The signals (T, S) with signal `where` changed to p + size t, or to p + size (1 - exp(-f t)) / f with
+        `fading` f; t since the start of the recording, size per hour."""
         since = -np.expm1(-self.fading * t) / self.fading if self.fading else t
         found = values.copy()
         found[:, where] += size * since / 3600.0

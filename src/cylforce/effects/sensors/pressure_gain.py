@@ -1,4 +1,4 @@
-"""A pressure sensor whose span is off."""
+"""A gain (span) error of a pressure sensor."""
 
 from dataclasses import dataclass
 
@@ -9,11 +9,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class PressureGain:
-    """A pressure sensor whose span is off."""
+    """A gain (span) error of a pressure sensor: reading = p (1 + size)."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "pressure_gain",
             "1",
@@ -25,7 +25,7 @@ class PressureGain:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """p (1 + size)."""
+        """The signals (T, S) with signal `where` multiplied by 1 + size."""
         found = values.copy()
         found[:, where] *= 1.0 + size
         return found

@@ -1,4 +1,4 @@
-"""A pressure sensor whose zero is off."""
+"""A constant error of a pressure sensor."""
 
 from dataclasses import dataclass
 
@@ -9,11 +9,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class PressureOffset:
-    """A pressure sensor whose zero is off."""
+    """A constant error of a pressure sensor: reading = p + size [Pa]."""
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "pressure_offset",
             "Pa",
@@ -25,7 +25,7 @@ class PressureOffset:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """p + size."""
+        """The signals (T, S) with `size` added to signal `where`."""
         found = values.copy()
         found[:, where] += size
         return found

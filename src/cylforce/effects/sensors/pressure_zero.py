@@ -1,4 +1,4 @@
-"""A zero error of a cylinder's pressures: a constant force that is not there (mechanics/README.md, section 6)."""
+"""A zero error of a cylinder's pressures: a constant error of its force (mechanics/README.md, section 6)."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from cylforce.mechanics.motion import Motion
 
 @dataclass(frozen=True, slots=True)
 class PressureZero:
-    """f_0: the column of a cylinder is its lever."""
+    """A constant error f_0 [N] of each cylinder's measured force, from the zero errors of its pressure sensors."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """f_0 [N] of every cylinder."""
         return tuple(Parameter(f"{c.name}.pressure_zero", "N") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns (..., N, C)."""
+        """Static columns (..., N, C): the levers."""
         return Halves(None, np.swapaxes(moving.lever, -1, -2))

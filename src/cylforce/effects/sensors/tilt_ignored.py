@@ -1,4 +1,4 @@
-"""A slope that nobody told the model of."""
+"""A slope of the ground that the measured pitch does not contain."""
 
 from dataclasses import dataclass
 
@@ -12,13 +12,14 @@ from cylforce.signals.kinds import Kind
 
 @dataclass(frozen=True, slots=True)
 class TiltIgnored:
-    """The chassis' pitch is measured `size` too high: along the tracks, or `across` them, seen by the turned house."""
+    """The measured pitch is too high by a slope of the ground: along the tracks as they stood at the start, or `across`
+    them. The house sees it according to its slew angle."""
 
     across: bool = False
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "tilt_ignored",
             "rad",
@@ -32,7 +33,8 @@ class TiltIgnored:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """pitch + size cos(psi), or size sin(psi), psi the house's angle since the recording's start."""
+        """The signals (T, S) with pitch + size cos(psi), or with `across` pitch + size sin(psi); psi: slew angle since
+        the start of the recording. The same object when the machine has no pitch sensor."""
         place = {s.kind: k for k, s in enumerate(machine.signals)}
         if Kind.PITCH not in place:
             return values

@@ -1,1 +1,1 @@
-"""What several programs share."""
+"""What several commands share: reading machine and recordings, playing, progress, scores. No command stands here."""

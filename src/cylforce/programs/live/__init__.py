@@ -1,1 +1,4 @@
-"""TODO"""
+"""Live operation: the simulated bus, the player of recordings, the collector and the operator's live picture.
+
+Work here on what runs while a machine moves.
+"""

@@ -131,8 +131,8 @@ class Collector(Station[None]):
         assert sample is not None  # noqa: S101  # there is no trouble before the first tick
         names = [s.name for s in self.service.machine.signals]
         bad: dict[str, Reason] = {n: r for n, r in zip(names, sample.reasons, strict=True) if r is not Reason.NONE}
-        if not bad and sample.held is not Reason.NONE:
-            return f"sensors come late ({_words(sample.held)}): check the bus load and the sensors' periods"
+        if not bad and sample.late is not Reason.NONE:
+            return f"sensors come late ({_words(sample.late)}): check the bus load and the sensors' periods"
         nodes = [text for node in self.service.nodes if (text := self._missing_of(node, bad))]
         return f"nothing can be measured: {'; '.join(nodes)}"
 
