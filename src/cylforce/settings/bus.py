@@ -24,11 +24,15 @@ def own_pdos(file: MachineFile, findings: Findings) -> tuple[Pdo, ...]:
         problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
         findings.errors.append(FaultError(("publication", "period_ms"), f"{problem}: publish no faster than that"))
     pdos = publication(own.node_id, own.period_ms * MILLIMETRE, file.machine.rated_payload_kg, own.rated_force_n)
-    for field in (field for pdo in pdos for field in pdo.fields):
-        if field.unit in ("kg", "N") and not _fits(field):
-            key: Key = ("publication", "rated_force_n") if field.unit == "N" else ("machine", "rated_payload_kg")
-            problem = f"is too large for {field.signal} ({TYPE_NAMES[field.code]}): make it smaller"
-            findings.errors.append(FaultError(key, problem))
+    rated: tuple[tuple[str, Key], ...] = (
+        ("N", ("publication", "rated_force_n")),
+        ("kg", ("machine", "rated_payload_kg")),
+    )
+    for unit, key in rated:
+        large = [field for pdo in pdos for field in pdo.fields if field.unit == unit and not _fits(field)]
+        if large:
+            problem = f"is too large for {large[0].signal} ({TYPE_NAMES[large[0].code]}): make it smaller"
+            findings.refuse(key, problem)
     return pdos
 
 

@@ -120,6 +120,7 @@ def line_of(text: str, key: Key) -> int:
             end = hits[after + 1] if after + 1 < len(hits) else _end(lines, at)
             continue
         hits = hits or _matches(lines[:end], at, rf"(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
+        hits = hits or _matches(lines[:end], at, rf"\s*\[+\s*{re.escape(part)}\.[\w.]+\s*\]")
         if not hits:
             break
         at = hits[0]
@@ -141,10 +142,13 @@ def dotted(raw: object, key: Key) -> str:
     """The key as a dotted path, with the names of table entries in place of their numbers."""
     parts: list[str] = []
     for part in key:
-        entry = _entry(raw, part)
-        name = entry.get("name") if isinstance(part, int) and isinstance(entry, dict) else None
-        parts.append(shown(name).strip("'") if name else f"#{part + 1}" if isinstance(part, int) else part)
-        raw = entry
+        raw = _entry(raw, part)
+        if isinstance(part, str):
+            parts.append(part)
+        elif isinstance(raw, dict) and raw.get("name"):
+            parts.append(shown(raw["name"]).strip("'"))
+        elif isinstance(raw, dict) or raw is None:
+            parts.append(f"#{part + 1}")
     return ".".join(parts) or "the file"
 
 

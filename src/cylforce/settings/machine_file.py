@@ -132,7 +132,7 @@ def _machine(file: MachineFile, good: frozenset[str], findings: Findings) -> Mac
     seen = signals(file, findings) if good >= BUS else ()
     built = machine(file, seen, findings)
     if built is not None:
-        if len(seen) == len(getattr(file, "sensors", ())):
+        if good >= BUS and len(seen) == len(file.sensors):
             findings.errors.extend(enough_faults(file, built))
         found = doubts(built)
         findings.errors.extend(found.errors)

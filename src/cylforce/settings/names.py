@@ -46,14 +46,18 @@ def entries(raw: Raw, table: str) -> list[Entry]:
 
 
 def _names(raw: Raw, table: str) -> list[str]:
-    """All names of an array's tables; none when one has no name: it may be the one that is looked for."""
+    """All names of an array's tables; none when one is missing or wrong: it may be the one that is looked for."""
     found = [entry.table.get("name") for entry in entries(raw, table)]
     names = [name for name in found if isinstance(name, str)]
-    return names if len(names) == len(found) else []
+    return names if len(set(names) - _reserved(table)) == len(found) else []
+
+
+def _reserved(table: str) -> set[str]:
+    return {"links": {CHASSIS}, "sensors": set(RESERVED)}.get(table, set())
 
 
 def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
-    seen = {CHASSIS} if table == "links" else set(RESERVED) if table == "sensors" else set()
+    seen = _reserved(table)
     for entry in entries(raw, table):
         name = entry.table.get("name")
         if isinstance(name, str):
@@ -64,7 +68,8 @@ def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
 
 def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
     own = raw.get("publication")
-    seen = {own.get("node_id", OWN_NODE) if isinstance(own, dict) else OWN_NODE: "our own node"}
+    number = own.get("node_id", OWN_NODE) if isinstance(own, dict) else OWN_NODE
+    seen = {number: "our own node"} if isinstance(number, int) else {}
     for entry in entries(raw, "nodes"):
         number = entry.table.get("node_id")
         if not isinstance(number, int):
@@ -76,9 +81,9 @@ def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
 
 
 def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
-    used = [entry.table.get("node") for entry in entries(raw, "sensors")]
-    if not all(isinstance(node, str) for node in used):
-        return  # one of them may belong to any node
+    used, names = [entry.table.get("node") for entry in entries(raw, "sensors")], _names(raw, "nodes")
+    if not all(node in names for node in used):
+        return  # the wrong one may mean any node
     for entry in entries(raw, "nodes"):
         name = entry.table.get("name")
         if isinstance(name, str) and name not in used:

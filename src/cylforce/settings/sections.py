@@ -1,6 +1,7 @@
 """Reads the sections of a machine file ([machine], [[links]], ...) each on its own, so that an error in one does not
 hide those in another, and says in ordinary words what pydantic finds."""
 
+import re
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import Annotated, Any, get_args
@@ -18,7 +19,10 @@ PLAIN = {
     "Input should have": "must have",
     "Tuple should have": "must have",
     " after validation": "",
+    r" items?, not \d+": " entries",
     "a valid ": "a ",
+    "String should match pattern .*": "must be a letter, then letters, digits and _, at most 40 in all",
+    "String should have at least 1 character": "must not be empty",
     "boolean": "truth value (true or false)",
 }
 _SECTIONS: dict[str, TypeAdapter[Any]] = {
@@ -77,7 +81,7 @@ def fault(error: ErrorDetails, key: Key, table: type[BaseModel] | None = None) -
         return FaultError(key, f"must be a list, not {given}: write {_header(key, '[[', ']]')}")
     problem = str(error["msg"])
     for said, plain in PLAIN.items():
-        problem = problem.replace(said, plain)
+        problem = re.sub(said, plain, problem)
     return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {given}: correct the value{unit_of(key)}")
 
 
