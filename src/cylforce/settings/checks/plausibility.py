@@ -31,6 +31,9 @@ ANGLE_SPAN: Limits = (5.0, 20.0, 270.0, 360.0)
 # bar to hold the rated payload at full reach, by a cylinder at its best lever: relief valves open at 210 to 380, and
 # makers keep a fifth in hand
 HOLDING: Limits = (1.0, 8.0, 300.0, 700.0)
+# rod over bore: ISO 7181 has area ratios from 1.06 to 5; cylinders of mobile machines have 1.4 to 2.5, a rod of 0.53 to
+# 0.77 of the bore. A radius that is taken for a diameter falls outside.
+ROD: Limits = (0.1, 0.4, 0.85, 0.98)
 PIN_REACH = 1.5  # of the link's length: no pin lies further from the inner one (a stick's tail is 0.3 long)
 CHASSIS_REACH = 10.0  # m, of a pin on the house: as far as a boom is long that counts as the house
 CENTRE_TOLERANCE = 0.4  # of the length: more says nothing about where a centre is
@@ -44,6 +47,7 @@ def doubts(machine: Machine) -> Findings:
     for c in range(len(machine.cylinders)):
         doubt_cylinder(machine, c, found)
         _doubt_pins(machine, c, found)
+        _doubt_rod(machine, c, found)
     _doubt_load(machine, found)
     _doubt_drive(machine, found)
     for k in range(len(machine.signals)):
@@ -134,6 +138,13 @@ def _doubt_drive(machine: Machine, found: Findings) -> None:
             )
         elif len(acting) == 1 and machine.spans[acting[0]] == (j,):
             _doubt_size(machine, j, acting[0], found)
+
+
+def _doubt_rod(machine: Machine, c: int, found: Findings) -> None:
+    cylinder = machine.cylinders[c]
+    ratio = float(np.sqrt(max(0.0, 1.0 - cylinder.area_rod / cylinder.area_head)))
+    problem = f"is {ratio:.2g} times bore_mm, cylinders have 0.5 to 0.8: check both (diameters, not radii)"
+    _judge(found, ("cylinders", c, "rod_mm"), ratio, ROD, problem)
 
 
 def _doubt_size(machine: Machine, j: int, c: int, found: Findings) -> None:
