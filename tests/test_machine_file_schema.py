@@ -33,7 +33,7 @@ def test_foreign_files_are_valid(shared):
         ("mass_kg = 1700", "mas_kg = 1700", "$.links[0]"),
         ("length_m = 5.7", "length_m = 5700", "$.links[0].length_m"),
         ('side = "left"', 'side = "above"', "$.cylinders[2].linkage"),
-        ("range_bar = [-5, 400]", "range_deg = [-5, 400]", "$.sensors[0].range_deg"),
+        ("range_bar = [-5, 400]", "range_deg = [-5, 400]", "$.sensors[0]"),
         ("range_bar = [-5, 400]\n", "", "$.sensors[0]"),
         ('kind = "roll"', 'kind = "rol"', "$.sensors[10].kind"),
         ("rate_hz = 100", "rate_hz = 0", "$.filter.rate_hz"),
