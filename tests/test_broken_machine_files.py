@@ -292,6 +292,24 @@ def test_a_stroke_that_does_not_reach_is_said_in_mm(tmp_path):
     assert "cylinders.stick.linkage makes the cylinder 57 mm longer than extended at -150.0 deg" in said
 
 
+@pytest.mark.parametrize(
+    ("lengths", "outcome", "said"),
+    [
+        ("[1.9, 3.7]", WARNED, None),
+        ("[2.0, 3.3]", WARNED, "fits its cylinder only with stick between"),
+        ("[1.75, 2.86]", REFUSED, "fits its cylinder only with stick between -150 and -135 deg, 15% of its"),
+        ("[5.0, 6.0]", REFUSED, "fits its cylinder, length_range_m = [5, 6], in no posture of its joints"),
+    ],
+)
+def test_a_cylinder_over_two_joints_must_fit_in_their_postures(tmp_path, lengths, outcome, said):
+    """Its foot stands on the boom, its rocker on the stick."""
+    path, foot = tmp_path / "machine.toml", 'foot = { body = "boom", at_m = [4.5, 1.2] }'
+    path.write_text(SHIPPED.replace(BUCKET_FOOT, foot, 1).replace("[1.75, 2.86]", lengths, 1))
+    got, found = sentences(path)
+    assert got == outcome
+    assert found == () if said is None else any(f"cylinders.bucket.linkage {said}" in one for one in found)
+
+
 def test_files_in_order_bring_no_warning(shared):
     machines = sorted((shared / "data/foreign_machines").glob("*/machine.toml"))
     assert len(machines) == 10

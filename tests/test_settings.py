@@ -21,6 +21,8 @@ CONFIG = Path(__file__).resolve().parents[1] / "config"
 SHIPPED = (CONFIG / "excavator_20t.toml").read_text()
 PINS = 'foot = { body = "stick", at_m = [0.20, 0.70] }'
 
+OVER_TWO_JOINTS = (PINS, 'foot = { body = "boom", at_m = [4.5, 1.2] }'), ("[1.75, 2.86]", "[1.9, 3.7]")
+
 
 @pytest.fixture
 def edited(tmp_path):
@@ -161,7 +163,9 @@ def test_foreign_sync_and_every_second_one(edited):
 def test_a_linkage_over_two_joints_can_be_described(edited):
     """A loader's tilt cylinder: its foot on another body than the rocker's. The angle then needs a sensor of its
     own."""
-    machine = edited((PINS, 'foot = { body = "boom", at_m = [3.0, 1.1] }')).service.machine
+    loaded = edited(*OVER_TWO_JOINTS)
+    machine = loaded.service.machine
+    assert loaded.warnings == ()
     assert machine.spans == ((0,), (1,), (1, 2))
     assert isinstance(machine.cylinders[2].linkage, FourBar)
     assert machine.rows == (0, 1, 2)
@@ -492,9 +496,9 @@ node = "slew_gyro"
 object = "9130h:3"
 type = "u32"
 scale_mm = 0.1
-range_mm = [1700, 2900]
+range_mm = [1800, 3800]
 """
-    said = refused((PINS, 'foot = { body = "boom", at_m = [3.0, 1.1] }'), (STICK_HEAD, length + STICK_HEAD))
+    said = refused(*OVER_TWO_JOINTS, (STICK_HEAD, length + STICK_HEAD))
     assert "sensors.length is of no use: the length of bucket depends on several joints" in said
 
 

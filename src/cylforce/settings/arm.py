@@ -57,7 +57,9 @@ class MachineTable(SettingsTable):
     """The machine as a whole."""
 
     name: str = Field(min_length=1, description="Name of the machine; it stands in reports and identified files.")
-    rated_payload_kg: Payload = Field(description="Rated payload. It scales the published values and the limits of validity.")
+    rated_payload_kg: Payload = Field(
+        description="Rated payload. It scales the published values and the limits of validity."
+    )
     slew_axis_m: Offset = Field(default=0.0, description="x of the first pin, seen from the slew axis.")
     payload_reach_m: Reach | None = Field(
         default=None,

@@ -166,7 +166,7 @@ def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Fie
         name = TYPE_NAMES[field.code]
         raise FaultError(
             ("sensors", n, "range"),
-            f"exceeds what {name} with this scale can say: widen the type or the scale",
+            f"exceeds what {name} with this scale can say: take a wider type or a larger scale",
         )
     before, after = ([_gap(n, skipped, eds) for skipped in some] for some in (sensor.skip_before, sensor.skip_after))
     return [*before, field, *after]
@@ -177,7 +177,7 @@ def _gap(n: int, skipped: Skipped, eds: vendor_eds.Eds | None) -> Field:
 
 
 def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> str:
-    """The struct code of a mapped object: the file's, the EDS's, or both if they agree."""
+    """The struct code of a mapped object: the file's or the EDS file's; where both give one, they must agree."""
     said = TYPES[mapped.type] if mapped.type else None
     if eds is None:
         if said is None:
@@ -195,7 +195,7 @@ def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> 
 
 
 def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
-    """A node whose mapping cannot be written must already map what the file says."""
+    """Raises FaultError unless a node whose mapping cannot be written already maps what the file says."""
     mapped = vendor_eds.default_mapping(eds, pdo.number)
     wanted = tuple((f.index, f.sub, 8 * CODES[f.code]) for f in pdo.fields)
     if mapped != wanted:
@@ -207,7 +207,7 @@ def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
 
 
 def _fits(field: Field) -> bool:
-    """Whether the whole range can be said by the object's type ("no value" left free)."""
+    """Whether the object's type holds the whole range, apart from the one value that means "no value"."""
     if field.code == "f":
         return True
     bits = 8 * CODES[field.code]

@@ -63,8 +63,8 @@ MassTolerance = Annotated[float, Field(ge=0, le=100), Usual(0.5, 60)]
 InertiaTolerance = Annotated[float, Field(ge=0, le=300), Usual(1, 100)]
 CentreTolerance = Annotated[float, Field(ge=0, le=5), Usual(0.001, 1)]
 LengthTolerance = Annotated[float, Field(ge=0, le=1), Usual(0, 0.1)]
-# Honed tubes are of class H8 (120 mm: 0.054 mm), repair sizes are 0.5 mm larger.
-BoreTolerance = Annotated[float, Field(ge=0, le=20), Usual(0, 2)]
+# Honed tubes are of class H8 (120 mm: 0.054 mm); a bore that was guessed from the machine's size is off by 10 mm.
+BoreTolerance = Annotated[float, Field(ge=0, le=50), Usual(0, 10)]
 # A tape finds a pin to about 3 mm, a pin that is worn out has 2 mm of play.
 PinTolerance = Annotated[float, Field(ge=0, le=0.5), Usual(0, 0.05)]
 

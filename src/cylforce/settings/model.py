@@ -157,7 +157,9 @@ class HealthTable(SettingsTable):
 
     hold_ms: Milliseconds = Field(default=200.0, description="For how long a missing value is bridged.")
     good_frames: int = Field(default=10, ge=1, description="How many good values in a row end a failure.")
-    frozen_samples: int = Field(default=100, ge=2, description="How many equal values in a row, in motion, count as a failure.")
+    frozen_samples: int = Field(
+        default=100, ge=2, description="How many equal values in a row, in motion, count as a failure."
+    )
     max_tilt_deg: float = Field(default=15.0, gt=0, le=90, description="Pitch or roll beyond which nothing is valid.")
     max_step_ms: Milliseconds = Field(default=100.0, description="Longest pause between two steps.")
 

@@ -93,7 +93,7 @@ def _header(key: Key, opening: str = "[", closing: str = "]") -> str:
 
 def _unknown(key: Key, table: type[BaseModel] | None) -> FaultError:
     name, own = str(key[-1]), known_keys([table] if table else [])
-    close = get_close_matches(name, own, 1) or get_close_matches(name, known_keys(_tables()), 1)
+    close = get_close_matches(name, own, 1) or get_close_matches(name, known_keys(_tables()), 1, 0.75)
     cure = (
         f"did you mean {close[0]}?" if close else f"remove it; the table has {', '.join(own)}" if own else "remove it"
     )

@@ -136,8 +136,9 @@ def _doubt_drive(machine: Machine, found: Findings) -> None:
             found.warn(
                 ("links", j), f"is moved by no cylinder: check the bodies of the pins, or add one at {link.name}"
             )
-        elif len(acting) == 1 and machine.spans[acting[0]] == (j,):
-            _doubt_size(machine, j, acting[0], found)
+        own = [c for c in acting if machine.spans[c] == (j,)]
+        if len(own) == 1:  # what a cylinder over two joints adds is little: a tilt cylinder at the lift arm
+            _doubt_size(machine, j, own[0], found)
 
 
 def _doubt_rod(machine: Machine, c: int, found: Findings) -> None:

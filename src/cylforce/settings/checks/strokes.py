@@ -17,6 +17,8 @@ BEYOND_WARN, BEYOND_REFUSE = 0.02, 0.15
 UNUSED_WARN = 0.2
 LEVER_NOISE = 0.02  # of the largest lever: a range may end at a dead point, as a loader crane's does
 NEAR_DEAD = 0.15  # sine of the angle between the bars: 9 degrees; linkages are built to stay above 20 to 30
+# Shares of a joint's range that a cylinder over two joints can reach: all of it, if the range was read off the machine
+REACHED_WARN, REACHED_REFUSE = 0.95, 0.25
 RETRACTED_LENGTH = 4.0  # times the stroke: data sheets have 1.2 to 2
 
 
@@ -95,6 +97,19 @@ def _doubt_ends(machine: Machine, c: int, length: Array, degrees: Array, found: 
             found.warn(key, problem)
 
 
+def _doubt_reached(joint: str, degrees: Array, share: float, key: Key, found: Findings) -> None:
+    """The angles of a joint, of all in its range, at which some posture fits the cylinder."""
+    between = f"between {round(degrees.min())} and {round(degrees.max())} deg"
+    problem = (
+        f"fits its cylinder only with {joint} {between}, {share:.0%} of its angle_range_deg: check the pins, "
+        "length_range_m and the range"
+    )
+    if share < REACHED_REFUSE:
+        found.refuse(key, problem)
+    elif share < REACHED_WARN:
+        found.warn(key, problem)
+
+
 def _doubt_double(machine: Machine, c: int, found: Findings) -> None:
     """A cylinder over two joints: which of their postures occur together, the file does not say, so only a linkage that
     fits nowhere is refused."""
@@ -110,10 +125,8 @@ def _doubt_double(machine: Machine, c: int, found: Findings) -> None:
         problem = f"fits its cylinder, length_range_m = [{low:g}, {high:g}], in no posture of its joints"
         found.refuse(key, f"{problem}: correct the pins or the range")
         return
-    if not inside.any(axis=1).all():
-        worst = ranges[0][np.flatnonzero(~inside.any(axis=1))[0]] / DEGREE
-        problem = f"fits its cylinder in no posture with {machine.links[first].name} at {worst:.1f} deg"
-        found.warn(key, f"{problem}: check the pins, length_range_m and angle_range_deg")
+    for joint, angles, reached in ((first, ranges[0], inside.any(axis=1)), (second, ranges[1], inside.any(axis=0))):
+        _doubt_reached(machine.links[joint].name, angles[reached] / DEGREE, float(reached.mean()), key, found)
     lever = at.gradient[..., second][inside]
     if min(-lever.min(), lever.max()) > LEVER_NOISE * np.abs(lever).max():
         problem = f"has a lever at {machine.links[second].name} that changes its sign within its stroke"
