@@ -7,7 +7,7 @@ from pathlib import Path
 from cylforce.canopen.dictionary import vendor_eds
 from cylforce.mechanics.installation import SensorNode
 from cylforce.service.publication import publication
-from cylforce.settings.error import FaultError, Findings, Key
+from cylforce.settings.error import FaultError, Inspection, Key
 from cylforce.settings.model import MachineFile, NodeTable, PdoTable, SensorTable, Skipped
 from cylforce.signals.kinds import UNIT
 from cylforce.signals.layout import CODES, TYPE_NAMES, Field, Pdo
@@ -17,7 +17,7 @@ TYPES = {"i8": "b", "u8": "B", "i16": "h", "u16": "H", "i32": "i", "u32": "I", "
 Entry = tuple[int, SensorTable]  # number of the sensor in the file
 
 
-def own_pdos(file: MachineFile, findings: Findings) -> tuple[Pdo, ...]:
+def own_pdos(file: MachineFile, findings: Inspection) -> tuple[Pdo, ...]:
     """What we publish; a value that would not fit into its object goes to `findings`."""
     own = file.publication
     if own.period_ms * file.filter.rate_hz < 1000.0:
@@ -36,7 +36,7 @@ def own_pdos(file: MachineFile, findings: Findings) -> tuple[Pdo, ...]:
     return pdos
 
 
-def nodes(file: MachineFile, folder: Path, own: Iterable[Pdo], findings: Findings) -> tuple[SensorNode, ...]:
+def nodes(file: MachineFile, folder: Path, own: Iterable[Pdo], findings: Inspection) -> tuple[SensorNode, ...]:
     """The sensor nodes; EDS files are looked for in `folder`, `own` are the PDOs that we send. Every error goes to
     `findings`."""
     made = [findings.attempt(_node, file, k, folder) for k in range(len(file.nodes))]

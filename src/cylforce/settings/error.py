@@ -44,7 +44,7 @@ class FaultError(ValueError):
         self.missing, self.unknown = tuple(missing), unknown
 
 
-class Findings:
+class Inspection:
     """Collects what is wrong (`errors`) and what is unusual (`warnings`)."""
 
     def __init__(self) -> None:

@@ -6,7 +6,7 @@ from cylforce.mechanics import chain, linkages
 from cylforce.mechanics.linkages import Linkage
 from cylforce.mechanics.machine import Cylinder, Link, Machine
 from cylforce.settings.arm import CylinderTable, DogboneTable, FourBarTable, LinkTable, Pin, TriangleTable
-from cylforce.settings.error import FaultError, Findings
+from cylforce.settings.error import FaultError, Inspection
 from cylforce.settings.model import MachineFile
 from cylforce.settings.names import CHASSIS
 from cylforce.signals.kinds import Signal
@@ -15,7 +15,7 @@ from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
 LIMIT = 1.0 / sqrt(3.0)  # a tolerance is the half-width of a uniform distribution (GUM 4.3.7): its standard deviation
 
 
-def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Findings) -> Machine | None:
+def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection) -> Machine | None:
     """The Machine, or None when a link or a cylinder cannot be used; every error goes to `findings`."""
     tool = complex(*file.tool.point_m)
     links = [findings.attempt(_link, file, k) for k in range(len(file.links))]

@@ -12,7 +12,7 @@ from cylforce.mechanics.installation import Filters, Health, SensorNode, Service
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import nodes, own_pdos
 from cylforce.settings.checks.plausibility import doubts
-from cylforce.settings.error import FaultError, Findings, SettingsError, Source, report, sentences
+from cylforce.settings.error import FaultError, Inspection, SettingsError, Source, report, sentences
 from cylforce.settings.limits import unusual
 from cylforce.settings.machine import machine
 from cylforce.settings.model import FilterTable, HealthTable, MachineFile
@@ -59,7 +59,7 @@ def load(path: Path | str) -> Loaded:
     SettingsError
         With every error of the file, each a sentence that names file, line, key, limit and cure.
     """
-    where, findings = Path(path), Findings()
+    where, findings = Path(path), Inspection()
     text = _text(where)
     raw = _parsed(where, text)
     source = Source(where, text, raw)
@@ -107,7 +107,7 @@ def _syntax(path: Path, text: str, problem: str) -> str:
     return f"{path}:{number}: {line[:60]!r} is not TOML: {problem}; {cure}"
 
 
-def _checked(raw: dict[str, Any], folder: Path, findings: Findings) -> tuple[MachineFile, Parts]:
+def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[MachineFile, Parts]:
     """The file's sections and what they become. Each stage runs when the sections that it needs are right."""
     file, good = read_sections(file_in_si(raw, findings), raw, findings)
     findings.errors.extend(name_faults(raw))
@@ -127,7 +127,7 @@ def _checked(raw: dict[str, Any], folder: Path, findings: Findings) -> tuple[Mac
     return file, parts
 
 
-def _machine(file: MachineFile, good: frozenset[str], findings: Findings) -> Machine | None:
+def _machine(file: MachineFile, good: frozenset[str], findings: Inspection) -> Machine | None:
     """The Machine, with its signals where the bus is right, and what is doubtful about it."""
     seen = signals(file, findings) if good >= BUS else ()
     built = machine(file, seen, findings)

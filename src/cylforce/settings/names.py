@@ -16,7 +16,7 @@ AT_LINK = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
 OWN_NODE = 64  # publication.node_id where the file does not say it
 
 
-class Entry(NamedTuple):
+class RawTable(NamedTuple):
     """A table of an array: its key and its content."""
 
     key: Key
@@ -37,12 +37,12 @@ def name_faults(raw: Raw) -> Iterator[FaultError]:
     yield from _columns(raw)
 
 
-def entries(raw: Raw, table: str) -> list[Entry]:
+def entries(raw: Raw, table: str) -> list[RawTable]:
     """The tables of an array, as far as they are tables."""
     found = raw.get(table)
     if not isinstance(found, list):
         return []
-    return [Entry((table, k), entry) for k, entry in enumerate(found) if isinstance(entry, dict)]
+    return [RawTable((table, k), entry) for k, entry in enumerate(found) if isinstance(entry, dict)]
 
 
 def _names(raw: Raw, table: str) -> list[str]:
@@ -90,7 +90,7 @@ def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
             yield FaultError(entry.key, "has no sensor: add one or remove the node")
 
 
-def _references(raw: Raw, sensor: Entry) -> Iterator[FaultError]:
+def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
     node, names = sensor.table.get("node"), _names(raw, "nodes")
     if isinstance(node, str) and names and node not in names:
         yield FaultError((*sensor.key, "node"), f"is {shown(node)}, which is no node: write one of {', '.join(names)}")

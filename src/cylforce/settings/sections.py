@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_args
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from cylforce.settings.error import TAGS, FaultError, Findings, Key, shown, unit_of, value_at, written_key
+from cylforce.settings.error import TAGS, FaultError, Inspection, Key, shown, unit_of, value_at, written_key
 from cylforce.settings.model import MachineFile
 from cylforce.settings.units import SUFFIXES, WORDS
 
@@ -32,7 +32,7 @@ _SECTIONS: dict[str, TypeAdapter[Any]] = {
 
 
 def read_sections(
-    raw: Mapping[str, object], written: Mapping[str, object], findings: Findings
+    raw: Mapping[str, object], written: Mapping[str, object], findings: Inspection
 ) -> tuple[MachineFile, frozenset[str]]:
     """The file with those sections that are right, and their names. `raw` is in SI, `written` as the file has it; every
     error goes to `findings`."""

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from cylforce.files.tables import ColumnMap, TableMap
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import period_s
-from cylforce.settings.error import FaultError, Findings
+from cylforce.settings.error import FaultError, Inspection
 from cylforce.settings.model import MachineFile, SensorTable, SignalColumn
 from cylforce.settings.names import AT_CYLINDER, AT_LINK
 from cylforce.settings.sections import fault
@@ -17,7 +17,7 @@ from cylforce.settings.units import COLUMN, in_si
 from cylforce.signals.kinds import UNIT, Kind, Signal
 
 
-def signals(file: MachineFile, findings: Findings) -> tuple[Signal, ...]:
+def signals(file: MachineFile, findings: Inspection) -> tuple[Signal, ...]:
     """The signals in the order of the file; every error goes to `findings`."""
     found = [findings.attempt(_signal, file, k) for k in range(len(file.sensors))]
     return tuple(signal for signal in found if signal is not None)
@@ -97,7 +97,7 @@ def _force_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
             yield FaultError(("cylinders", c, "rod_pressure_bar"), "is measured by a sensor: remove this key")
 
 
-def columns(file: MachineFile, findings: Findings) -> TableMap | None:
+def columns(file: MachineFile, findings: Inspection) -> TableMap | None:
     """Where a recording's table has time and signals, or None where the file has no [table]; every error goes to
     `findings`."""
     if file.table is None:
@@ -108,7 +108,7 @@ def columns(file: MachineFile, findings: Findings) -> TableMap | None:
     return TableMap(file.table.time.column, file.table.time.scale, found)
 
 
-def _column(name: str, raw: dict[str, object], kind: Kind, findings: Findings) -> ColumnMap | None:
+def _column(name: str, raw: dict[str, object], kind: Kind, findings: Inspection) -> ColumnMap | None:
     key = ("table", "signals", name)
     before = len(findings.errors)
     converted = in_si(raw, UNIT[kind], COLUMN, key, findings)

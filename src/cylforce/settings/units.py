@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from cylforce.settings.error import FaultError, Findings, Key, shown
+from cylforce.settings.error import FaultError, Inspection, Key, shown
 from cylforce.settings.limits import HUGE
 from cylforce.signals.kinds import UNIT, Kind
 from cylforce.signals.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, ZERO_CELSIUS
@@ -24,7 +24,7 @@ COLUMN = ("scale", "offset")
 ANY = (0.0, 1.0)  # in the place of a range that cannot be read: the file is refused, but its other keys are checked
 
 
-def file_in_si(raw: Mapping[str, Any], findings: Findings) -> dict[str, Any]:
+def file_in_si(raw: Mapping[str, Any], findings: Inspection) -> dict[str, Any]:
     """The whole file with SI values in the tables that have units in their keys; every error goes to `findings`."""
     sensors, table = raw.get("sensors"), raw.get("table")
     out = dict(raw)
@@ -36,7 +36,7 @@ def file_in_si(raw: Mapping[str, Any], findings: Findings) -> dict[str, Any]:
     return out
 
 
-def _sensor_in_si(raw: object, key: Key, findings: Findings) -> object:
+def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
     if not isinstance(raw, dict):
         return raw
     kind = raw.get("kind")
@@ -46,7 +46,7 @@ def _sensor_in_si(raw: object, key: Key, findings: Findings) -> object:
     return {"range": ANY, **{name: value for name, value in raw.items() if name not in any_unit}}
 
 
-def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Findings) -> dict[str, Any]:
+def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Inspection) -> dict[str, Any]:
     """The table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix. What is wrong
     goes to `findings`, and its key is left out."""
     suffixes, used, out = SUFFIXES[unit], list[str](), dict(raw)

@@ -10,7 +10,7 @@ import numpy as np
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.checks.readings import doubt_signal
 from cylforce.settings.checks.strokes import doubt_cylinder
-from cylforce.settings.error import Findings, Key
+from cylforce.settings.error import Inspection, Key
 from cylforce.signals.units import BAR, DEGREE, STANDARD_GRAVITY
 
 # (refused below, warned below, warned above, refused above)
@@ -39,9 +39,9 @@ CHASSIS_REACH = 10.0  # m, of a pin on the house: as far as a boom is long that 
 CENTRE_TOLERANCE = 0.4  # of the length: more says nothing about where a centre is
 
 
-def doubts(machine: Machine) -> Findings:
+def doubts(machine: Machine) -> Inspection:
     """Everything that is impossible (`errors`) or unusual (`warnings`) about a machine; keys are those of its file."""
-    found = Findings()
+    found = Inspection()
     for j in range(machine.size):
         _doubt_link(machine, j, found)
     for c in range(len(machine.cylinders)):
@@ -55,7 +55,7 @@ def doubts(machine: Machine) -> Findings:
     return found
 
 
-def _judge(found: Findings, key: Key, value: float, limits: Limits, problem: str) -> None:
+def _judge(found: Inspection, key: Key, value: float, limits: Limits, problem: str) -> None:
     """An error or a warning when a value is beyond the limits."""
     refuse_low, warn_low, warn_high, refuse_high = limits
     if not refuse_low <= value <= refuse_high:
@@ -64,7 +64,7 @@ def _judge(found: Findings, key: Key, value: float, limits: Limits, problem: str
         found.warn(key, problem)
 
 
-def _doubt_link(machine: Machine, j: int, found: Findings) -> None:
+def _doubt_link(machine: Machine, j: int, found: Inspection) -> None:
     link, key = machine.links[j], ("links", j)
     length = max(link.length, 1e-9)
     line = link.mass / length
@@ -87,7 +87,7 @@ def _doubt_link(machine: Machine, j: int, found: Findings) -> None:
         found.warn((*key, "tolerance", "centre_m"), f"is {half:g} on a length of {length:g} m: check the unit")
 
 
-def _doubt_range(machine: Machine, j: int, found: Findings) -> None:
+def _doubt_range(machine: Machine, j: int, found: Inspection) -> None:
     link = machine.links[j]
     low, high = link.angle_low / DEGREE, link.angle_high / DEGREE
     problem = f"spans {high - low:.3g} degrees, joints have 20 to 270: check it"
@@ -98,7 +98,7 @@ def _doubt_range(machine: Machine, j: int, found: Findings) -> None:
     _judge(found, ("links", j, "angle_range_deg"), high - low, ANGLE_SPAN, problem)
 
 
-def _doubt_pins(machine: Machine, c: int, found: Findings) -> None:
+def _doubt_pins(machine: Machine, c: int, found: Inspection) -> None:
     for body, at in machine.cylinders[c].linkage.pins:
         name = machine.links[body - 1].name if body else "chassis"
         reach = PIN_REACH * machine.links[body - 1].length if body else CHASSIS_REACH
@@ -107,7 +107,7 @@ def _doubt_pins(machine: Machine, c: int, found: Findings) -> None:
             found.warn(("cylinders", c, "linkage"), f"{problem}: check at_m = [{at.real:g}, {at.imag:g}]")
 
 
-def _doubt_load(machine: Machine, found: Findings) -> None:
+def _doubt_load(machine: Machine, found: Inspection) -> None:
     """Payload and tool against the arm."""
     mass = sum(link.mass for link in machine.links)
     share = machine.rated_payload / mass
@@ -128,7 +128,7 @@ def _doubt_load(machine: Machine, found: Findings) -> None:
         found.warn(("machine", "payload_reach_m"), problem)
 
 
-def _doubt_drive(machine: Machine, found: Findings) -> None:
+def _doubt_drive(machine: Machine, found: Inspection) -> None:
     """Whether each joint has a cylinder, and one of the right size."""
     for j, link in enumerate(machine.links):
         acting = [c for c, span in enumerate(machine.spans) if j in span]
@@ -141,14 +141,14 @@ def _doubt_drive(machine: Machine, found: Findings) -> None:
             _doubt_size(machine, j, own[0], found)
 
 
-def _doubt_rod(machine: Machine, c: int, found: Findings) -> None:
+def _doubt_rod(machine: Machine, c: int, found: Inspection) -> None:
     cylinder = machine.cylinders[c]
     ratio = float(np.sqrt(max(0.0, 1.0 - cylinder.area_rod / cylinder.area_head)))
     problem = f"is {ratio:.2g} times bore_mm, cylinders have 0.5 to 0.8: check both (diameters, not radii)"
     _judge(found, ("cylinders", c, "rod_mm"), ratio, ROD, problem)
 
 
-def _doubt_size(machine: Machine, j: int, c: int, found: Findings) -> None:
+def _doubt_size(machine: Machine, j: int, c: int, found: Inspection) -> None:
     pressure = _holding_pressure(machine, j, c) / BAR
     if np.isfinite(pressure):
         problem = (

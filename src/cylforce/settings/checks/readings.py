@@ -1,7 +1,7 @@
 """Whether a sensor's range and name fit what it measures, and the joint or cylinder that it is mounted on."""
 
 from cylforce.mechanics.machine import Machine
-from cylforce.settings.error import Findings, Key
+from cylforce.settings.error import Inspection, Key
 from cylforce.settings.names import AT_CYLINDER, AT_LINK
 from cylforce.signals.kinds import Kind, Signal
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
@@ -31,7 +31,7 @@ SIDES = {Kind.HEAD_PRESSURE: ("head", "rod"), Kind.ROD_PRESSURE: ("rod", "head")
 UNITS = {"Pa": (BAR, "bar"), "rad": (DEGREE, "deg"), "rad/s": (DEGREE, "deg/s")}
 
 
-def doubt_signal(machine: Machine, k: int, found: Findings) -> None:
+def doubt_signal(machine: Machine, k: int, found: Inspection) -> None:
     """What is impossible or unusual about a sensor."""
     signal, key = machine.signals[k], ("sensors", k)
     span, (refuse_low, warn_low, warn_high, refuse_high) = signal.high - signal.low, SPANS[signal.kind]
@@ -46,7 +46,7 @@ def doubt_signal(machine: Machine, k: int, found: Findings) -> None:
     _doubt_name(machine, signal, key, found)
 
 
-def _doubt_noise(signal: Signal, key: Key, found: Findings) -> None:
+def _doubt_noise(signal: Signal, key: Key, found: Inspection) -> None:
     share = signal.standard_error / (signal.high - signal.low)
     problem = (
         f"is {_shown(signal, signal.standard_error)}, {100 * share:.2g} % of the range: check its unit, or the scale"
@@ -57,7 +57,7 @@ def _doubt_noise(signal: Signal, key: Key, found: Findings) -> None:
         found.warn((*key, "standard_error"), problem)
 
 
-def _doubt_cover(machine: Machine, signal: Signal, key: Key, found: Findings) -> None:
+def _doubt_cover(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
     """A sensor must see its joint's or cylinder's whole range."""
     if signal.kind is Kind.JOINT_ANGLE:
         link = machine.links[signal.index]
@@ -78,7 +78,7 @@ def _doubt_cover(machine: Machine, signal: Signal, key: Key, found: Findings) ->
         found.warn((*key, "range"), problem)
 
 
-def _doubt_name(machine: Machine, signal: Signal, key: Key, found: Findings) -> None:
+def _doubt_name(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
     """A name that says another side or place than the sensor's own."""
     words = signal.name.lower().split("_")
     own, other = SIDES.get(signal.kind, ("", ""))

@@ -5,7 +5,7 @@ import numpy as np
 
 from cylforce.mechanics.linkages import Stretch
 from cylforce.mechanics.machine import Machine
-from cylforce.settings.error import Findings, Key
+from cylforce.settings.error import Inspection, Key
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import DEGREE, MILLIMETRE
 
@@ -22,7 +22,7 @@ REACHED_WARN, REACHED_REFUSE = 0.95, 0.25
 RETRACTED_LENGTH = 4.0  # times the stroke: data sheets have 1.2 to 2
 
 
-def doubt_cylinder(machine: Machine, c: int, found: Findings) -> None:
+def doubt_cylinder(machine: Machine, c: int, found: Inspection) -> None:
     """What is impossible or unusual about a cylinder's linkage in the range of its joints."""
     span, key = machine.spans[c], ("cylinders", c, "linkage")
     cylinder = machine.cylinders[c]
@@ -40,7 +40,7 @@ def doubt_cylinder(machine: Machine, c: int, found: Findings) -> None:
         _doubt_double(machine, c, found)
 
 
-def _doubt_single(machine: Machine, c: int, found: Findings) -> None:
+def _doubt_single(machine: Machine, c: int, found: Inspection) -> None:
     (j,) = machine.spans[c]
     joint, key = machine.links[j], ("cylinders", c, "linkage")
     theta = np.zeros((SCAN, machine.size))
@@ -56,7 +56,7 @@ def _doubt_single(machine: Machine, c: int, found: Findings) -> None:
     _doubt_ends(machine, c, at.length, degrees, found)
 
 
-def _doubt_lever(at: Stretch, j: int, degrees: Array, joint: str, key: Key, found: Findings) -> None:
+def _doubt_lever(at: Stretch, j: int, degrees: Array, joint: str, key: Key, found: Inspection) -> None:
     lever = at.gradient[:, j]
     change = np.flatnonzero(np.diff(np.sign(lever)) != 0)
     if change.size and min(-lever.min(), lever.max()) > LEVER_NOISE * np.abs(lever).max():
@@ -71,7 +71,7 @@ def _doubt_lever(at: Stretch, j: int, degrees: Array, joint: str, key: Key, foun
         found.warn(key, f"{problem}: check its dimensions and {joint}'s angle_range_deg")
 
 
-def _doubt_ends(machine: Machine, c: int, length: Array, degrees: Array, found: Findings) -> None:
+def _doubt_ends(machine: Machine, c: int, length: Array, degrees: Array, found: Inspection) -> None:
     """The cylinder's length over the joint's range against its end stops."""
     cylinder, key = machine.cylinders[c], ("cylinders", c, "linkage")
     joint = machine.links[machine.spans[c][0]].name
@@ -97,7 +97,7 @@ def _doubt_ends(machine: Machine, c: int, length: Array, degrees: Array, found: 
             found.warn(key, problem)
 
 
-def _doubt_reached(joint: str, degrees: Array, share: float, key: Key, found: Findings) -> None:
+def _doubt_reached(joint: str, degrees: Array, share: float, key: Key, found: Inspection) -> None:
     """The angles of a joint, of all in its range, at which some posture fits the cylinder."""
     between = f"between {round(degrees.min())} and {round(degrees.max())} deg"
     problem = (
@@ -110,7 +110,7 @@ def _doubt_reached(joint: str, degrees: Array, share: float, key: Key, found: Fi
         found.warn(key, problem)
 
 
-def _doubt_double(machine: Machine, c: int, found: Findings) -> None:
+def _doubt_double(machine: Machine, c: int, found: Inspection) -> None:
     """A cylinder over two joints: which of their postures occur together, the file does not say, so only a linkage that
     fits nowhere is refused."""
     cylinder, key = machine.cylinders[c], ("cylinders", c, "linkage")
