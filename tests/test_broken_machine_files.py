@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import pytest
 
+from cylforce.programs.common.machine_file import load_machine
 from cylforce.settings.machine_file import SettingsError, load
+from reference_machine.machinefile import machine_file, two_link_file
 from scenarios import CONFIG, EXCAVATOR
 
 SHIPPED = EXCAVATOR.read_text()
@@ -313,14 +315,17 @@ def test_a_cylinder_over_two_joints_must_fit_in_their_postures(tmp_path, lengths
 def test_files_in_order_bring_no_warning(shared):
     machines = sorted((shared / "data/foreign_machines").glob("*/machine.toml"))
     assert len(machines) == 10
-    assert {path: load(path).warnings for path in [*CONFIG.glob("*.toml"), *machines]} == dict.fromkeys(
-        [*CONFIG.glob("*.toml"), *machines], ()
-    )
+    for path in (*CONFIG.glob("*.toml"), *machines):
+        assert load(path).warnings == (), path
+
+
+@pytest.mark.parametrize("made", [machine_file, two_link_file])
+def test_the_reference_machines_file_brings_no_warning(tmp_path, made):
+    (tmp_path / "machine.toml").write_text(made("reference"))
+    assert load(tmp_path / "machine.toml").warnings == ()
 
 
 def test_programs_print_warnings_once(tmp_path, capsys):
-    from cylforce.programs.common.machine_file import load_machine
-
     path = tmp_path / "machine.toml"
     path.write_text(SHIPPED.replace("count = 2\n", "", 1))
     load_machine(path)
