@@ -273,7 +273,22 @@ REFUSED = {
     "object": (('"7130h:1"', '"7130:x"'), "sensors.boom_head_pressure.object is '7130:x': write index (hex)"),
     "low object": (('"7130h:1"', '"130h:1"'), "the index must be 1000h-FFFFh"),
     "type": (('type = "i16"', 'type = "i24"'), "sensors.boom_head_pressure.type must be 'i8', 'u8'"),
-    "linkage": (('kind = "triangle"', 'kind = "circle"'), "cylinders.boom.linkage"),
+    "linkage": (
+        ('kind = "triangle"', 'kind = "circle"'),
+        "cylinders.boom.linkage.kind is 'circle': write one of triangle, four_bar, dogbone",
+    ),
+    "linkage without kind": (('kind = "triangle"\n', ""), "cylinders.boom.linkage lacks the key kind: write one of"),
+    "half a place": (("at_m = [0.55, -0.62]", "at_m = [0.55]"), "linkage.foot.at_m must have at least 2 entries"),
+    "place without brackets": (("[2.7, 0.45]", "2.7"), "links.boom.centre_m must be a list, not 2.7"),
+    "pin without keys": (
+        ('{ body = "chassis", at_m = [0.55, -0.62] }', "[0.55, -0.62]"),
+        "foot must be a table of keys",
+    ),
+    "half a cylinder": (("count = 2", "count = 1.5"), "cylinders.boom.count must be a whole number, not 1.5"),
+    "capitals": (
+        ("[machine]", "[Machine]"),
+        "Machine is not a key of a machine file: did you mean machine, which is missing?",
+    ),
     "name": (('name = "boom_angle"\nkind', 'name = "boom angle"\nkind'), "sensors.boom angle.name"),
     # names, places, and what belongs together
     "same link": (('name = "stick"', 'name = "boom"'), "links.boom.name is 'boom', which is taken: choose another"),

@@ -29,7 +29,8 @@ from cylforce.settings.limits import (
     Rod,
 )
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,39}$")]
+NAME = r"^[A-Za-z][A-Za-z0-9_]{0,39}$"
+Name = Annotated[str, Field(pattern=NAME)]
 XZ = Annotated[tuple[Coordinate, Coordinate], Field(strict=False)]
 
 

@@ -100,7 +100,9 @@ def _merged(faults: list[FaultError]) -> list[FaultError]:
             close = get_close_matches(name, beside, 1)
             if close:
                 misspelt = beside[close[0]]
-                both = FaultError(misspelt.key, f"is not a key of this table: did you mean {name}, which is missing?")
+                both = FaultError(
+                    misspelt.key, f"{str(misspelt).split(':')[0]}: did you mean {name}, which is missing?"
+                )
                 faults = [f for f in faults if f not in (lacking, misspelt)] + [both]
                 break
     return faults

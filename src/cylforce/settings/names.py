@@ -1,10 +1,12 @@
 """Names and numbers in a machine file that must differ, and references that must lead somewhere. Works on what TOML
 gave, so that a wrong value elsewhere in the file hides nothing here."""
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from cylforce.estimation.model import FRICTION
+from cylforce.settings.arm import NAME
 from cylforce.settings.error import FaultError, Key, shown
 from cylforce.signals.kinds import Kind
 
@@ -48,7 +50,7 @@ def entries(raw: Raw, table: str) -> list[RawTable]:
 def _names(raw: Raw, table: str) -> list[str]:
     """All names of an array's tables; none when one is missing or wrong: it may be the one that is looked for."""
     found = [entry.table.get("name") for entry in entries(raw, table)]
-    names = [name for name in found if isinstance(name, str)]
+    names = [name for name in found if isinstance(name, str) and re.match(NAME, name)]
     return names if len(set(names) - _reserved(table)) == len(found) else []
 
 

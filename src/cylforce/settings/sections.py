@@ -20,6 +20,7 @@ PLAIN = {
     "Tuple should have": "must have",
     " after validation": "",
     r" items?, not \d+": " entries",
+    "a valid integer": "a whole number",
     "a valid ": "a ",
     "String should match pattern .*": "must be a letter, then letters, digits and _, at most 40 in all",
     "String should have at least 1 character": "must not be empty",
@@ -69,26 +70,46 @@ def fault(error: ErrorDetails, key: Key, table: type[BaseModel] | None = None) -
     """A finding of pydantic as a fault with its cure; `table`: that of the key, where the key does not say it."""
     kind = error["type"]
     if kind == "missing":
-        return lacking(key[:-1], str(key[-1]))
+        return _missing(key)
     if kind == "extra_forbidden":
         return _unknown(key, table or table_of(key[:-1]))
+    if kind.startswith("union_tag"):
+        return _other_kind(error, key)
     if kind == "value_error":
         return FaultError(key, str(error["msg"]).removeprefix("Value error, "))
-    given = shown(error["input"])
+    return _wrong_value(error, key)
+
+
+def _missing(key: Key) -> FaultError:
+    last = key[-1]
+    if isinstance(last, int):
+        return FaultError(key[:-1], f"must have at least {last + 1} entries: add what is missing")
+    return lacking(key[:-1], last)
+
+
+def _wrong_value(error: ErrorDetails, key: Key) -> FaultError:
+    kind, given, problem = error["type"], shown(error["input"]), str(error["msg"])
     if kind in ("model_type", "dict_type"):
         return FaultError(key, f"must be a table of keys, not {given}: write {_header(key)}")
     if kind == "tuple_type":
         return FaultError(key, f"must be a list, not {given}: write {_header(key, '[[', ']]')}")
-    problem = str(error["msg"])
     for said, plain in PLAIN.items():
         problem = re.sub(said, plain, problem)
     return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {given}: correct the value{unit_of(key)}")
 
 
+def _other_kind(error: ErrorDetails, key: Key) -> FaultError:
+    """A linkage whose kind is missing or none of those that there are."""
+    kinds = ", ".join(TAGS)
+    if error["type"] == "union_tag_not_found":
+        return FaultError(key, f"lacks the key kind: write one of {kinds}", ("kind",))
+    return FaultError((*key, "kind"), f"is {shown(error['input'].get('kind'))}: write one of {kinds}")
+
+
 def _header(key: Key, opening: str = "[", closing: str = "]") -> str:
     if len(key) == 1:
         return f"{opening}{key[0]}{closing} and its keys below it"
-    return "[...] with values" if opening == "[[" else "{ key = value, ... }"
+    return "[..., ...]" if opening == "[[" else "{ key = value, ... }"
 
 
 def _unknown(key: Key, table: type[BaseModel] | None) -> FaultError:
@@ -97,7 +118,8 @@ def _unknown(key: Key, table: type[BaseModel] | None) -> FaultError:
     cure = (
         f"did you mean {close[0]}?" if close else f"remove it; the table has {', '.join(own)}" if own else "remove it"
     )
-    return FaultError(key, f"is not a key of this table: {cure}", unknown=True)
+    where = "this table" if len(key) > 1 else "a machine file"
+    return FaultError(key, f"is not a key of {where}: {cure}", unknown=True)
 
 
 def table_of(key: Key) -> type[BaseModel] | None:
