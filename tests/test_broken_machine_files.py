@@ -313,9 +313,9 @@ def test_a_cylinder_over_two_joints_must_fit_in_their_postures(tmp_path, lengths
 
 
 def test_the_pressure_that_holds_the_payload_at_full_reach(tmp_path):
-    """By hand, for one boom cylinder: moments about the boom pin 1700 kg x 2.7 m + 900 x (5.7 + 1.05) + 800 x (5.7 + 2.9 +
-    0.65) + 1500 x (5.7 + 2.9 + 1.2) = 32765 kg m, times 9.80665 m/s^2 = 321.3 kN m; the largest lever is as long as the
-    foot is away from the boom pin, sqrt(0.55^2 + 0.62^2) = 0.829 m; pi / 4 x (0.12 m)^2 = 0.01131 m^2: 343 bar."""
+    """By hand, for one boom cylinder: moments about the boom pin 1700 kg x 2.7 m + 900 x (5.7 + 1.05) + 800 x (5.7 +
+    2.9 + 0.65) + 1500 x (5.7 + 2.9 + 1.2) = 32765 kg m, times 9.80665 m/s^2 = 321.3 kN m; the largest lever is the
+    foot's distance from the boom pin, sqrt(0.55^2 + 0.62^2) = 0.829 m; pi / 4 x (0.12 m)^2 = 0.01131 m^2: 343 bar."""
     path = tmp_path / "machine.toml"
     path.write_text(SHIPPED.replace("count = 2\n", "", 1))
     assert any("cylinders.boom needs at least 343 bar to carry" in said for said in load(path).warnings)
