@@ -65,7 +65,7 @@ def cylforce_(*words):
 # "@" stands for the folder of files, "M" for the machine file.
 MENDABLE = [
     ("run @/absent.toml --bus virtual:a", r"absent\.toml: cannot be read"),
-    ("run @/broken.toml --bus virtual:a", r"broken\.toml: is not TOML: .*line 1"),
+    ("run @/broken.toml --bus virtual:a", r"broken\.toml:1: .* is not TOML"),
     ("run @/unknown_key.toml --bus virtual:a", r"unknown_key\.toml:\d+: oops is not a key"),
     ("run @/no_rod.toml --bus virtual:a", r"no_rod\.toml:\d+: cylinders\.boom"),
     ("run @ --bus virtual:a", "cannot be read"),
@@ -80,7 +80,7 @@ MENDABLE = [
     ("run M --bus virtual:a --identified @/absent.toml", r"run `cylforce identify` first"),
     ("run M --bus virtual:a --identified M", r"provenance: .*identify` again"),
     ("run M --bus virtual:a --log @/absent/a.log", r"a\.log: cannot be written"),
-    ("commission @/broken.toml --bus virtual:a -o @/o.toml", r"broken\.toml: is not TOML"),
+    ("commission @/broken.toml --bus virtual:a -o @/o.toml", r"broken\.toml:1: .* is not TOML"),
     ("commission M --bus vcan0 -o @/o.toml", "has no channel"),
     (f"commission M --bus {NO_WAY_OUT} -o @/o.toml", "would send frames out of this machine"),
     ("commission M --bus virtual:a -o @/absent/o.toml", r"o\.toml: cannot be written: choose a file in a folder"),
@@ -119,7 +119,7 @@ MENDABLE = [
     ("replay M @/absent.log --bus virtual:a", r"absent\.log: does not exist"),
     ("replay M @/lacking.csv --bus virtual:a", r"lacking\.csv: has no column"),
     ("sim M --scenario dance", "choose moves or cycles"),
-    ("sim @/broken.toml", r"broken\.toml: is not TOML"),
+    ("sim @/broken.toml", r"broken\.toml:1: .* is not TOML"),
     ("sim M --mass-error nan", "is not a fraction"),
     ("sim M --scenario moves --duration nan", "nothing to simulate"),
     ("sim M", "nothing would come of this run: give --bus"),

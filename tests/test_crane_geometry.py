@@ -78,6 +78,10 @@ def test_bus_carries_the_digits_of_the_recording(loaded, data):
         assert np.abs(cells - np.round(cells)).max() < 0.51
 
 
+def test_its_machine_file_brings_no_warning(loaded):
+    assert loaded.warnings == ()
+
+
 def test_a_folder_without_parameters_is_refused_with_a_sentence(tmp_path):
     done = write(tmp_path, tmp_path / "crane.toml")
     assert done.returncode == 2

@@ -43,10 +43,10 @@ def run(
     log: Annotated[Path | None, typer.Option(help="Write the event log (candump text) there.")] = None,
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
+    from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.run import run_daemon
-    from cylforce.settings.machine_file import load
 
-    run_daemon(load(machine), bus, identified, log)
+    run_daemon(load_machine(machine), bus, identified, log)
 
 
 @app.command()
@@ -66,17 +66,17 @@ def identify(
 ) -> None:
     """Identify the empty machine's dynamic tares; our own logs name their machine file themselves."""
     from cylforce.files.atomic import check_outputs
+    from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.common.readings import machine_file_of, named_segments
     from cylforce.programs.identify import How, run_identify, show
     from cylforce.programs.reports.report import check_extra, write_report
-    from cylforce.settings.machine_file import load
 
     if report is not None:
         check_extra()
     machine, recordings = machine_file_of(files)
     check_outputs((output, report), (machine, *recordings, lift))
-    loaded = load(machine)
+    loaded = load_machine(machine)
     with progress_bar() as watch:
         found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg, refuse), watch)
         if report is not None:
@@ -94,10 +94,10 @@ def commission(
 ) -> None:
     """Guide whoever moves the empty machine until its tares can be identified, then identify them."""
     from cylforce.programs.commission import Order, run_commission
-    from cylforce.settings.machine_file import load
+    from cylforce.programs.common.machine_file import load_machine
 
     order = Order(bus, output, log or output.with_suffix(".log"), known_kg)
-    if not run_commission(load(machine), order, Console(highlight=False)):
+    if not run_commission(load_machine(machine), order, Console(highlight=False)):
         raise typer.Exit(INTERRUPTED)
 
 
@@ -113,11 +113,11 @@ def replay(
 ) -> None:
     """Put a recording through the service, or play it onto a bus."""
     from cylforce.files.atomic import check_outputs
+    from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.replay import run_replay, show, write_estimates
-    from cylforce.settings.machine_file import load
 
     check_outputs((output,), (machine, recording, identified))
-    loaded = load(machine)
+    loaded = load_machine(machine)
     if bus is not None:
         from cylforce.programs.live.player import play
 
@@ -203,11 +203,11 @@ def gap(
 ) -> None:
     """Say why recordings differ from the model: where, which effect, how far the gap shrinks with it."""
     from cylforce.files.atomic import check_outputs
+    from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.gap import Question, diagnose, known_loads
     from cylforce.programs.gap_output import Outputs, show, write_all
     from cylforce.programs.reports.report import check_extra, gap_report
-    from cylforce.settings.machine_file import load as load_machine
 
     if html is not None:
         check_extra()

@@ -20,12 +20,13 @@ import cylforce
 from cylforce.can.opening import open_bus
 from cylforce.files.atomic import replacing
 from cylforce.files.truth import read_truth
+from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.common.score import CycleScore, ForceScore, score_cycles, score_force
 from cylforce.programs.live.station import Counts, serve
 from cylforce.programs.run import Daemon, configure_messages, show_status
 from cylforce.service.step import Scale
-from cylforce.settings.machine_file import Loaded, load
+from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
 MOVES_S = 120.0
@@ -64,7 +65,7 @@ class Files(NamedTuple):
 def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None, output: Path | None) -> bool:
     """Show the main job; whether every cycle's load was booked. Raises the programs' own errors."""
     seed = secrets.randbits(32) if seed is None else seed
-    loaded, console = load(machine), Console(highlight=False)
+    loaded, console = load_machine(machine), Console(highlight=False)
     console.print(f"seed {seed}, bus {bus}, {clock} clock, {loaded.service.machine.name}")
     with TemporaryDirectory(prefix="cylforce-demo-") as folder:
         files = Files(Path(folder))

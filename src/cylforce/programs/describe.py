@@ -7,13 +7,14 @@ from rich.console import Console
 from cylforce.canopen.dictionary.dbc import dbc
 from cylforce.canopen.dictionary.eds import eds
 from cylforce.files.atomic import check_outputs, replacing
-from cylforce.settings.machine_file import Loaded, load
+from cylforce.programs.common.machine_file import load_machine
+from cylforce.settings.machine_file import Loaded
 
 
 def run_describe(machine: Path, eds_file: Path | None, dbc_file: Path | None) -> None:
     """Load, write what is asked for, tell. Raises SettingsError or RecordingError with a sentence."""
     check_outputs((eds_file, dbc_file), (machine,))
-    loaded = load(machine)
+    loaded = load_machine(machine)
     service = loaded.service
     sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0
     if eds_file is not None:

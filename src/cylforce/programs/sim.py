@@ -11,9 +11,10 @@ from cylforce.files.candump import event_line
 from cylforce.files.logfile import Header, header_lines, running_versions
 from cylforce.files.tables import SUFFIXES, Table, write_table
 from cylforce.files.truth import TruthWriter, truth_columns
+from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import Play, prepare
 from cylforce.programs.live.sim_bus import play_on_bus
-from cylforce.settings.machine_file import SettingsError, load
+from cylforce.settings.machine_file import SettingsError
 from cylforce.simulation.sensing import Record
 from cylforce.simulation.sensor_bus import bus_events
 
@@ -72,7 +73,7 @@ def run_sim(
     check_outputs((truth, log, table), (machine_file, effects))
     seed = secrets.randbits(32) if seed is None else seed
     play = prepare(
-        load(machine_file),
+        load_machine(machine_file),
         scenario,
         seed,
         mass_error,

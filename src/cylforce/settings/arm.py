@@ -1,20 +1,40 @@
-"""The arm's tables in the machine file: machine, links, tool, cylinders. Frozen models, unknown keys refused,
-units in the key names."""
+"""The arm's tables in the machine file: machine, links, tool, cylinders. Frozen models, unknown keys refused, units in
+the key names. The description of each key is its only documentation: the table in config/README.md and the JSON schema
+are made from it."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
-from cylforce.settings.units import HUGE
+from cylforce.settings.limits import (
+    Angle,
+    Bar,
+    Bore,
+    BoreTolerance,
+    CentreTolerance,
+    Coordinate,
+    CylinderLength,
+    Inertia,
+    InertiaTolerance,
+    Length,
+    LengthTolerance,
+    Mass,
+    MassTolerance,
+    Number,
+    Offset,
+    Payload,
+    PinTolerance,
+    Reach,
+    ReturnPressure,
+    Rod,
+)
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,39}$")]
-Positive = Annotated[float, Field(gt=0, lt=HUGE)]
-NotNegative = Annotated[float, Field(ge=0, lt=HUGE)]
-Number = Annotated[float, Field(gt=-HUGE, lt=HUGE)]
-XZ = Annotated[tuple[Number, Number], Field(strict=False)]
+NAME = r"^[A-Za-z][A-Za-z0-9_]{0,39}$"
+Name = Annotated[str, Field(pattern=NAME)]
+XZ = Annotated[tuple[Coordinate, Coordinate], Field(strict=False)]
 
 
-def _rising(value: object) -> object:
+def _rising(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is checked
     if isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(v, int | float) for v in value):
         if not value[0] < value[1]:
             raise ValueError(f"is {list(value)}: the first number must be the smaller one")
@@ -22,7 +42,10 @@ def _rising(value: object) -> object:
     return value
 
 
-Range = Annotated[tuple[Number, Number], BeforeValidator(_rising), Field(strict=False)]
+Rising = BeforeValidator(_rising)
+Range = Annotated[tuple[Number, Number], Rising, Field(strict=False)]
+AngleRange = Annotated[tuple[Angle, Angle], Rising, Field(strict=False)]
+LengthRange = Annotated[tuple[CylinderLength, CylinderLength], Rising, Field(strict=False)]
 
 
 class SettingsTable(BaseModel):
@@ -32,103 +55,144 @@ class SettingsTable(BaseModel):
 
 
 class MachineTable(SettingsTable):
-    """[machine]; `slew_axis_m`: x of the first pin seen from the slew axis; `payload_reach_m`: how far from
-    the last pin the middle of a load may lie, by default as far as the tooth line."""
+    """The machine as a whole."""
 
-    name: str = Field(min_length=1)
-    rated_payload_kg: Positive
-    slew_axis_m: Number = 0.0
-    payload_reach_m: Positive | None = None
+    name: str = Field(min_length=1, description="Name of the machine; it stands in reports and identified files.")
+    rated_payload_kg: Payload = Field(
+        description="Rated payload. It scales the published values and the limits of validity."
+    )
+    slew_axis_m: Offset = Field(default=0.0, description="x of the first pin, seen from the slew axis.")
+    payload_reach_m: Reach | None = Field(
+        default=None,
+        description="How far from the last pin the middle of a load may lie. Default: as far as the tooth line.",
+    )
 
 
 class LinkTolerance(SettingsTable):
-    """Half-widths within which a link's data are trusted."""
+    """How far a link's data may be off: half-widths."""
 
-    mass_percent: NotNegative = 10.0
-    centre_m: NotNegative = 0.05
-    inertia_percent: NotNegative = 25.0
-    length_m: NotNegative = 0.0
+    mass_percent: MassTolerance = Field(default=10.0, description="Of the mass.")
+    centre_m: CentreTolerance = Field(default=0.05, description="Of each coordinate of the centre of gravity.")
+    inertia_percent: InertiaTolerance = Field(default=25.0, description="Of the moment of inertia.")
+    length_m: LengthTolerance = Field(default=0.0, description="Of the length.")
 
 
 class LinkTable(SettingsTable):
-    """[[links]], house outwards; the frame's origin is the inner pin, x points to the outer pin (the last
-    link's: wherever its angle is measured to), z is x turned from forward to up. Default inertia: a slender
-    rod's."""
+    """A link of the arm, with all that is fixed to it; from the house outwards. Its frame begins at its inner pin; x
+    points to its outer pin (the last link's: to where its angle is measured to), z is x turned from forward to up."""
 
-    name: Name
-    length_m: Positive | None = None
-    mass_kg: Positive
-    centre_m: XZ
-    inertia_kg_m2: Positive | None = None
-    angle_range_deg: Range
-    tolerance: LinkTolerance = LinkTolerance()
+    name: Name = Field(description="Name, to be referred to. Letters, digits and _, at most 40.")
+    length_m: Length | None = Field(
+        default=None, description="From inner to outer pin. Required, except for the last link."
+    )
+    mass_kg: Mass = Field(description="Mass, with its share of the cylinders and bars that hang on it.")
+    centre_m: XZ = Field(description="[x, z] of the centre of gravity in the link's frame.")
+    inertia_kg_m2: Inertia | None = Field(
+        default=None,
+        description="Moment of inertia about the centre of gravity (not about the pin). Default: a slender rod's, "
+        "m l^2 / 12.",
+    )
+    angle_range_deg: AngleRange = Field(
+        description="[least, greatest] angle of the joint at its inner pin, measured from the link before it (the "
+        "first: from the house), positive upwards."
+    )
+    tolerance: LinkTolerance = Field(default=LinkTolerance(), description="How far these data may be off.")
 
 
 class ToolTable(SettingsTable):
-    """[tool]: the tooth line in the last link's frame."""
+    """The tooth line, where forces act."""
 
-    point_m: XZ
+    point_m: XZ = Field(description="[x, z] of the tooth line (or hook) in the last link's frame.")
 
 
 class Pin(SettingsTable):
-    """A pin: "chassis" or a link's name, and its place in that body's frame."""
+    """A pin, on one body."""
 
-    body: str = "chassis"
-    at_m: XZ
+    body: str = Field(
+        default="chassis", description='The body that the pin is fixed to: "chassis" (the house) or a link.'
+    )
+    at_m: XZ = Field(description="[x, z] in that body's frame; the chassis' begins at the first link's inner pin.")
 
 
 class TriangleTable(SettingsTable):
     """A cylinder straight between two pins."""
 
-    kind: Literal["triangle"]
-    foot: Pin
-    eye: Pin
+    kind: Literal["triangle"] = Field(description="A cylinder straight between two pins: boom, stick.")
+    foot: Pin = Field(description="The barrel's pin.")
+    eye: Pin = Field(description="The rod's pin.")
 
 
 class FourBarTable(SettingsTable):
-    """A cylinder on a rocker that turns about `rocker_pin` and drives `link_pin` through a link. The rocker's
-    end lies to the left or right of the direction rocker pin -> link pin. `eye_m`: the cylinder's eye in the
-    rocker's frame (x from rocker pin to rocker end, z to its left); by default the rocker's end."""
+    """A cylinder on a rocker that drives the next body through a link: bucket linkage, Z-bar."""
 
-    kind: Literal["four_bar"]
-    foot: Pin
-    rocker_pin: Pin
-    link_pin: Pin
-    rocker_m: Positive
-    link_m: Positive
-    side: Literal["left", "right"]
-    eye_m: XZ | None = None
+    kind: Literal["four_bar"] = Field(description="A cylinder that turns a rocker; a bar joins it to the driven body.")
+    foot: Pin = Field(description="The barrel's pin.")
+    rocker_pin: Pin = Field(description="The pin about which the rocker turns.")
+    link_pin: Pin = Field(description="The bar's pin on the driven body.")
+    rocker_m: Bar = Field(description="From the rocker's pin to its end, where the bar begins.")
+    link_m: Bar = Field(description="Length of the bar, pin to pin.")
+    side: Literal["left", "right"] = Field(
+        description="On which side of the line from rocker pin to link pin the rocker's end lies."
+    )
+    eye_m: XZ | None = Field(
+        default=None,
+        description="The rod's pin on the rocker: [along, left of] the line from rocker pin to rocker end. Default: "
+        "at the rocker's end.",
+    )
 
 
 class DogboneTable(SettingsTable):
-    """Two links that meet at the cylinder's eye: the inner one from `inner_pin`, the outer one to
-    `outer_pin`; the eye lies to the left or right of the direction inner pin -> outer pin."""
+    """A cylinder whose eye holds two bars: one to each body (loader cranes)."""
 
-    kind: Literal["dogbone"]
-    foot: Pin
-    inner_pin: Pin
-    outer_pin: Pin
-    inner_m: Positive
-    outer_m: Positive
-    side: Literal["left", "right"]
+    kind: Literal["dogbone"] = Field(description="A cylinder whose eye joins two bars, one to each body.")
+    foot: Pin = Field(description="The barrel's pin.")
+    inner_pin: Pin = Field(description="The inner bar's pin on the inner body.")
+    outer_pin: Pin = Field(description="The outer bar's pin on the outer body.")
+    inner_m: Bar = Field(description="Length of the inner bar, from its pin to the eye.")
+    outer_m: Bar = Field(description="Length of the outer bar, from its pin to the eye.")
+    side: Literal["left", "right"] = Field(
+        description="On which side of the line from inner pin to outer pin the eye lies."
+    )
 
 
 class CylinderTolerance(SettingsTable):
-    """Half-widths within which a cylinder's dimensions are trusted."""
+    """How far a cylinder's dimensions may be off: half-widths."""
 
-    bore_mm: NotNegative = 0.1
-    pins_m: NotNegative = 0.001
+    bore_mm: BoreTolerance = Field(default=0.1, description="Of the bore.")
+    pins_m: PinTolerance = Field(default=0.001, description="Of each coordinate of its pins.")
 
 
 class CylinderTable(SettingsTable):
-    """[[cylinders]]; `count` of them side by side; `length_range_m`: pin to pin, retracted and extended;
-    `rod_pressure_bar`: return pressure to reckon with where no rod-side sensor exists."""
+    """A cylinder, or several alike side by side."""
 
-    name: Name
-    bore_mm: Positive
-    rod_mm: Positive
-    count: int = Field(default=1, ge=1, le=8)
-    length_range_m: Range
-    rod_pressure_bar: NotNegative | None = None
-    linkage: TriangleTable | FourBarTable | DogboneTable = Field(discriminator="kind")
-    tolerance: CylinderTolerance = CylinderTolerance()
+    name: Name = Field(description="Name, to be referred to.")
+    bore_mm: Bore = Field(description="Diameter of the piston.")
+    rod_mm: Rod = Field(description="Diameter of the rod; smaller than the bore.")
+    count: int = Field(default=1, ge=1, le=8, description="How many of them work side by side.")
+    length_range_m: LengthRange = Field(description="Length from pin to pin: [retracted, extended].")
+    rod_pressure_bar: ReturnPressure | None = Field(
+        default=None, description="Return pressure to count on where no sensor measures the rod side."
+    )
+    linkage: TriangleTable | FourBarTable | DogboneTable = Field(
+        discriminator="kind", description="How the cylinder moves its joint."
+    )
+    tolerance: CylinderTolerance = Field(default=CylinderTolerance(), description="How far these data may be off.")
+
+    @field_validator("rod_mm")
+    @classmethod
+    def _thinner(cls, rod: float, info: ValidationInfo) -> float:
+        bore = info.data.get("bore_mm")
+        if bore is not None and rod >= bore:
+            raise ValueError(f"is {rod:g}, not smaller than bore_mm = {bore:g}: exchange or correct them")
+        return rod
+
+    @field_validator("length_range_m")
+    @classmethod
+    def _single_stage(cls, lengths: tuple[float, float]) -> tuple[float, float]:
+        low, high = lengths
+        if high >= 2.0 * low:  # the barrel of a single-stage cylinder is longer than its stroke
+            raise ValueError(
+                f"is [{low:g}, {high:g}]: a stroke of {high - low:g} m is more than the retracted length of {low:g} m "
+                "holds; write [retracted, extended], pin to pin"
+            )
+        return lengths

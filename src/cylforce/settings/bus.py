@@ -1,13 +1,13 @@
 """The bus part of the file: sensor nodes with their PDO layouts, our own publication, no identifier used
 twice."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from cylforce.canopen.dictionary import vendor_eds
 from cylforce.mechanics.installation import SensorNode
 from cylforce.service.publication import publication
-from cylforce.settings.error import FaultError, Key
+from cylforce.settings.error import FaultError, Inspection, Key
 from cylforce.settings.model import MachineFile, NodeTable, PdoTable, SensorTable, Skipped
 from cylforce.signals.kinds import UNIT
 from cylforce.signals.layout import CODES, TYPE_NAMES, Field, Pdo
@@ -17,34 +17,41 @@ TYPES = {"i8": "b", "u8": "B", "i16": "h", "u16": "H", "i32": "i", "u32": "I", "
 Entry = tuple[int, SensorTable]  # number of the sensor in the file
 
 
-def own_pdos(file: MachineFile) -> tuple[Pdo, ...]:
-    """What we publish. Raises FaultError where a value would not fit into its object."""
+def own_pdos(file: MachineFile, findings: Inspection) -> tuple[Pdo, ...]:
+    """What we publish; a value that would not fit into its object goes to `findings`."""
     own = file.publication
     if own.period_ms * file.filter.rate_hz < 1000.0:
-        raise FaultError(
-            ("publication", "period_ms"),
-            "is shorter than a step of filter.rate_hz: publish no faster than that",
-        )
+        problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
+        findings.errors.append(FaultError(("publication", "period_ms"), f"{problem}: publish no faster than that"))
     pdos = publication(own.node_id, own.period_ms * MILLIMETRE, file.machine.rated_payload_kg, own.rated_force_n)
-    for field in (field for pdo in pdos for field in pdo.fields):
-        if field.unit in ("kg", "N") and not _fits(field):
-            key: Key = ("publication", "rated_force_n") if field.unit == "N" else ("machine", "rated_payload_kg")
-            raise FaultError(key, f"is too large for {field.signal} ({TYPE_NAMES[field.code]}): make it smaller")
+    rated: tuple[tuple[str, Key], ...] = (
+        ("N", ("publication", "rated_force_n")),
+        ("kg", ("machine", "rated_payload_kg")),
+    )
+    for unit, key in rated:
+        large = [field for pdo in pdos for field in pdo.fields if field.unit == unit and not _fits(field)]
+        if large:
+            problem = f"is too large for {large[0].signal} ({TYPE_NAMES[large[0].code]}): make it smaller"
+            findings.refuse(key, problem)
     return pdos
 
 
-def nodes(file: MachineFile, folder: Path) -> tuple[SensorNode, ...]:
-    """The sensor nodes; EDS files are looked for in `folder`. Raises FaultError."""
-    _check_places(file)
-    found = tuple(_node(file, k, folder) for k in range(len(file.nodes)))
-    owner: dict[int, str] = {pdo.can_id: "our own publication" for pdo in own_pdos(file)}
-    for k, node in enumerate(found):
-        for pdo in node.pdos:
+def nodes(file: MachineFile, folder: Path, own: Iterable[Pdo], findings: Inspection) -> tuple[SensorNode, ...]:
+    """The sensor nodes; EDS files are looked for in `folder`, `own` are the PDOs that we send. Every error goes to
+    `findings`."""
+    made = [findings.attempt(_node, file, k, folder) for k in range(len(file.nodes))]
+    findings.errors.extend(_same_cob_ids(made, own))
+    return tuple(node for node in made if node is not None)
+
+
+def _same_cob_ids(made: Iterable[SensorNode | None], own: Iterable[Pdo]) -> Iterator[FaultError]:
+    owner: dict[int, str] = {pdo.can_id: "our own publication" for pdo in own}
+    for k, node in enumerate(made):
+        for pdo in node.pdos if node else ():
             if pdo.can_id in owner:
                 used = f"TPDO {pdo.number} has the COB-ID {pdo.can_id:03X}h of {owner[pdo.can_id]}"
-                raise FaultError(("nodes", k), f"cannot be told apart: {used}; give it another cob_id in nodes.pdos")
-            owner[pdo.can_id] = node.name
-    return found
+                yield FaultError(("nodes", k), f"cannot be identified: {used}; give it another cob_id in nodes.pdos")
+            owner.setdefault(pdo.can_id, node.name if node else "")
 
 
 def period_s(file: MachineFile, sensor: SensorTable) -> float:
@@ -53,26 +60,9 @@ def period_s(file: MachineFile, sensor: SensorTable) -> float:
     return _timing(file, node, sensor.pdo)[2]
 
 
-def _check_places(file: MachineFile) -> None:
-    names = [node.name for node in file.nodes]
-    for k, sensor in enumerate(file.sensors):
-        if sensor.node not in names:
-            raise FaultError(
-                ("sensors", k, "node"),
-                f"is {sensor.node!r}, which is no node: write one of {', '.join(names)}",
-            )
-    ids = {file.publication.node_id: "our own node"}
-    for k, node in enumerate(file.nodes):
-        if node.node_id in ids:
-            raise FaultError(("nodes", k, "node_id"), f"is also that of {ids[node.node_id]}: give each node its own")
-        ids[node.node_id] = node.name
-
-
 def _node(file: MachineFile, k: int, folder: Path) -> SensorNode:
     table = file.nodes[k]
     sensors = [(n, sensor) for n, sensor in enumerate(file.sensors) if sensor.node == table.name]
-    if not sensors:
-        raise FaultError(("nodes", k), "has no sensor: add one or remove the node")
     eds = _eds(table, k, folder)
     _check_twice((n, s.object) for n, s in sensors)
     numbers = sorted({sensor.pdo for _, sensor in sensors})
@@ -176,7 +166,7 @@ def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Fie
         name = TYPE_NAMES[field.code]
         raise FaultError(
             ("sensors", n, "range"),
-            f"exceeds what {name} with this scale can say: widen the type or the scale",
+            f"exceeds what {name} with this scale can say: take a wider type or a larger scale",
         )
     before, after = ([_gap(n, skipped, eds) for skipped in some] for some in (sensor.skip_before, sensor.skip_after))
     return [*before, field, *after]
@@ -187,7 +177,7 @@ def _gap(n: int, skipped: Skipped, eds: vendor_eds.Eds | None) -> Field:
 
 
 def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> str:
-    """The struct code of a mapped object: the file's, the EDS's, or both if they agree."""
+    """The struct code of a mapped object: the file's or the EDS file's; where both give one, they must agree."""
     said = TYPES[mapped.type] if mapped.type else None
     if eds is None:
         if said is None:
@@ -205,7 +195,7 @@ def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> 
 
 
 def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
-    """A node whose mapping cannot be written must already map what the file says."""
+    """Raises FaultError unless a node whose mapping cannot be written already maps what the file says."""
     mapped = vendor_eds.default_mapping(eds, pdo.number)
     wanted = tuple((f.index, f.sub, 8 * CODES[f.code]) for f in pdo.fields)
     if mapped != wanted:
@@ -217,7 +207,7 @@ def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
 
 
 def _fits(field: Field) -> bool:
-    """Whether the whole range can be said by the object's type ("no value" left free)."""
+    """Whether the object's type holds the whole range, apart from the one value that means "no value"."""
     if field.code == "f":
         return True
     bits = 8 * CODES[field.code]

@@ -1,57 +1,139 @@
-"""What is wrong with a machine file, said in one sentence: file, line, key, cure."""
+"""What is wrong with a machine file: each fault with file, line, key, limit and cure; all faults of a file together."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-
-from pydantic_core import ErrorDetails
-
-from cylforce.settings.units import shown
+from typing import NamedTuple, ParamSpec, TypeVar
 
 Key = tuple[str | int, ...]
-TAGS = (
-    "triangle",
-    "four_bar",
-    "dogbone",
-)  # pydantic puts the kind of a linkage into the key; the file has none there
+P = ParamSpec("P")
+T = TypeVar("T")
+
+# pydantic puts the kind of a linkage into the key; the file has none there
+TAGS = ("triangle", "four_bar", "dogbone")
+UNITS = {
+    "kg_m2": "kg m^2",
+    "m_s": "m/s",
+    "percent": "per cent",
+    "kg": "kg",
+    "mm": "mm",
+    "deg": "degrees",
+    "bar": "bar",
+    "hz": "Hz",
+    "ms": "ms",
+    "n": "N",
+    "m": "m",
+}
 
 
 class SettingsError(ValueError):
-    """A machine file that cannot be used; its text is one sentence that names file, line, key and cure."""
+    """A machine file that cannot be used. Its text is one sentence with file, line, key and cure; where there are
+    several errors, a first line with the file and their number, then one such sentence on each line."""
 
 
 class FaultError(ValueError):
-    """A fault at a key; `load` adds the file and the line."""
+    """A fault at a key; `load` adds file and line. `missing`: the keys of which one is not there; `unknown`: the key
+    itself is not one that its table has."""
 
-    def __init__(self, key: Sequence[str | int], problem: str) -> None:
+    def __init__(
+        self, key: Sequence[str | int], problem: str, missing: Sequence[str] = (), *, unknown: bool = False
+    ) -> None:
         super().__init__(problem)
-        self.key = tuple(key)
+        self.key = tuple(part for part in key if part not in TAGS)
+        self.missing, self.unknown = tuple(missing), unknown
 
 
-def sentence(path: Path, text: str, raw: object, key: Key, problem: str) -> str:
-    """The whole message."""
-    found = tuple(part for part in key if part not in TAGS)
-    return f"{path}:{line_of(text, found)}: {dotted(raw, found)} {problem}"
+class Inspection:
+    """Collects what is wrong (`errors`) and what is unusual (`warnings`)."""
+
+    def __init__(self) -> None:
+        self.errors: list[FaultError] = []
+        self.warnings: list[FaultError] = []
+
+    def refuse(self, key: Key, problem: str) -> None:
+        """One more error."""
+        self.errors.append(FaultError(key, problem))
+
+    def warn(self, key: Key, problem: str) -> None:
+        """One more warning."""
+        self.warnings.append(FaultError(key, problem))
+
+    def attempt(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | None:
+        """The function's result, or None and one more error."""
+        try:
+            return function(*args, **kwargs)
+        except FaultError as found:
+            self.errors.append(found)
+            return None
+
+
+class Source(NamedTuple):
+    """A file's path, its text, and what TOML makes of it: enough to say where a key stands."""
+
+    path: Path
+    text: str
+    raw: object
+
+
+def report(source: Source, faults: Iterable[FaultError]) -> str:
+    """The text of a SettingsError: every fault once, in the order of the file."""
+    found = sentences(source, _merged(list(faults)))
+    if len(found) == 1:
+        return found[0]
+    return "\n".join([f"{source.path}: {len(found)} errors", *found])
+
+
+def sentences(source: Source, faults: Iterable[FaultError]) -> tuple[str, ...]:
+    """Each fault as one sentence, in the order of the file."""
+    keys = [(written_key(source.raw, found.key), found) for found in faults]
+    lines = sorted(((line_of(source.text, key), key, found) for key, found in keys), key=lambda entry: entry[0])
+    said = [f"{source.path}:{line}: {dotted(source.raw, key)} {found}" for line, key, found in lines]
+    return tuple(dict.fromkeys(said))
+
+
+def _merged(faults: list[FaultError]) -> list[FaultError]:
+    """A missing key and the misspelt one beside it are one error."""
+    for lacking in [found for found in faults if found.missing]:
+        beside = {str(f.key[-1]): f for f in faults if f.unknown and f.key[:-1] == lacking.key}
+        for name in lacking.missing:
+            close = get_close_matches(name, beside, 1)
+            if close:
+                misspelt = beside[close[0]]
+                both = FaultError(
+                    misspelt.key, f"{str(misspelt).split(':')[0]}: did you mean {name}, which is missing?"
+                )
+                faults = [f for f in faults if f not in (lacking, misspelt)] + [both]
+                break
+    return faults
 
 
 def line_of(text: str, key: Key) -> int:
     """Line (from 1) of a key, or of the nearest table around it that can be found without parsing."""
     lines, at = text.splitlines(), 0
+    end = len(lines)
     for k, part in enumerate(key):
         if isinstance(part, int):
             continue
         after = key[k + 1] if k + 1 < len(key) else 0
-        header = rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]"
-        hits = _matches(lines, at, header)
+        hits = _matches(lines[:end], at, rf"\s*\[+\s*([\w.]+\.)?{re.escape(part)}\s*\]")
         if isinstance(after, int) and after < len(hits):
             at = hits[after]  # the n-th of several tables; else the n-th of an array's values, which is on its line
+            end = hits[after + 1] if after + 1 < len(hits) else _end(lines, at)
             continue
-        hits = hits or _matches(lines, at, rf"(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
+        hits = hits or _matches(lines[:end], at, rf"(.*[\s{{,.])?{re.escape(part)}\s*[.=]")
+        hits = hits or _matches(lines[:end], at, rf"\s*\[+\s*{re.escape(part)}\.[\w.]+\s*\]")
         if not hits:
             break
         at = hits[0]
     return at + 1
+
+
+def _end(lines: list[str], header: int) -> int:
+    """Where the table ends that begins at a header: at the next header that does not belong to it."""
+    name = lines[header].strip().strip("[]").strip()
+    others = _matches(lines, header + 1, rf"\s*\[+\s*(?!{re.escape(name)}\.)[\w.]+\s*\]")
+    return others[0] if others else len(lines)
 
 
 def _matches(lines: list[str], start: int, pattern: str) -> list[int]:
@@ -62,10 +144,13 @@ def dotted(raw: object, key: Key) -> str:
     """The key as a dotted path, with the names of table entries in place of their numbers."""
     parts: list[str] = []
     for part in key:
-        entry = _entry(raw, part)
-        name = entry.get("name") if isinstance(part, int) and isinstance(entry, dict) else None
-        parts.append(str(name) if name else f"#{part + 1}" if isinstance(part, int) else part)
-        raw = entry
+        raw = _entry(raw, part)
+        if isinstance(part, str):
+            parts.append(part)
+        elif isinstance(raw, dict) and raw.get("name"):
+            parts.append(shown(raw["name"]).strip("'"))
+        elif isinstance(raw, dict) or raw is None:
+            parts.append(f"#{part + 1}")
     return ".".join(parts) or "the file"
 
 
@@ -77,15 +162,33 @@ def _entry(raw: object, part: str | int) -> object:
     return None
 
 
-def fault(error: ErrorDetails, known: Sequence[str]) -> FaultError:
-    """A finding of pydantic as a fault with its cure."""
-    key, kind = error["loc"], error["type"]
-    if kind == "missing":
-        return FaultError(key[:-1], f"lacks the key {key[-1]}: add it")
-    if kind == "extra_forbidden":
-        close = get_close_matches(str(key[-1]), known, 1)
-        return FaultError(key, f"is not a key of this table: {f'did you mean {close[0]}' if close else 'remove it'}")
-    if kind == "value_error":
-        return FaultError(key, str(error["msg"]).removeprefix("Value error, "))
-    problem = str(error["msg"]).replace("Input should be", "must be").replace("Input should have", "must have")
-    return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {shown(error['input'])}: correct the value")
+def written_key(raw: object, key: Key) -> Key:
+    """The key as the file has it: `range` stands there as `range_bar`, `range_deg`, ..."""
+    table = value_at(raw, key[:-1])
+    if not key or not isinstance(table, dict) or key[-1] in table:
+        return key
+    named = [name for name in table if name.startswith(f"{key[-1]}_")]
+    return (*key[:-1], named[0]) if len(named) == 1 else key
+
+
+def value_at(raw: object, key: Key) -> object:
+    """The value at a key; None where there is none."""
+    for part in key:
+        raw = _entry(raw, part)
+    return raw
+
+
+def unit_of(key: Key) -> str:
+    """The unit of a key whose name ends in one, as the end of a sentence ("; it is in mm"); else nothing."""
+    name = next((part for part in reversed(key) if isinstance(part, str)), "")
+    unit = next((word for suffix, word in UNITS.items() if name.endswith(f"_{suffix}")), None)
+    return f"; it is in {unit}" if unit else ""
+
+
+def shown(value: object) -> str:
+    """A value of the file for a message, cut short."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of more digits than Python prints
+        return "a number of thousands of digits"
+    return text if len(text) <= 40 else text[:37] + "..."

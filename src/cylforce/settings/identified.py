@@ -19,10 +19,12 @@ from cylforce.signals.estimate import Array
 
 Number = Annotated[float, AllowInfNan(False)]
 FORMAT = 1
-SOUND_SCALE = (0.8, 1.25)  # of a machine that is as its data sheet says
+SOUND_SCALE = (0.8, 1.25)  # measured over true force: bores and pins as the data sheet says change it by less
 
 
 class _Strict(BaseModel):
+    """A table of the file; unknown keys are refused."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
@@ -39,7 +41,7 @@ class Provenance(_Strict):
 
 
 class IdentifiedParameter(_Strict):
-    """One parameter; not `from_recording`: the recording does not tell it, the data sheet's value was kept."""
+    """One parameter. Not `from_recording`: the recording does not determine it, so the data sheet's value was kept."""
 
     name: str
     unit: str
@@ -49,7 +51,7 @@ class IdentifiedParameter(_Strict):
 
 
 class IdentifiedFile(_Strict):
-    """The file's model."""
+    """The whole file."""
 
     provenance: Provenance
     friction: tuple[str, ...]

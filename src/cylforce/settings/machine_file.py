@@ -1,54 +1,74 @@
-"""`load`: a machine file (TOML) becomes the checked, frozen settings of the service, or one clear
-sentence."""
+"""`load`: a machine file (TOML) becomes the checked, frozen settings of the service, or a list of all its errors."""
 
 import hashlib
+import re
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ValidationError
-
 from cylforce.estimation.model import FRICTION
 from cylforce.files.tables import TableMap
-from cylforce.mechanics.installation import Filters, Health, Service
-from cylforce.settings import arm as settings_arm
-from cylforce.settings import model as settings_model
+from cylforce.mechanics.installation import Filters, Health, SensorNode, Service
+from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import nodes, own_pdos
-from cylforce.settings.error import FaultError, SettingsError, fault, sentence
-from cylforce.settings.machine import CHASSIS, machine
+from cylforce.settings.checks.plausibility import doubts
+from cylforce.settings.error import FaultError, Inspection, SettingsError, Source, report, sentences
+from cylforce.settings.limits import unusual
+from cylforce.settings.machine import machine
 from cylforce.settings.model import FilterTable, HealthTable, MachineFile
-from cylforce.settings.signals import check_enough, columns, signals
-from cylforce.settings.units import SUFFIXES, WORDS
+from cylforce.settings.names import name_faults
+from cylforce.settings.sections import read_sections
+from cylforce.settings.signals import columns, enough_faults, signals
+from cylforce.settings.units import file_in_si
+from cylforce.signals.layout import Pdo
 from cylforce.signals.units import DEGREE, MILLIMETRE
 
 __all__ = ["Loaded", "SettingsError", "default_filters", "load"]
 
-RESERVED = ("t_s", "t_us")  # the time in a recording
+ARM = frozenset({"machine", "links", "tool", "cylinders"})
+BUS = frozenset({"machine", "nodes", "sensors", "publication", "filter"})
 
 
 class Loaded(NamedTuple):
-    """A machine file: the settings, where its recordings' tables have time and signals (None: in `t_s` and
-    under the sensors' names, SI), the file itself and its SHA-256 as hexadecimal digits."""
+    """A machine file: the settings, where its recordings' tables have time and signals (None: in `t_s` and under the
+    sensors' names, SI), the file itself and its SHA-256 as hexadecimal digits. `warnings`: what is possible but
+    unusual, one sentence each."""
 
     service: Service
     columns: TableMap | None
     path: Path
     text: str
     sha256: str
+    warnings: tuple[str, ...] = ()
+
+
+class Parts(NamedTuple):
+    """What could be made of a file; None: not, because of an error."""
+
+    machine: Machine | None = None
+    nodes: tuple[SensorNode, ...] = ()
+    publication: tuple[Pdo, ...] = ()
+    columns: TableMap | None = None
 
 
 def load(path: Path | str) -> Loaded:
-    """Read a machine file. Raises SettingsError, one sentence that names file, line, key and cure."""
-    where = Path(path)
+    """Read a machine file.
+
+    Raises
+    ------
+    SettingsError
+        With every error of the file, each a sentence that names file, line, key, limit and cure.
+    """
+    where, findings = Path(path), Inspection()
     text = _text(where)
     raw = _parsed(where, text)
-    try:
-        file = _validated(raw)
-        service = _service(file, where.parent)
-        return Loaded(service, columns(file), where, text, hashlib.sha256(text.encode()).hexdigest())
-    except FaultError as found:
-        raise SettingsError(sentence(where, text, raw, found.key, str(found))) from None
+    source = Source(where, text, raw)
+    file, parts = _checked(raw, where.parent, findings)
+    if findings.errors or parts.machine is None:
+        raise SettingsError(report(source, findings.errors))
+    service = _service(file, parts.machine, parts)
+    warnings = sentences(source, findings.warnings)
+    return Loaded(service, parts.columns, where, text, hashlib.sha256(text.encode()).hexdigest(), warnings)
 
 
 def default_filters() -> Filters:
@@ -58,51 +78,87 @@ def default_filters() -> Filters:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8")
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read ({error.strerror}): give the path of a machine file") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"{path}: is not UTF-8 text at byte {error.start}: save it as UTF-8") from error
+    if not text.strip():
+        raise SettingsError(f"{path}: is empty: write [machine], [[links]] and the other tables of a machine file")
+    return text
 
 
 def _parsed(path: Path, text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # of TOML, of an endless number, of endless brackets
-        raise SettingsError(f"{path}: is not TOML: {error}; correct that line") from error
+        raise SettingsError(_syntax(path, text, str(error))) from error
 
 
-def _validated(raw: dict[str, Any]) -> MachineFile:
-    try:
-        return MachineFile.model_validate(raw)
-    except ValidationError as error:
-        raise fault(error.errors()[0], _known_keys()) from None
+def _syntax(path: Path, text: str, problem: str) -> str:
+    """A sentence for an error of TOML, which has a line but names no key."""
+    place = re.search(r" \(at line (\d+), column \d+\)", problem)
+    if place is None:
+        return f"{path}: is not TOML: {problem}; correct it"
+    number = int(place[1])
+    line = text.splitlines()[number - 1].strip() if number <= len(text.splitlines()) else ""
+    problem = problem.replace(place[0], "")
+    cure = "it stands there twice: remove one" if "overwrite" in problem or "twice" in problem else "correct it"
+    return f"{path}:{number}: {line[:60]!r} is not TOML: {problem}; {cure}"
 
 
-def _known_keys() -> Sequence[str]:
-    """All keys that a machine file may have, to guess what a misspelt one meant."""
-    models = [m for module in (settings_arm, settings_model) for m in vars(module).values() if isinstance(m, type)]
-    plain = {key for m in models if issubclass(m, BaseModel) for key in m.model_fields} - set(WORDS)
-    suffixes = {suffix for table in SUFFIXES.values() for suffix in table}
-    return sorted(plain | {f"{word}_{suffix}" for word in WORDS for suffix in suffixes})
+def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[MachineFile, Parts]:
+    """The file's sections and what they become. Each stage runs when the sections that it needs are right."""
+    file, good = read_sections(file_in_si(raw, findings), raw, findings)
+    findings.errors.extend(name_faults(raw))
+    bad = {str(found.key[0]) for found in findings.errors if found.key}
+    good -= bad
+    findings.errors.extend(_filter_faults(file.filter) if "filter" in good else ())
+    parts = Parts()
+    if good >= BUS:
+        own = own_pdos(file, findings)
+        parts = parts._replace(publication=own, nodes=nodes(file, folder, own, findings))
+    if good >= ARM:
+        parts = parts._replace(machine=_machine(file, good, findings))
+    if good >= {"sensors", "table"}:
+        parts = parts._replace(columns=columns(file, findings))
+    for name in sorted(good):
+        findings.warnings.extend(_unusual(file, name))
+    return file, parts
 
 
-def _service(file: MachineFile, folder: Path) -> Service:
-    _check_names(file)
-    _check_filter(file.filter)
-    for law in file.friction.effects:
-        if law not in FRICTION:
-            raise FaultError(("friction", "effects"), f"name {law!r}: choose among {', '.join(FRICTION)}")
-    if FRICTION[0] not in file.friction.effects:
-        problem = f"lack {FRICTION[0]!r}, without which a weight at rest has no honest error: add it"
-        raise FaultError(("friction", "effects"), problem)
-    sensor_nodes = nodes(file, folder)
-    built = machine(file, signals(file))
-    check_enough(file, built)
+def _machine(file: MachineFile, good: frozenset[str], findings: Inspection) -> Machine | None:
+    """The Machine, with its signals where the bus is right, and what is doubtful about it."""
+    seen = signals(file, findings) if good >= BUS else ()
+    built = machine(file, seen, findings)
+    if built is not None:
+        if good >= BUS and len(seen) == len(file.sensors):
+            findings.errors.extend(enough_faults(file, built))
+        found = doubts(built)
+        findings.errors.extend(found.errors)
+        findings.warnings.extend(found.warnings)
+    return built
+
+
+def _unusual(file: MachineFile, name: str) -> list[FaultError]:
+    section = getattr(file, name)
+    if isinstance(section, tuple):
+        return [found for k, table in enumerate(section) for found in unusual(table, (name, k))]
+    return list(unusual(section, (name,))) if section is not None else []
+
+
+def _filter_faults(table: FilterTable) -> list[FaultError]:
+    nyquist = table.rate_hz / 2.0
+    keys = [key for key in ("channel_hz", "regressor_hz", "smoothing_hz") if getattr(table, key) >= nyquist]
+    problem = f"is not below half of rate_hz ({nyquist:g} Hz, Nyquist): lower it"
+    return [FaultError(("filter", key), problem) for key in keys]
+
+
+def _service(file: MachineFile, built: Machine, parts: Parts) -> Service:
     return Service(
         machine=built,
-        nodes=sensor_nodes,
-        publication=own_pdos(file),
+        nodes=parts.nodes,
+        publication=parts.publication,
         node_id=file.publication.node_id,
         sync_producer=file.publication.sync_producer,
         heartbeat_s=file.publication.heartbeat_ms * MILLIMETRE,
@@ -111,22 +167,6 @@ def _service(file: MachineFile, folder: Path) -> Service:
         effects=tuple(sorted(set(file.friction.effects), key=FRICTION.index)),
         adapt=file.friction.adapt,
     )
-
-
-def _check_names(file: MachineFile) -> None:
-    for table in ("links", "cylinders", "nodes", "sensors"):
-        seen: set[str] = {CHASSIS} if table == "links" else set(RESERVED) if table == "sensors" else set()
-        for k, entry in enumerate(getattr(file, table)):
-            if entry.name in seen:
-                raise FaultError((table, k, "name"), f"is {entry.name!r}, which is taken: choose another")
-            seen.add(entry.name)
-
-
-def _check_filter(table: FilterTable) -> None:
-    for key in ("channel_hz", "regressor_hz", "smoothing_hz"):
-        if getattr(table, key) >= table.rate_hz / 2.0:
-            problem = f"is not below half of rate_hz ({table.rate_hz / 2.0:g} Hz, Nyquist): lower it"
-            raise FaultError(("filter", key), problem)
 
 
 def _filters(table: FilterTable) -> Filters:

@@ -1,27 +1,25 @@
 """The machine file as it is written (TOML): the tables of bus, sensors and estimator, and the whole file."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from cylforce.settings.arm import (
     CylinderTable,
     LinkTable,
     MachineTable,
     Name,
-    Positive,
     Range,
     SettingsTable,
     ToolTable,
 )
-from cylforce.settings.units import in_si, kind_in_si
+from cylforce.settings.limits import Cutoff, Force, Milliseconds, Positive, SlowSpeed
 from cylforce.signals.kinds import Kind
 
-Raw = object  # what TOML gave, before it is checked
 TypeName = Literal["i8", "u8", "i16", "u16", "i32", "u32", "f32"]
 
 
-def _address(value: object) -> object:
+def _address(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is checked
     if not isinstance(value, str):
         return value
     index, colon, sub = value.lower().partition(":")
@@ -40,159 +38,196 @@ def _not_zero(value: float) -> float:
     return value
 
 
-Address = Annotated[tuple[int, int], BeforeValidator(_address), Field(strict=False)]
+Address = Annotated[tuple[int, int], BeforeValidator(_address, json_schema_input_type=str), Field(strict=False)]
 Scale = Annotated[float, AfterValidator(_not_zero)]
+Object = Annotated[int, Field(ge=0, le=0xFFFFFFFF)]
+NodeId = Annotated[int, Field(ge=1, le=127)]
+PdoNumber = Annotated[int, Field(ge=1, le=512)]
+SyncEvery = Annotated[int, Field(ge=1, le=240)]
+Period = Annotated[int, Field(ge=1, le=65535)]
 
 
 class Identity(SettingsTable):
-    """Object 1018h; what is given is checked at start."""
+    """Object 1018h of a node: what is given is compared at start."""
 
-    vendor: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
-    product: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
-    revision: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
-    serial: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
+    vendor: Object | None = Field(default=None, description="Vendor-ID (1018h:1).")
+    product: Object | None = Field(default=None, description="Product code (1018h:2).")
+    revision: Object | None = Field(default=None, description="Revision number (1018h:3).")
+    serial: Object | None = Field(default=None, description="Serial number (1018h:4).")
 
 
 class PdoTable(SettingsTable):
-    """What one TPDO of a node does differently from its node's others."""
+    """What one TPDO of a node does differently from the node's others."""
 
-    number: int = Field(ge=1, le=512)
-    cob_id: int | None = Field(default=None, ge=0x181, le=0x57F)
-    transmission: Literal["sync", "event_timer"] | None = None
-    sync_every: int | None = Field(default=None, ge=1, le=240)
-    period_ms: int | None = Field(default=None, ge=1, le=65535)
+    number: PdoNumber = Field(description="Number of the TPDO.")
+    cob_id: int | None = Field(
+        default=None, ge=0x181, le=0x57F, description="COB-ID. Default: the predefined one of TPDO 1 to 4."
+    )
+    transmission: Literal["sync", "event_timer"] | None = Field(default=None, description="As the node's.")
+    sync_every: SyncEvery | None = Field(default=None, description="As the node's.")
+    period_ms: Period | None = Field(default=None, description="As the node's.")
 
 
 class NodeTable(SettingsTable):
-    """[[nodes]]: a sensor node. `transmission` "sync": after every `sync_every`-th SYNC (`period_ms` only
-    tells how often that is where SYNC is made by somebody else), "event_timer": every `period_ms` by itself.
-    `eds`: the vendor's EDS file, beside the machine file. `writable_mapping` false: the mapping is fixed and
-    only checked."""
+    """A sensor node on the bus."""
 
-    name: Name
-    node_id: int = Field(ge=1, le=127)
-    profile: Literal[0, 404, 406, 410] | None = None
-    identity: Identity = Identity()
-    heartbeat_ms: int = Field(default=500, ge=0, le=32767)
-    transmission: Literal["sync", "event_timer"] = "sync"
-    sync_every: int = Field(default=1, ge=1, le=240)
-    period_ms: int | None = Field(default=None, ge=1, le=65535)
-    eds: str | None = None
-    writable_mapping: bool = True
-    pdos: tuple[PdoTable, ...] = Field(default=(), strict=False)
+    name: Name = Field(description="Name, to be referred to.")
+    node_id: NodeId = Field(description="Its CANopen node-ID.")
+    profile: Literal[0, 404, 406, 410] | None = Field(
+        default=None,
+        description="CiA device profile, compared with object 1000h: 404 measuring devices, 406 encoders, "
+        "410 inclinometers, 0 any. Default: the EDS file's, else any.",
+    )
+    identity: Identity = Field(default=Identity(), description="Identity object, compared at start.")
+    heartbeat_ms: int = Field(
+        default=500, ge=0, le=32767, description="Heartbeat that is set in the node; 0: none, and none is expected."
+    )
+    transmission: Literal["sync", "event_timer"] = Field(
+        default="sync",
+        description='"sync": the node sends after every `sync_every`-th SYNC; "event_timer": every `period_ms`.',
+    )
+    sync_every: SyncEvery = Field(default=1, description="After how many SYNCs it sends.")
+    period_ms: Period | None = Field(
+        default=None,
+        description="Period of its event timer. With sync: how often it sends, where another node makes SYNC.",
+    )
+    eds: str | None = Field(default=None, description="The vendor's EDS file, in the machine file's folder.")
+    writable_mapping: bool = Field(
+        default=True, description="false: the node's PDO mapping is fixed; it is compared, not written."
+    )
+    pdos: tuple[PdoTable, ...] = Field(
+        default=(), strict=False, description="TPDOs that differ from what is said above."
+    )
 
 
 class Skipped(SettingsTable):
     """An object in a PDO that nobody reads."""
 
-    object: Address
-    type: TypeName | None = None
+    object: Address = Field(description="Index and sub-index.")
+    type: TypeName | None = Field(default=None, description="Its data type. Default: the EDS file's.")
 
 
 class SensorTable(SettingsTable):
-    """[[sensors]]: one measured quantity; several in one PDO follow each other in the order of the file.
-    `at`: the cylinder (pressures, force pin, length) or link (angle, inclination). scale, offset, range and
-    standard_error carry a unit in the file (`scale_bar`, ...) and are SI here."""
+    """One measured quantity; value = raw * scale + offset. Sensors in one PDO follow each other in the order of the
+    file. `scale`, `offset`, `range` and `standard_error` are written with a unit (`scale_bar`), the same one for all
+    four."""
 
-    name: Name
-    kind: Annotated[Kind, Field(strict=False)]
-    at: str | None = None
-    node: str
-    pdo: int = Field(default=1, ge=1, le=512)
-    object: Address
-    type: TypeName | None = None
-    scale: Scale = 1.0
-    offset: float = 0.0
-    range: Range
-    standard_error: Positive | None = None
-    skip_before: tuple[Skipped, ...] = Field(default=(), strict=False)
-    skip_after: tuple[Skipped, ...] = Field(default=(), strict=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _si(cls, raw: Raw) -> Raw:
-        return kind_in_si(raw) if isinstance(raw, dict) else raw
+    name: Name = Field(description="Name of the signal: the column in recordings.")
+    kind: Annotated[Kind, Field(strict=False)] = Field(description="What is measured.")
+    at: str | None = Field(
+        default=None,
+        description="The cylinder (pressures, force pin, length) or link (joint angle, inclination) that it is "
+        "mounted on; not for what belongs to the chassis.",
+    )
+    node: str = Field(description="Name of the node that sends it.")
+    pdo: PdoNumber = Field(default=1, description="Number of the TPDO that carries it.")
+    object: Address = Field(description='Index (hexadecimal) and sub-index in the node, e.g. "7130h:1".')
+    type: TypeName | None = Field(
+        default=None, description="Data type: i signed, u unsigned, f float, and its bits. Default: the EDS file's."
+    )
+    scale: Scale = Field(default=1.0, description="Size of one digit; negative where the sensor counts backwards.")
+    offset: float = Field(default=0.0, description="Value at digit 0.")
+    range: Range = Field(description="[least, greatest] value that can be true; beyond, the sensor counts as failed.")
+    standard_error: Positive | None = Field(
+        default=None,
+        description="Standard error of one value, noise only. Default: that of rounding to a digit; required for f32.",
+    )
+    skip_before: tuple[Skipped, ...] = Field(
+        default=(), strict=False, description="Objects before it in the PDO that nobody reads."
+    )
+    skip_after: tuple[Skipped, ...] = Field(
+        default=(), strict=False, description="Objects after it in the PDO that nobody reads."
+    )
 
 
 class FilterTable(SettingsTable):
-    """[filter]: see `core.service.Filters`."""
+    """Rate and cut-off frequencies of the estimator."""
 
-    rate_hz: float = Field(default=100.0, ge=10.0, le=1000.0)
-    channel_hz: Positive = 5.0
-    regressor_hz: Positive = 2.0
-    smoothing_hz: Positive = 2.0
-    direction_speed_m_s: Positive = 0.002
+    rate_hz: float = Field(default=100.0, ge=10.0, le=1000.0, description="Steps a second; also SYNC's rate.")
+    channel_hz: Cutoff = Field(default=5.0, description="Low-pass of angles and forces, before anything is computed.")
+    regressor_hz: Cutoff = Field(default=2.0, description="First-order low-pass of the dynamic terms and the torque.")
+    smoothing_hz: Cutoff = Field(default=2.0, description="Low-pass after it, of both alike.")
+    direction_speed_m_s: SlowSpeed = Field(
+        default=0.002, description="Cylinder speed below which the direction of friction is not known."
+    )
 
 
 class HealthTable(SettingsTable):
-    """[health]: when signals stop being believed; see `core.service.Health`."""
+    """When a signal counts as failed."""
 
-    hold_ms: Positive = 200.0
-    good_frames: int = Field(default=10, ge=1)
-    frozen_samples: int = Field(default=100, ge=2)
-    max_tilt_deg: float = Field(default=15.0, gt=0, le=90)
-    max_step_ms: Positive = 100.0
+    hold_ms: Milliseconds = Field(default=200.0, description="For how long a missing value is bridged.")
+    good_frames: int = Field(default=10, ge=1, description="How many good values in a row end a failure.")
+    frozen_samples: int = Field(
+        default=100, ge=2, description="How many equal values in a row, in motion, count as a failure."
+    )
+    max_tilt_deg: float = Field(default=15.0, gt=0, le=90, description="Pitch or roll beyond which nothing is valid.")
+    max_step_ms: Milliseconds = Field(default=100.0, description="Longest pause between two steps.")
 
 
 class PublicationTable(SettingsTable):
-    """[publication]: our own node."""
+    """Our own node on the bus."""
 
-    node_id: int = Field(default=64, ge=1, le=127)
-    period_ms: int = Field(default=100, ge=1, le=65535)
-    sync_producer: bool = True
-    heartbeat_ms: int = Field(default=500, ge=1, le=32767)
-    rated_force_n: Positive = 300_000.0
+    node_id: NodeId = Field(default=64, description="Our own node-ID.")
+    period_ms: Period = Field(default=100, description="How often results are published.")
+    sync_producer: bool = Field(default=True, description="Whether we make SYNC, at `filter.rate_hz`.")
+    heartbeat_ms: int = Field(default=500, ge=1, le=32767, description="Our own heartbeat.")
+    rated_force_n: Force = Field(default=300_000.0, description="Greatest tool force; scales what is published.")
 
 
 class FrictionTable(SettingsTable):
-    """[friction]: the friction laws to choose from; `adapt`: friction and zero of identified tares follow
-    temperature and wear."""
+    """The friction laws to choose from."""
 
     effects: tuple[str, ...] = Field(
-        default=("coulomb", "viscous", "delay", "load_dependent", "directional"), strict=False
+        default=("coulomb", "viscous", "delay", "load_dependent", "directional"),
+        strict=False,
+        description="Names of the laws; `coulomb` must be among them.",
     )
-    adapt: bool = True
+    adapt: bool = Field(
+        default=True, description="Whether friction and zero of identified parameters follow temperature and wear."
+    )
 
 
 class TimeColumn(SettingsTable):
     """The time in a recording's table."""
 
-    column: str = Field(default="t_s", min_length=1)
-    scale: Positive = 1.0
-
-    @model_validator(mode="before")
-    @classmethod
-    def _si(cls, raw: Raw) -> Raw:
-        return in_si(raw, "s", ("scale",)) if isinstance(raw, dict) else raw
+    column: str = Field(default="t_s", min_length=1, description="Name of the column.")
+    scale: Positive = Field(default=1.0, description="Unit of the column.")
 
 
 class RecordingTable(SettingsTable):
-    """[table]: where CSV and Parquet files of this machine have time and signals, when not in `t_s` and under
-    the sensors' names in SI. `signals` maps a sensor to {column, scale_bar, offset_bar, ...}."""
+    """Where CSV and Parquet files of this machine have time and signals, when not in `t_s` and under the sensors' names
+    in SI."""
 
-    time: TimeColumn = TimeColumn()
-    signals: dict[str, dict[str, object]] = Field(default_factory=dict)
+    time: TimeColumn = Field(default=TimeColumn(), description="The column of the time.")
+    signals: dict[str, dict[str, object]] = Field(
+        default_factory=dict,
+        description="For each sensor: { column, scale_..., offset_... }, value = cell * scale + offset.",
+    )
 
 
 class SignalColumn(SettingsTable):
-    """One signal's column, scale and offset in SI."""
+    """One signal's column; `scale` and `offset` are written with a unit (`scale_bar`), the same one for both."""
 
-    column: str = Field(min_length=1)
-    scale: Scale = 1.0
-    offset: float = 0.0
+    column: str = Field(min_length=1, description="Name of the column.")
+    scale: Scale = Field(default=1.0, description="Value of 1 in the column.")
+    offset: float = Field(default=0.0, description="Value at 0 in the column.")
 
 
 class MachineFile(SettingsTable):
-    """A whole machine file."""
+    """A machine file of cylforce."""
 
-    machine: MachineTable
-    links: tuple[LinkTable, ...] = Field(min_length=1, strict=False)
-    tool: ToolTable
-    cylinders: tuple[CylinderTable, ...] = Field(min_length=1, strict=False)
-    nodes: tuple[NodeTable, ...] = Field(min_length=1, strict=False)
-    sensors: tuple[SensorTable, ...] = Field(min_length=1, strict=False)
-    filter: FilterTable = FilterTable()
-    health: HealthTable = HealthTable()
-    publication: PublicationTable = PublicationTable()
-    friction: FrictionTable = FrictionTable()
-    table: RecordingTable | None = None
+    machine: MachineTable = Field(description="The machine as a whole.")
+    links: tuple[LinkTable, ...] = Field(
+        min_length=1, strict=False, description="The arm's links, from the house outwards."
+    )
+    tool: ToolTable = Field(description="The tooth line, where forces act.")
+    cylinders: tuple[CylinderTable, ...] = Field(min_length=1, strict=False, description="The arm's cylinders.")
+    nodes: tuple[NodeTable, ...] = Field(min_length=1, strict=False, description="The sensor nodes on the bus.")
+    sensors: tuple[SensorTable, ...] = Field(min_length=1, strict=False, description="What is measured.")
+    filter: FilterTable = Field(default=FilterTable(), description="Rate and cut-off frequencies of the estimator.")
+    health: HealthTable = Field(default=HealthTable(), description="When a signal counts as failed.")
+    publication: PublicationTable = Field(default=PublicationTable(), description="Our own node on the bus.")
+    friction: FrictionTable = Field(default=FrictionTable(), description="The friction laws to choose from.")
+    table: RecordingTable | None = Field(
+        default=None, description="Where this machine's CSV and Parquet files have time and signals."
+    )

@@ -1,5 +1,6 @@
 """The sensors of the file as signals: where each belongs, whether they are enough, a recording's columns."""
 
+from collections.abc import Iterator
 from math import sqrt
 
 import numpy as np
@@ -8,25 +9,18 @@ from pydantic import ValidationError
 from cylforce.files.tables import ColumnMap, TableMap
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import period_s
-from cylforce.settings.error import FaultError
+from cylforce.settings.error import FaultError, Inspection
 from cylforce.settings.model import MachineFile, SensorTable, SignalColumn
-from cylforce.settings.units import in_si
+from cylforce.settings.names import AT_CYLINDER, AT_LINK
+from cylforce.settings.sections import fault
+from cylforce.settings.units import COLUMN, in_si
 from cylforce.signals.kinds import UNIT, Kind, Signal
 
-AT_CYLINDER = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN, Kind.CYLINDER_LENGTH)
-AT_LINK = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
 
-
-def signals(file: MachineFile) -> tuple[Signal, ...]:
-    """The signals in the order of the file. Raises FaultError."""
-    found = tuple(_signal(file, k) for k in range(len(file.sensors)))
-    first: dict[tuple[Kind, int], str] = {}
-    for k, signal in enumerate(found):
-        other = first.setdefault((signal.kind, signal.index), signal.name)
-        if other != signal.name:
-            problem = f"measures the same as {other} ({signal.kind}): remove one or correct kind and at"
-            raise FaultError(("sensors", k), problem)
-    return found
+def signals(file: MachineFile, findings: Inspection) -> tuple[Signal, ...]:
+    """The signals in the order of the file; every error goes to `findings`."""
+    found = [findings.attempt(_signal, file, k) for k in range(len(file.sensors))]
+    return tuple(signal for signal in found if signal is not None)
 
 
 def _signal(file: MachineFile, k: int) -> Signal:
@@ -39,7 +33,7 @@ def _signal(file: MachineFile, k: int) -> Signal:
     return Signal(
         name=table.name,
         kind=table.kind,
-        index=_index(file, k, table),
+        index=_index(file, table),
         low=table.range[0],
         high=table.range[1],
         period_s=period_s(file, table),
@@ -47,92 +41,80 @@ def _signal(file: MachineFile, k: int) -> Signal:
     )
 
 
-def _index(file: MachineFile, k: int, table: SensorTable) -> int:
-    key = ("sensors", k, "at")
+def _index(file: MachineFile, table: SensorTable) -> int:
     if table.kind not in AT_CYLINDER + AT_LINK:
-        if table.at not in (None, "chassis"):
-            raise FaultError(key, f"is {table.at!r}, but {table.kind} belongs to the chassis: remove it")
         return 0
-    what = "cylinder" if table.kind in AT_CYLINDER else "link"
-    names = [entry.name for entry in (file.cylinders if table.kind in AT_CYLINDER else file.links)]
-    if table.at not in names:
-        said = "is missing" if table.at is None else f"is {table.at!r}, which is no {what}"
-        raise FaultError(key if table.at else key[:-1], f"(at) {said}: write one of {', '.join(names)}")
-    return names.index(table.at)
+    return [entry.name for entry in (file.cylinders if table.kind in AT_CYLINDER else file.links)].index(str(table.at))
 
 
-def check_enough(file: MachineFile, machine: Machine) -> None:
-    """Refuses a machine of which an angle or every torque is unknown."""
-    lengths = {s.index for s in machine.signals if s.kind is Kind.CYLINDER_LENGTH}
+def enough_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
+    """What is missing where an angle or every torque is unknown, and what contradicts itself."""
+    lengths = sorted({s.index for s in machine.signals if s.kind is Kind.CYLINDER_LENGTH})
     for c in lengths:
-        _check_inverse(machine, c)
+        yield from _inverse_faults(machine, c)
     by_length = {machine.spans[c][0] for c in lengths}
     direct = {s.index for s in machine.signals if s.kind in AT_LINK}
     for j, link in enumerate(machine.links):
         if j not in by_length | direct:
-            raise FaultError(
+            yield FaultError(
                 ("links", j),
                 "has no source of its angle, and all absolute angles beyond it are lost: add a sensor of "
                 f"kind joint_angle or link_inclination at {link.name}, or cylinder_length at its cylinder",
             )
-    _check_forces(file, machine)
+    yield from _force_faults(file, machine)
     if not machine.rows:
-        raise FaultError(
+        yield FaultError(
             ("sensors",), "measure no torque: add head_pressure (and rod_pressure) or force_pin at a cylinder"
         )
 
 
-def _check_inverse(machine: Machine, c: int) -> None:
+def _inverse_faults(machine: Machine, c: int) -> Iterator[FaultError]:
     k = next(n for n, s in enumerate(machine.signals) if s.kind is Kind.CYLINDER_LENGTH and s.index == c)
-    cylinder = machine.cylinders[c]
-    table = machine.tables[c]
+    cylinder, table = machine.cylinders[c], machine.tables[c]
     if table is None:
-        raise FaultError(
+        yield FaultError(
             ("sensors", k),
             f"is of no use: the length of {cylinder.name} depends on several joints; remove it",
         )
-    if np.any(np.diff(table[0]) <= 0.0):
+    elif np.any(np.diff(table[0]) <= 0.0):
         joint = machine.links[machine.spans[c][0]].name
-        raise FaultError(
+        yield FaultError(
             ("sensors", k),
             f"gives no one angle: {cylinder.name} has a dead point in {joint}'s angle_range_deg; narrow it",
         )
 
 
-def _check_forces(file: MachineFile, machine: Machine) -> None:
+def _force_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
     seen = {(s.kind, s.index) for s in machine.signals}
     for c, cylinder in enumerate(file.cylinders):
         head, rod = (Kind.HEAD_PRESSURE, c) in seen, (Kind.ROD_PRESSURE, c) in seen
         if rod and not head:
             k = next(n for n, s in enumerate(machine.signals) if (s.kind, s.index) == (Kind.ROD_PRESSURE, c))
-            raise FaultError(("sensors", k), f"is alone: add a head_pressure sensor at {cylinder.name}")
+            yield FaultError(("sensors", k), f"is alone: add a head_pressure sensor at {cylinder.name}")
         if head and (Kind.FORCE_PIN, c) in seen:
-            raise FaultError(("cylinders", c), "has a force pin and pressure sensors: keep one of them")
+            yield FaultError(("cylinders", c), "has a force pin and pressure sensors: keep one of them")
         if rod and cylinder.rod_pressure_bar is not None:
-            raise FaultError(("cylinders", c, "rod_pressure_bar"), "is measured by a sensor: remove this key")
+            yield FaultError(("cylinders", c, "rod_pressure_bar"), "is measured by a sensor: remove this key")
 
 
-def columns(file: MachineFile) -> TableMap | None:
-    """Where a recording's table has time and signals, or None where the file has no [table]. Raises
-    FaultError."""
+def columns(file: MachineFile, findings: Inspection) -> TableMap | None:
+    """Where a recording's table has time and signals, or None where the file has no [table]; every error goes to
+    `findings`."""
     if file.table is None:
         return None
     kinds = {sensor.name: sensor.kind for sensor in file.sensors}
-    unknown = next((name for name in file.table.signals if name not in kinds), None)
-    if unknown is not None:
-        problem = f"is no sensor: write one of {', '.join(kinds)}"
-        raise FaultError(("table", "signals", unknown), problem)
-    found = tuple(_column(name, raw, kinds[name]) for name, raw in file.table.signals.items())
+    known = [(name, raw) for name, raw in file.table.signals.items() if name in kinds]
+    found = tuple(column for name, raw in known if (column := _column(name, raw, kinds[name], findings)))
     return TableMap(file.table.time.column, file.table.time.scale, found)
 
 
-def _column(name: str, raw: dict[str, object], kind: Kind) -> ColumnMap:
+def _column(name: str, raw: dict[str, object], kind: Kind, findings: Inspection) -> ColumnMap | None:
     key = ("table", "signals", name)
+    before = len(findings.errors)
+    converted = in_si(raw, UNIT[kind], COLUMN, key, findings)
     try:
-        table = SignalColumn.model_validate(in_si(raw, UNIT[kind], ("scale", "offset")))
+        table = SignalColumn.model_validate(converted)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise FaultError((*key, *first["loc"]), f"is wrong ({first['msg']}): correct it") from None
-    except ValueError as error:
-        raise FaultError(key, str(error)) from None
-    return ColumnMap(name, table.column, table.scale, table.offset)
+        findings.errors.extend(fault(found, (*key, *found["loc"]), SignalColumn) for found in error.errors())
+        return None
+    return ColumnMap(name, table.column, table.scale, table.offset) if len(findings.errors) == before else None

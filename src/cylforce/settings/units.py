@@ -1,7 +1,10 @@
 """Units in the keys of a machine file: `scale_bar`, `range_deg`, ... become `scale`, `range`, ... in SI."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
+from cylforce.settings.error import FaultError, Inspection, Key, shown
+from cylforce.settings.limits import HUGE
 from cylforce.signals.kinds import UNIT, Kind
 from cylforce.signals.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, ZERO_CELSIUS
 
@@ -16,61 +19,95 @@ SUFFIXES: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": MILLIMETRE, "us": MICROSECOND},
 }
 ZERO = {"degc": ZERO_CELSIUS}
-HUGE = 1e12  # beyond this nothing is a measurement, and squares overflow
 WORDS = ("scale", "offset", "range", "standard_error")
+COLUMN = ("scale", "offset")
+ANY = (0.0, 1.0)  # in the place of a range that cannot be read: the file is refused, but its other keys are checked
 
 
-def kind_in_si(raw: Mapping[str, object], words: tuple[str, ...] = WORDS) -> dict[str, object]:
-    """`in_si` by the unit of `raw["kind"]`; as it is when there is no such kind."""
-    kind = raw.get("kind")
-    return in_si(raw, UNIT[Kind(kind)], words) if isinstance(kind, str) and kind in UNIT else dict(raw)
-
-
-def in_si(raw: Mapping[str, object], unit: str, words: tuple[str, ...] = WORDS) -> dict[str, object]:
-    """The table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix.
-
-    Raises ValueError with a sentence that names the key."""
-    suffixes, used, out = SUFFIXES[unit], set(), dict(raw)
-    _check_units(raw, suffixes, words)
-    for word in words:
-        for suffix, size in suffixes.items():
-            key = f"{word}_{suffix}"
-            if key in out:
-                used.add(suffix)
-                zero = 0.0 if word in ("scale", "standard_error") else ZERO.get(suffix, 0.0)
-                out[word] = _si(key, out.pop(key), size, zero)
-    if len(used) > 1:
-        raise ValueError(f"mixes the units {' and '.join(sorted(used))}: use one")
-    if used and "offset" in words and "offset" not in out:
-        out["offset"] = ZERO.get(used.pop(), 0.0)
+def file_in_si(raw: Mapping[str, Any], findings: Inspection) -> dict[str, Any]:
+    """The whole file with SI values in the tables that have units in their keys; every error goes to `findings`."""
+    sensors, table = raw.get("sensors"), raw.get("table")
+    out = dict(raw)
+    if isinstance(sensors, list):
+        out["sensors"] = [_sensor_in_si(one, ("sensors", k), findings) for k, one in enumerate(sensors)]
+    if isinstance(table, dict) and isinstance(table.get("time"), dict):
+        time = in_si(table["time"], "s", ("scale",), ("table", "time"), findings)
+        out["table"] = {**table, "time": time}
     return out
 
 
-def _check_units(raw: Mapping[str, object], suffixes: Mapping[str, float], words: tuple[str, ...]) -> None:
-    """Refuses keys without a unit and with another quantity's, and a range that is not given at all."""
-    foreign = {suffix for table in SUFFIXES.values() for suffix in table} - set(suffixes)
+def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
+    if not isinstance(raw, dict):
+        return raw
+    kind = raw.get("kind")
+    if isinstance(kind, str) and kind in UNIT:
+        return in_si(raw, UNIT[Kind(kind)], WORDS, key, findings)
+    any_unit = {f"{word}_{suffix}" for word in WORDS for table in SUFFIXES.values() for suffix in table}
+    return {"range": ANY, **{name: value for name, value in raw.items() if name not in any_unit}}
+
+
+def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Inspection) -> dict[str, Any]:
+    """The table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix. What is wrong
+    goes to `findings`, and its key is left out."""
+    suffixes, used, out = SUFFIXES[unit], list[str](), dict(raw)
+    findings.errors.extend(_unit_faults(raw, suffixes, words, key))
+    for name in _wrong(raw, suffixes, words):
+        del out[name]
     for word in words:
-        here = " or ".join(f"{word}_{suffix}" for suffix in suffixes)
-        if word in raw:
-            raise ValueError(f"has {word} without a unit: write {here}")
-        for suffix in foreign & {key.removeprefix(f"{word}_") for key in raw if key.startswith(f"{word}_")}:
-            raise ValueError(f"has {word}_{suffix}, the unit of another quantity: write {here}")
-        if word == "range" and not any(f"range_{suffix}" in raw for suffix in suffixes):
-            raise ValueError(f"lacks the values that are believed: add {here} = [low, high]")
+        for suffix, size in suffixes.items():
+            if f"{word}_{suffix}" in out:
+                used.append(suffix)
+                value = out.pop(f"{word}_{suffix}")
+                out[word] = findings.attempt(_si, (*key, f"{word}_{suffix}"), value, size, _zero(word, suffix))
+    if len(set(used)) > 1:
+        problem = f"mixes the units {' and '.join(sorted(set(used)))}: use one"
+        findings.errors.append(FaultError(key, problem))
+    if used and "offset" in words and "offset" not in out:
+        out["offset"] = ZERO.get(used[0], 0.0)
+    return _filled({word: value for word, value in out.items() if value is not None}, words)
 
 
-def _si(key: str, value: object, size: float, zero: float) -> object:
+def _filled(table: dict[str, Any], words: tuple[str, ...]) -> dict[str, Any]:
+    return {"range": ANY, **table} if "range" in words else table
+
+
+def _zero(word: str, suffix: str) -> float:
+    return ZERO.get(suffix, 0.0) if word in ("offset", "range") else 0.0
+
+
+def _wrong(raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[str, ...]) -> list[str]:
+    """The keys without a unit or with one of another quantity."""
+    foreign = {suffix for table in SUFFIXES.values() for suffix in table} - set(suffixes)
+    return [name for word in words for name in (word, *(f"{word}_{s}" for s in sorted(foreign))) if name in raw]
+
+
+def _unit_faults(
+    raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[str, ...], key: Key
+) -> Iterable[FaultError]:
+    """Keys without a unit and with another quantity's, and a range that is not given at all."""
+    wrong = _wrong(raw, suffixes, words)
+    for name in wrong:
+        word = next(word for word in words if name == word or name.startswith(f"{word}_"))
+        here = " or ".join(_keys(word, suffixes))
+        what = "has no unit" if name == word else "has the unit of another quantity"
+        yield FaultError((*key, name), f"{what}: write {here}")
+    if "range" in words and not any(name.split("_")[0] == "range" for name in wrong):
+        names = _keys("range", suffixes)
+        if not any(name in raw for name in names):
+            problem = f"lacks the range of values that can be true: add {' or '.join(names)} = [low, high]"
+            yield FaultError(key, problem, names)
+
+
+def _keys(word: str, suffixes: Mapping[str, float]) -> list[str]:
+    return [f"{word}_{suffix}" for suffix in suffixes]
+
+
+def _si(key: Key, value: object, size: float, zero: float) -> object:
     if isinstance(value, list):
-        return tuple(_si(key, one, size, zero) for one in value)
+        found = tuple(_si(key, one, size, zero) for one in value)
+        if len(value) == 2 and not value[0] < value[1]:
+            raise FaultError(key, f"is {shown(value)}: the first number must be the smaller one")
+        return found
     if isinstance(value, bool) or not isinstance(value, int | float) or not -HUGE < value < HUGE:
-        raise ValueError(f"has {key} = {shown(value)}: it must be a finite number")
+        raise FaultError(key, f"is {shown(value)}: it must be a finite number")
     return value * size + zero
-
-
-def shown(value: object) -> str:
-    """A value of the file for a message, cut short."""
-    try:
-        text = repr(value)
-    except ValueError:  # an integer of more digits than Python prints
-        return "a number of thousands of digits"
-    return text if len(text) <= 40 else text[:37] + "..."

@@ -1,0 +1,173 @@
+"""Whether an arm can be built, and whether it looks like the arm of a construction machine: checks that need several
+values at once. What cannot be is an error, what is unusual a warning; each says at which value, and what to look at.
+
+A limit that has no other source is a ratio of the data sheets of excavators (0.8 to 100 t), wheel loaders and loader
+cranes, with room on both sides. Ratios do not depend on the machine's size, so they find errors of unit and of sign
+that the limits of single values let pass."""
+
+import numpy as np
+
+from cylforce.mechanics.machine import Machine
+from cylforce.settings.checks.readings import doubt_signal
+from cylforce.settings.checks.strokes import doubt_cylinder
+from cylforce.settings.error import Inspection, Key
+from cylforce.signals.units import BAR, DEGREE, STANDARD_GRAVITY
+
+# (refused below, warned below, warned above, refused above)
+Limits = tuple[float, float, float, float]
+# kg/m: a steel tube of 40 x 3 mm has 2.7; mini excavators begin at 40; the booms of 300 t machines have about 3000
+MASS_PER_LENGTH: Limits = (2.0, 15.0, 5000.0, 30_000.0)
+# I / (m l^2) about the centre of gravity: 1/12 for a slender rod, 1/4 with all mass at both ends, 1/3 for a rod about
+# its pin - that is what one gets who takes the wrong axis
+GYRATION: Limits = (0.002, 0.02, 0.3, 1.0)
+# distance of the centre of gravity from the inner pin over the length: 0.3 to 0.6 as a rule
+CENTRE: Limits = (0.0, 0.02, 1.2, 2.0)
+# rated payload over the mass of the arm: 0.3 to 1.5
+PAYLOAD: Limits = (0.005, 0.03, 5.0, 50.0)
+# tooth line over the longest other link: 0.2 to 1.2
+TOOL: Limits = (0.0, 0.0, 2.0, 20.0)
+# degrees; a joint's whole range is 60 to 200, and its sine in radians read as degrees is below 5
+ANGLE_SPAN: Limits = (5.0, 20.0, 270.0, 360.0)
+# bar to hold the rated payload at full reach, by a cylinder at its best lever: relief valves open at 210 to 380, and
+# makers keep a fifth in hand
+HOLDING: Limits = (1.0, 8.0, 300.0, 700.0)
+# rod over bore: ISO 7181 has area ratios from 1.06 to 5; cylinders of mobile machines have 1.4 to 2.5, a rod of 0.53 to
+# 0.77 of the bore. A radius that is taken for a diameter falls outside.
+ROD: Limits = (0.1, 0.4, 0.85, 0.98)
+PIN_REACH = 1.5  # of the link's length: no pin lies further from the inner one (a stick's tail is 0.3 long)
+CHASSIS_REACH = 10.0  # m, of a pin on the house: as far as a boom is long that counts as the house
+CENTRE_TOLERANCE = 0.4  # of the length: more says nothing about where a centre is
+
+
+def doubts(machine: Machine) -> Inspection:
+    """Everything that is impossible (`errors`) or unusual (`warnings`) about a machine; keys are those of its file."""
+    found = Inspection()
+    for j in range(machine.size):
+        _doubt_link(machine, j, found)
+    for c in range(len(machine.cylinders)):
+        doubt_cylinder(machine, c, found)
+        _doubt_pins(machine, c, found)
+        _doubt_rod(machine, c, found)
+    _doubt_load(machine, found)
+    _doubt_drive(machine, found)
+    for k in range(len(machine.signals)):
+        doubt_signal(machine, k, found)
+    return found
+
+
+def _judge(found: Inspection, key: Key, value: float, limits: Limits, problem: str) -> None:
+    """An error or a warning when a value is beyond the limits."""
+    refuse_low, warn_low, warn_high, refuse_high = limits
+    if not refuse_low <= value <= refuse_high:
+        found.refuse(key, problem)
+    elif not warn_low <= value <= warn_high:
+        found.warn(key, problem)
+
+
+def _doubt_link(machine: Machine, j: int, found: Inspection) -> None:
+    link, key = machine.links[j], ("links", j)
+    length = max(link.length, 1e-9)
+    line = link.mass / length
+    problem = f"is {link.mass:g} on a length of {length:g} m, {line:.3g} kg/m; arms have 15 to 5000: check both"
+    _judge(found, (*key, "mass_kg"), line, MASS_PER_LENGTH, problem)
+    away = abs(complex(link.cx, link.cz)) / length
+    problem = f"is {away:.2g} of the length away from the inner pin; links have 0.3 to 0.6: check sign and unit"
+    _judge(found, (*key, "centre_m"), away, CENTRE, problem)
+    if link.cx < 0.0 and away >= CENTRE[1]:
+        found.warn((*key, "centre_m"), f"has x = {link.cx:g} m, behind the inner pin: check its sign")
+    gyration = link.inertia / (link.mass * length**2)
+    problem = (
+        f"is {link.inertia:g}, {gyration:.2g} m l^2; links have 0.06 to 0.2 about their centre of gravity "
+        "(not about the pin): check it"
+    )
+    _judge(found, (*key, "inertia_kg_m2"), gyration, GYRATION, problem)
+    _doubt_range(machine, j, found)
+    if link.centre_error * 3.0**0.5 > CENTRE_TOLERANCE * length:
+        half = link.centre_error * 3.0**0.5
+        found.warn((*key, "tolerance", "centre_m"), f"is {half:g} on a length of {length:g} m: check the unit")
+
+
+def _doubt_range(machine: Machine, j: int, found: Inspection) -> None:
+    link = machine.links[j]
+    low, high = link.angle_low / DEGREE, link.angle_high / DEGREE
+    problem = f"spans {high - low:.3g} degrees, joints have 20 to 270: check it"
+    if high - low > ANGLE_SPAN[3]:
+        problem = f"is [{low:g}, {high:g}] and spans more than a turn: give the joint's mechanical range"
+    elif high - low < 2.0 * np.pi and max(abs(low), abs(high)) <= 2.0 * np.pi:
+        problem = f"is [{low:g}, {high:g}], {high - low:.3g} degrees: these look like radians, write degrees"
+    _judge(found, ("links", j, "angle_range_deg"), high - low, ANGLE_SPAN, problem)
+
+
+def _doubt_pins(machine: Machine, c: int, found: Inspection) -> None:
+    for body, at in machine.cylinders[c].linkage.pins:
+        name = machine.links[body - 1].name if body else "chassis"
+        reach = PIN_REACH * machine.links[body - 1].length if body else CHASSIS_REACH
+        if abs(at) > reach:
+            problem = f"has a pin {abs(at):.2f} m away from the origin of {name}, expected are {reach:.2g} at most"
+            found.warn(("cylinders", c, "linkage"), f"{problem}: check at_m = [{at.real:g}, {at.imag:g}]")
+
+
+def _doubt_load(machine: Machine, found: Inspection) -> None:
+    """Payload and tool against the arm."""
+    mass = sum(link.mass for link in machine.links)
+    share = machine.rated_payload / mass
+    problem = (
+        f"is {machine.rated_payload:g}, {share:.2g} times the arm's mass of {mass:.0f} kg; machines have 0.3 to 1.5"
+    )
+    _judge(found, ("machine", "rated_payload_kg"), share, PAYLOAD, f"{problem}: check both")
+    tool = machine.tool
+    others = [link.length for link in machine.links[:-1]]
+    if others:
+        ratio = abs(tool) / max(others)
+        problem = f"is {abs(tool):g} m away from the last pin, {ratio:.2g} times the longest other link: check the unit"
+        _judge(found, ("tool", "point_m"), ratio, TOOL, problem)
+    if tool.real < 0.0:
+        found.warn(("tool", "point_m"), f"has x = {tool.real:g} m, behind the last pin: check its sign")
+    if machine.payload_reach > 3.0 * abs(tool):
+        problem = f"is {machine.payload_reach:g}, over three times as far as the tooth line: check it"
+        found.warn(("machine", "payload_reach_m"), problem)
+
+
+def _doubt_drive(machine: Machine, found: Inspection) -> None:
+    """Whether each joint has a cylinder, and one of the right size."""
+    for j, link in enumerate(machine.links):
+        acting = [c for c, span in enumerate(machine.spans) if j in span]
+        if not acting:
+            found.warn(
+                ("links", j), f"is moved by no cylinder: check the bodies of the pins, or add one at {link.name}"
+            )
+        own = [c for c in acting if machine.spans[c] == (j,)]
+        if len(own) == 1:  # what a cylinder over two joints adds is little: a tilt cylinder at the lift arm
+            _doubt_size(machine, j, own[0], found)
+
+
+def _doubt_rod(machine: Machine, c: int, found: Inspection) -> None:
+    cylinder = machine.cylinders[c]
+    ratio = float(np.sqrt(max(0.0, 1.0 - cylinder.area_rod / cylinder.area_head)))
+    problem = f"is {ratio:.2g} times bore_mm, cylinders have 0.5 to 0.8: check both (diameters, not radii)"
+    _judge(found, ("cylinders", c, "rod_mm"), ratio, ROD, problem)
+
+
+def _doubt_size(machine: Machine, j: int, c: int, found: Inspection) -> None:
+    pressure = _holding_pressure(machine, j, c) / BAR
+    if np.isfinite(pressure):
+        problem = (
+            f"needs at least {pressure:.0f} bar to carry the rated payload at full reach; machines have 20 to 300: "
+            "check bore_mm, count, the pins, masses and payload"
+        )
+        _judge(found, ("cylinders", c), pressure, HOLDING, problem)
+
+
+def _holding_pressure(machine: Machine, j: int, c: int) -> float:
+    """p = g sum(m x) / (r A) [Pa] on the head side, with the arm beyond joint j stretched out and level, at the
+    cylinder's largest lever r."""
+    theta = np.zeros((181, machine.size))
+    theta[:, j] = np.linspace(machine.links[j].angle_low, machine.links[j].angle_high, 181)
+    lever = np.abs(machine.geometry(theta).lever[:, c, j])
+    pin, moment = 0.0, 0.0
+    for k, link in enumerate(machine.links[j:], j):
+        moment += link.mass * (pin + link.cx)
+        pin += link.length if k + 1 < machine.size else 0.0
+    moment += machine.rated_payload * (pin + machine.payload_reach)
+    largest = float(np.nanmax(lever, initial=0.0))
+    return STANDARD_GRAVITY * moment / (largest * machine.cylinders[c].area_head) if largest > 0.0 else np.inf

@@ -1,0 +1,97 @@
+"""Whether a sensor's range and name fit what it measures, and the joint or cylinder that it is mounted on."""
+
+from cylforce.mechanics.machine import Machine
+from cylforce.settings.error import Inspection, Key
+from cylforce.settings.names import AT_CYLINDER, AT_LINK
+from cylforce.signals.kinds import Kind, Signal
+from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
+
+# Greatest less least value (refused below, warned below, warned above, refused above), in SI.
+SPANS: dict[Kind, tuple[float, float, float, float]] = {
+    # transmitters for mobile hydraulics end at 250, 400 or 600 bar
+    Kind.HEAD_PRESSURE: (10 * BAR, 90 * BAR, 700 * BAR, 3000 * BAR),
+    Kind.ROD_PRESSURE: (10 * BAR, 90 * BAR, 700 * BAR, 3000 * BAR),
+    # a cylinder of 60 mm pushes 70 kN at 250 bar, one of 300 mm 2.5 MN
+    Kind.FORCE_PIN: (1e3, 2e4, 1e7, 1e9),
+    Kind.JOINT_ANGLE: (2 * DEGREE, 10 * DEGREE, 400 * DEGREE, 800 * DEGREE),
+    Kind.LINK_INCLINATION: (2 * DEGREE, 20 * DEGREE, 400 * DEGREE, 800 * DEGREE),
+    Kind.CYLINDER_LENGTH: (20 * MILLIMETRE, 0.1, 7.0, 30.0),
+    # a machine stands on slopes of up to 30 degrees; inclinometers reach 180 to either side
+    Kind.PITCH: (2 * DEGREE, 10 * DEGREE, 360 * DEGREE, 800 * DEGREE),
+    Kind.ROLL: (2 * DEGREE, 10 * DEGREE, 360 * DEGREE, 800 * DEGREE),
+    # houses slew at up to 12 turns a minute, 72 degrees a second
+    Kind.SLEW_RATE: (2 * DEGREE, 40 * DEGREE, 2000 * DEGREE, 6000 * DEGREE),
+    Kind.SLEW_ANGLE: (2 * DEGREE, 90 * DEGREE, 1e5 * DEGREE, 1e9),
+    Kind.OIL_TEMPERATURE: (5.0, 50.0, 300.0, 1000.0),
+}
+COVERED = 0.5  # of the joint's or the cylinder's range: less cannot be worked with
+SLACK = 0.02  # of that range: a sensor's range may end so far within it
+NOISE_WARN, NOISE_REFUSE = 0.02, 0.25  # standard error over span: class 1 sensors have 0.005 at most
+SIDES = {Kind.HEAD_PRESSURE: ("head", "rod"), Kind.ROD_PRESSURE: ("rod", "head")}
+UNITS = {"Pa": (BAR, "bar"), "rad": (DEGREE, "deg"), "rad/s": (DEGREE, "deg/s")}
+
+
+def doubt_signal(machine: Machine, k: int, found: Inspection) -> None:
+    """What is impossible or unusual about a sensor."""
+    signal, key = machine.signals[k], ("sensors", k)
+    span, (refuse_low, warn_low, warn_high, refuse_high) = signal.high - signal.low, SPANS[signal.kind]
+    usual = f"sensors of {signal.kind} span {_shown(signal, warn_low)} to {_shown(signal, warn_high)}"
+    problem = f"spans {_shown(signal, span)}, {usual}: check value and unit"
+    if not refuse_low <= span <= refuse_high:
+        found.refuse((*key, "range"), problem)
+    elif not warn_low <= span <= warn_high:
+        found.warn((*key, "range"), problem)
+    _doubt_noise(signal, key, found)
+    _doubt_cover(machine, signal, key, found)
+    _doubt_name(machine, signal, key, found)
+
+
+def _doubt_noise(signal: Signal, key: Key, found: Inspection) -> None:
+    share = signal.standard_error / (signal.high - signal.low)
+    problem = (
+        f"is {_shown(signal, signal.standard_error)}, {100 * share:.2g} % of the range: check its unit, or the scale"
+    )
+    if share > NOISE_REFUSE:
+        found.refuse((*key, "standard_error"), problem)
+    elif share > NOISE_WARN:
+        found.warn((*key, "standard_error"), problem)
+
+
+def _doubt_cover(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
+    """A sensor must see its joint's or cylinder's whole range."""
+    if signal.kind is Kind.JOINT_ANGLE:
+        link = machine.links[signal.index]
+        low, high, what = link.angle_low, link.angle_high, f"{link.name}'s angle_range_deg"
+    elif signal.kind is Kind.CYLINDER_LENGTH:
+        cylinder = machine.cylinders[signal.index]
+        low, high, what = cylinder.length_low, cylinder.length_high, f"{cylinder.name}'s length_range_m"
+    else:
+        return
+    seen = min(high, signal.high) - max(low, signal.low)
+    problem = (
+        f"is {_shown(signal, signal.low)} to {_shown(signal, signal.high)}, {what} {_shown(signal, low)} to "
+        f"{_shown(signal, high)}: the sensor must see all of it; check sign, unit and offset"
+    )
+    if seen < COVERED * (high - low):
+        found.refuse((*key, "range"), problem)
+    elif max(signal.low - low, high - signal.high) > SLACK * (high - low):
+        found.warn((*key, "range"), problem)
+
+
+def _doubt_name(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
+    """A name that says another side or place than the sensor's own."""
+    words = signal.name.lower().split("_")
+    own, other = SIDES.get(signal.kind, ("", ""))
+    if other in words and own not in words:
+        found.warn((*key, "kind"), f"is {signal.kind}, but its name says {other}: exchange head and rod, or rename it")
+    if signal.kind not in AT_CYLINDER + AT_LINK:
+        return
+    names = [part.name for part in (machine.cylinders if signal.kind in AT_CYLINDER else machine.links)]
+    named = [name for name in names if name.lower() in words]
+    if named and names[signal.index] not in named:
+        found.warn((*key, "at"), f"is {names[signal.index]}, but its name says {named[0]}: correct one of them")
+
+
+def _shown(signal: Signal, value: float) -> str:
+    size, unit = UNITS.get(signal.unit, (1.0, signal.unit))
+    return f"{value / size:.4g} {unit}"

@@ -1,0 +1,162 @@
+"""Names and numbers in a machine file that must differ, and references that must lead somewhere. Works on what TOML
+gave, so that a wrong value elsewhere in the file hides nothing here."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from cylforce.estimation.model import FRICTION
+from cylforce.settings.arm import NAME
+from cylforce.settings.error import FaultError, Key, shown
+from cylforce.signals.kinds import Kind
+
+Raw = Mapping[str, Any]
+CHASSIS = "chassis"
+RESERVED = ("t_s", "t_us")  # the time in a recording
+AT_CYLINDER = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN, Kind.CYLINDER_LENGTH)
+AT_LINK = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
+OWN_NODE = 64  # publication.node_id where the file does not say it
+
+
+class RawTable(NamedTuple):
+    """A table of an array: its key and its content."""
+
+    key: Key
+    table: Raw
+
+
+def name_faults(raw: Raw) -> Iterator[FaultError]:
+    """Everything that is wrong with names, node-IDs, references, and sensors on one place."""
+    for table in ("links", "cylinders", "nodes", "sensors"):
+        yield from _taken_names(raw, table)
+    yield from _taken_node_ids(raw)
+    yield from _idle_nodes(raw)
+    for entry in entries(raw, "sensors"):
+        yield from _references(raw, entry)
+    yield from _same_places(raw)
+    yield from _bodies(raw)
+    yield from _laws(raw)
+    yield from _columns(raw)
+
+
+def entries(raw: Raw, table: str) -> list[RawTable]:
+    """The tables of an array, as far as they are tables."""
+    found = raw.get(table)
+    if not isinstance(found, list):
+        return []
+    return [RawTable((table, k), entry) for k, entry in enumerate(found) if isinstance(entry, dict)]
+
+
+def _names(raw: Raw, table: str) -> list[str]:
+    """All names of an array's tables; none when one is missing or wrong: it may be the one that is looked for."""
+    found = [entry.table.get("name") for entry in entries(raw, table)]
+    names = [name for name in found if isinstance(name, str) and re.match(NAME, name)]
+    return names if len(set(names) - _reserved(table)) == len(found) else []
+
+
+def _reserved(table: str) -> set[str]:
+    return {"links": {CHASSIS}, "sensors": set(RESERVED)}.get(table, set())
+
+
+def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
+    seen = _reserved(table)
+    for entry in entries(raw, table):
+        name = entry.table.get("name")
+        if isinstance(name, str):
+            if name in seen:
+                yield FaultError((*entry.key, "name"), f"is {shown(name)}, which is taken: choose another")
+            seen.add(name)
+
+
+def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
+    own = raw.get("publication")
+    number = own.get("node_id", OWN_NODE) if isinstance(own, dict) else OWN_NODE
+    seen = {number: "our own node"} if isinstance(number, int) else {}
+    for entry in entries(raw, "nodes"):
+        number = entry.table.get("node_id")
+        if not isinstance(number, int):
+            continue
+        if number in seen:
+            problem = f"is {number}, which is also that of {seen[number]}: give each node its own"
+            yield FaultError((*entry.key, "node_id"), problem)
+        seen.setdefault(number, str(entry.table.get("name")))
+
+
+def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
+    used, names = [entry.table.get("node") for entry in entries(raw, "sensors")], _names(raw, "nodes")
+    if not all(node in names for node in used):
+        return  # the wrong one may mean any node
+    for entry in entries(raw, "nodes"):
+        name = entry.table.get("name")
+        if isinstance(name, str) and name not in used:
+            yield FaultError(entry.key, "has no sensor: add one or remove the node")
+
+
+def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
+    node, names = sensor.table.get("node"), _names(raw, "nodes")
+    if isinstance(node, str) and names and node not in names:
+        yield FaultError((*sensor.key, "node"), f"is {shown(node)}, which is no node: write one of {', '.join(names)}")
+    kind, at = sensor.table.get("kind"), sensor.table.get("at")
+    if not isinstance(kind, str) or kind not in set(Kind) or not isinstance(at, str | None):
+        return
+    if kind in AT_CYLINDER + AT_LINK:
+        yield from _place(raw, sensor.key, kind, at)
+    elif at not in (None, CHASSIS):
+        problem = f"is {shown(at)}, but {kind} belongs to the chassis: remove it"
+        yield FaultError((*sensor.key, "at"), problem)
+
+
+def _place(raw: Raw, key: Key, kind: str, at: str | None) -> Iterator[FaultError]:
+    table = "cylinders" if kind in AT_CYLINDER else "links"
+    names = _names(raw, table)
+    if at is None:
+        yield FaultError(key, f"lacks the key at: write one of {', '.join(names)}", ("at",))
+    elif names and at not in names:
+        problem = f"is {shown(at)}, which is no {table[:-1]}: write one of {', '.join(names)}"
+        yield FaultError((*key, "at"), problem)
+
+
+def _same_places(raw: Raw) -> Iterator[FaultError]:
+    first: dict[tuple[str, str], object] = {}
+    for entry in entries(raw, "sensors"):
+        kind, at = entry.table.get("kind"), entry.table.get("at", CHASSIS)
+        if not isinstance(kind, str) or not isinstance(at, str):
+            continue
+        name = entry.table.get("name")
+        other = first.setdefault((kind, at), name)
+        if other != name:
+            problem = f"measures the same as {other} ({kind}): remove one or correct kind and at"
+            yield FaultError(entry.key, problem)
+
+
+def _bodies(raw: Raw) -> Iterator[FaultError]:
+    names = _names(raw, "links")
+    bodies = (CHASSIS, *names)
+    for cylinder in entries(raw, "cylinders"):
+        linkage = cylinder.table.get("linkage")
+        for name, pin in linkage.items() if names and isinstance(linkage, dict) else ():
+            body = pin.get("body") if isinstance(pin, dict) else None
+            if isinstance(body, str) and body not in bodies:
+                problem = f"is {shown(body)}, which is no link: write one of {', '.join(bodies)}"
+                yield FaultError((*cylinder.key, "linkage", name, "body"), problem)
+
+
+def _laws(raw: Raw) -> Iterator[FaultError]:
+    table = raw.get("friction")
+    laws = table.get("effects") if isinstance(table, dict) else None
+    if not isinstance(laws, list):
+        return
+    for law in laws:
+        if isinstance(law, str) and law not in FRICTION:
+            yield FaultError(("friction", "effects"), f"name {shown(law)}: choose among {', '.join(FRICTION)}")
+    if FRICTION[0] not in laws:
+        problem = f"lack {FRICTION[0]!r}, without which a weight at rest has no honest error: add it"
+        yield FaultError(("friction", "effects"), problem)
+
+
+def _columns(raw: Raw) -> Iterator[FaultError]:
+    table, names = raw.get("table"), _names(raw, "sensors")
+    signals = table.get("signals") if isinstance(table, dict) else None
+    for name in signals if names and isinstance(signals, dict) else ():
+        if name not in names:
+            yield FaultError(("table", "signals", name), f"is no sensor: write one of {', '.join(names)}")
