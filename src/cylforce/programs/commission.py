@@ -78,7 +78,7 @@ def _check(machine: Path, order: Order) -> None:
 
 
 def _writer(loaded: Loaded, order: Order, path: Path) -> LogWriter:
-    return LogWriter(path, header_of(loaded, None, order.bus, 0.0, 0.0), now_us(), order.bus.partition(":")[2])
+    return LogWriter(path, header_of(loaded, None, order.bus), now_us(), order.bus.partition(":")[2])
 
 
 def _collected(loaded: Loaded, guide: Guide, order: Order, console: Console) -> View:

@@ -15,8 +15,9 @@ from cylforce.can.bus import Bus
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_bus
 from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
-from cylforce.files.logfile import LogWriter
-from cylforce.programs.common.readings import header_of, make_core
+from cylforce.files.atomic import RecordingError
+from cylforce.files.logfile import Header, LogWriter, Rotation
+from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.service.step import Core, Scale, State, step
 from cylforce.settings.machine_file import Loaded
@@ -44,9 +45,10 @@ class Daemon(Station[State]):
         self.on_estimate: OnEstimate = _ignore
         self._told = LastLogged(Reason.STARTING, Status.INVALID, 0)
 
-    def commanded(self, verdict: int) -> None:
-        """Log the command."""
-        self._tell.info("zero or tare", abort=hex(verdict), **self.state.scale._asdict())
+    def before_tick(self, t_us: int) -> None:
+        """When the log is full: a new file, which begins with what the service remembers now."""
+        if self.log is not None and self.log.full:
+            self.log.turn(partial(continued, self.log.header, self.state), t_us)
 
     def after_sync(self) -> None:
         """Show what adaptation does, tell what has changed."""
@@ -150,13 +152,18 @@ def show_status(daemon: Daemon) -> None:
         sys.stdout.flush()
 
 
-def run_daemon(loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None) -> Counts:
+def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
+    if log.suffix.lower() != ".log":
+        raise RecordingError(f"--log {log}: must end in .log, as which it is read again")
+    return LogWriter(log, header, now_us(), header.bus.partition(":")[2], rotation=rotation)
+
+
+def run_daemon(loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None, rotation: Rotation) -> Counts:
     """The daemon until a signal. Raises BusError, SettingsError or RecordingError with a sentence."""
     configure_messages()
     core = make_core(loaded, identified)
     bus = open_bus(bus_name)
-    header = header_of(loaded, identified, bus_name, 0.0, 0.0)
-    writer = LogWriter(log, header, now_us(), bus_name.partition(":")[2]) if log else None
+    writer = _writer(header_of(loaded, identified, bus_name), log, rotation) if log else None
 
     async def main() -> Counts:
         daemon = Daemon(loaded, core, bus, writer, Scale())

@@ -25,8 +25,8 @@ def run(
     ] = 9,
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
+    from cylforce.files.logfile import Rotation
     from cylforce.programs.common.machine_file import load_machine
-    from cylforce.programs.run import LogOrder, run_daemon
+    from cylforce.programs.run import run_daemon
 
-    order = None if log is None else LogOrder(log, round(1e6 * log_size), log_keep)
-    run_daemon(load_machine(machine), bus, identified, order)
+    run_daemon(load_machine(machine), bus, identified, log, Rotation(round(1e6 * log_size), log_keep))

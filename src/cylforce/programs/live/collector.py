@@ -62,7 +62,7 @@ class Collector(Station[None]):
     def _collect(self, _: None, event: Event) -> tuple[None, Output]:
         """The step of this station: its state is its own."""
         if isinstance(event, Frame):
-            return None, Output(self.received(event))
+            return None, Output(self.received(event), words="refused: nothing is weighed during commissioning")
         self.ticked(event)
         return None, NOTHING
 
