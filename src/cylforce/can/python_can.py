@@ -6,8 +6,8 @@ import queue
 import select
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from types import ModuleType, TracebackType
+from typing import TYPE_CHECKING, Self, cast
 
 import can
 from can.interfaces import virtual
@@ -126,11 +126,7 @@ class Remote(Bus):
             raise BusError(f"{self.name}: no relay answers there ({error})") from error
 
     def _open(self) -> None:
-        try:
-            import can_remote
-        except ImportError as error:
-            raise BusError("remote buses need python-can-remote: pip install 'cylforce[remote]'") from error
-        self._bus = can_remote.RemoteBus(f"ws://{self._address}")
+        self._bus = _can_remote().RemoteBus(f"ws://{self._address}")
         self._bus.socket.settimeout(1.0)  # between the bytes of one frame
 
     def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -172,14 +168,21 @@ class Remote(Bus):
         return self._sent(can_id, data)
 
 
+def _can_remote() -> ModuleType:
+    """The package, which only the extra `remote` installs. Raises BusError with a sentence."""
+    try:
+        import can_remote
+    except ImportError as error:
+        raise BusError("remote buses need python-can-remote: pip install 'cylforce[remote]'") from error
+    return cast(ModuleType, can_remote)
+
+
 class Relay:
     """The relay between `remote` buses, in threads of this process: `with Relay() as relay:
     open_bus(relay.name)`."""
 
     def __init__(self, port: int = 0) -> None:
-        import can_remote
-
-        self._server = can_remote.RemoteServer(HOST, port, interface="virtual", channel=f"relay {id(self)}")
+        self._server = _can_remote().RemoteServer(HOST, port, interface="virtual", channel=f"relay {id(self)}")
         self.name = f"remote:{HOST}:{self._server.server_port}"
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
 

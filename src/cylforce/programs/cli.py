@@ -60,7 +60,7 @@ def user_errors() -> tuple[type[Exception], ...]:
 def main() -> None:
     """Entry point of the ``cylforce`` command: an error that a user can correct is one sentence, not a traceback."""
     try:
-        app()
+        app(prog_name="cylforce")  # also where it runs as `python -m cylforce`
     except SystemExit:  # the ordinary end, without loading what only errors need
         raise
     except user_errors() as error:

@@ -14,7 +14,7 @@ def demo(
     machine: Annotated[
         Path | None, typer.Option(help="The machine file. Without it, the shipped 20 t excavator.")
     ] = None,
-    bus: Bus = "remote:127.0.0.1",
+    bus: Bus = "virtual:demo",
     clock: Annotated[
         str, typer.Option(help="Which clock this machine has; printed and written, nothing else.")
     ] = "real",
@@ -24,7 +24,8 @@ def demo(
 ) -> None:
     """Show the main job on the simulated machine.
 
-    Identification, digging, weighing, comparison with the truth."""
+    Identification, digging, weighing, comparison with the truth. The bus is one inside this process; `--bus
+    remote:127.0.0.1` takes a relay of its own, `--bus socketcan:vcan0` the kernel's virtual bus."""
     from cylforce.files.shipped import shipped
     from cylforce.programs.demo import run_demo
 
