@@ -13,7 +13,7 @@ from cylforce.programs.cli import app
 
 DAY = ["new", "describe", "commission", "identify", "run", "replay", "gap", "sim", "demo", "config"]
 # The promise to the user. Here `--version` and `--help` take 0.08 s of processor time, `run --help` 0.18 s (typer then
-# loads pydantic), of which Python alone 0.03 s: a machine that is slower by half still keeps it. Processor time, because
+# loads pydantic), of which Python alone 0.03 s: a machine that is slower by half still keeps it. Processor time, as
 # other programs lengthen the time on the clock; the shortest of three calls, because the first one may have to compile.
 LONGEST_S = 0.3
 HEAVY = ("numpy", "scipy", "structlog", "can", "canopen", "tomlkit")

@@ -13,6 +13,7 @@ KINDS = {
     ".link": "systemd-networkd: transmit queue of can0",
     ".md": "text to read",
     ".network": "systemd-networkd: bit rate of can0",
+    ".svg": "drawing of the machine and its sensors",
     ".service": "systemd unit of the service",
 }
 
