@@ -18,11 +18,9 @@ def run(
     identified: IdentifiedFile = None,
     log: Annotated[Path | None, typer.Option(help="Write the event log there (candump text).")] = None,
     log_size: Annotated[
-        float, typer.Option(metavar="MB", min=1.0, help="Start a new log file when this one is so large.")
+        float, typer.Option(metavar="MB", min=1.0, help="Begin a new log file at this size; 100 MB are half an hour.")
     ] = 100.0,
-    log_keep: Annotated[
-        int, typer.Option(min=0, help="How many older log files to keep: FILE.1.log is the oldest at first.")
-    ] = 9,
+    log_keep: Annotated[int, typer.Option(min=0, help="How many older files to keep, FILE.NUMBER.log.")] = 9,
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
     from cylforce.files.logfile import Rotation
