@@ -1,5 +1,5 @@
-"""The buses for machines without SocketCAN, through python-can: `virtual` inside a process, `remote` between
-processes of this machine by a relay at 127.0.0.1. Neither arbitrates nor limits the rate."""
+"""Buses for computers without SocketCAN, through python-can: `virtual` inside one process, `remote` between processes
+of this computer through a relay at 127.0.0.1. Unlike a real bus, neither has arbitration or a bit rate."""
 
 import asyncio
 import queue
@@ -38,7 +38,8 @@ def _can_id(message: can.Message) -> int:
 
 
 class _Mailbox(queue.Queue[can.Message]):
-    """A receive queue that tells when something has come, and never makes the sender wait."""
+    """A receive queue that calls `arrived` for each frame. A sender never waits: when the queue is full, the frame is
+    lost and counted."""
 
     def __init__(self, arrived: Callable[[], None]) -> None:
         super().__init__()
@@ -54,8 +55,8 @@ class _Mailbox(queue.Queue[can.Message]):
 
 
 class Virtual(Bus):
-    """`virtual:NAME`: python-can's, so that anything that speaks python-can may join. Frames may come from
-    any thread."""
+    """`virtual:NAME`: python-can's virtual bus, so that other programs in this process can use python-can on it. Frames
+    may come from any thread."""
 
     def __init__(self, channel: str, now: Callable[[], int]) -> None:
         super().__init__(f"virtual:{channel}")
@@ -138,7 +139,7 @@ class Remote(Bus):
             return
         if self._loop is not None:
             self._loop.remove_reader(self._bus.socket)
-        can.BusABC.shutdown(self._bus)  # its own waits for the relay's answer, for ever if need be
+        can.BusABC.shutdown(self._bus)  # RemoteBus.shutdown would wait for the relay's answer without a time limit
         self._bus.socket.close()
         self._bus = None
 
@@ -149,7 +150,7 @@ class Remote(Bus):
                 return
             try:
                 message = self._bus.recv(0.0)
-            except Exception:  # noqa: BLE001 - the client raises what its parser happens to raise when the relay goes
+            except Exception:  # noqa: BLE001 - when the relay ends, the client raises whatever its parser raises
                 self._lost()
                 return
             if message is not None:

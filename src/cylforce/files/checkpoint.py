@@ -1,4 +1,4 @@
-"""A program's state as JSON and back, to the last bit: tuples, numbers, enumerations, arrays.
+"""A program's state as JSON and back, without loss: tuples, numbers, enumerations, arrays.
 
 A log that continues an earlier one begins with the state of the service at that moment, so that a replay of it alone
 gives the same bytes as the service gave."""
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 class PackedArray(BaseModel):
     """An array: its elements' type in numpy's words, its shape, its bytes in base 64. `by_columns`: the order of its
-    elements in memory, for linear algebra may round otherwise in another."""
+    elements in memory, because linear algebra may round differently in the other order."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -1,8 +1,8 @@
-"""The event log: a header, then every event in the order in which the core saw it, as candump text.
+"""The event log: a header, then every event in the order in which the service received it, as candump text.
 
 The header is JSON, eight bytes a line, on a pseudo-channel, in frames of an identifier unused by CANopen.
-Comment lines would be plainer, but wireshark refuses files that hold any. can-utils plays such a log when the
-bus is named (`canplayer -I LOG can0=can0`), which leaves the pseudo-channels out.
+Comment lines would be simpler, but wireshark refuses files that contain any. can-utils plays such a log when the bus is
+named (`canplayer -I LOG can0=can0`), which leaves the pseudo-channels out.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ from cylforce.files.candump import HEAD, SENT, TICK, Line, Sent, event_line, lin
 from cylforce.signals.events import Event
 
 FORMAT = 1
-FLUSH_US = 500_000  # a kill loses no more than this
+FLUSH_US = 500_000  # when the program is killed, no more than this is lost
 BLOCK_LINES = 4096
 BACKLOG_BYTES = 16_000_000  # minutes of a busy bus: a disk that stalls for longer has failed
 CLOSE_S = 5.0
@@ -53,7 +53,7 @@ class Header(BaseModel):
 
 
 def running_versions() -> dict[str, str]:
-    """What the last bit of a result depends on, beside the events."""
+    """Versions on which the last digit of a result depends, besides the events."""
     libraries = {name: version(name) for name in ("numpy", "scipy")}
     return {
         "cylforce": cylforce.__version__,
@@ -69,7 +69,8 @@ def file_sha256(path: Path) -> str:
 
 
 def mismatches(path: Path, recorded: Header, now: Header) -> tuple[str, ...]:
-    """Sentences that say why a replay with what is here now need not repeat the recording bit by bit."""
+    """Why a replay with the present files and versions may differ from the recording: one sentence for each
+    difference."""
     found = []
     if recorded.machine_sha256 != now.machine_sha256:
         found.append(f"{path} was recorded with another machine file ({recorded.machine}) than {now.machine}")
@@ -97,7 +98,7 @@ def header_lines(header: Header, t_us: int) -> str:
 
 
 def header_from(path: Path, lines: Iterable[Line]) -> Header | None:
-    """The header that the first lines of a log spell; None when they begin with anything else.
+    """The header in the first lines of a log; None when it has none.
 
     Raises
     ------
@@ -175,7 +176,7 @@ class LogWriter:
         return self._logged - self._kept if self.failure else 0
 
     def log(self, event: Event | Sent) -> None:
-        """Take an event, before the core does, or a frame that we sent."""
+        """Log an event, before the service processes it, or a frame that our node sent."""
         self._logged += 1
         if self.failure is None:
             self._lines.append(event_line(event, self._channel))
@@ -196,7 +197,7 @@ class LogWriter:
             self._blocks.put(_Turn(header, t_us))
 
     def flush(self) -> None:
-        """Hand what has gathered to the writing thread."""
+        """Pass the lines gathered so far to the writing thread."""
         block, events = "".join(self._lines).encode("ascii"), len(self._lines)
         self._lines.clear()
         if self._handed - self._done > BACKLOG_BYTES:
@@ -266,8 +267,8 @@ class LogWriter:
 
 
 def _opened(path: Path, rotation: Rotation | None) -> FileIO:
-    """The file, empty. One of this name is kept as NAME.NUMBER.log, for the log before a crash is the one wanted; with
-    a rotation the oldest of these are deleted."""
+    """The file, empty. A log of this name is kept as NAME.NUMBER.log, because the log before a crash is the one of
+    interest. With a rotation the oldest ones are deleted."""
     older = _older(path)
     if path.is_file() and path.stat().st_size:
         number = 1 + max(older, default=0)

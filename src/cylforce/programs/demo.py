@@ -32,7 +32,7 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
 MOVES_S = 120.0
-MASS_ERROR = 0.1  # of the true masses; as `cylforce sim` has it when nothing is said
+MASS_ERROR = 0.1  # of the true masses, as a fraction; the default of `cylforce sim`
 RELAY = "remote:127.0.0.1"
 
 
@@ -61,7 +61,7 @@ class Files(NamedTuple):
 
     @property
     def truth(self) -> Path:
-        """What the daemon never reads."""
+        """The truth, which the daemon never reads."""
         return self.folder / "truth.csv"
 
 

@@ -1,4 +1,5 @@
-"""`cylforce run`: the daemon. One loop, one clock, one bus; everything that it concludes comes from `core.step`."""
+"""`cylforce run`: the service as a daemon, with one event loop, one clock and one bus. All results come from
+`service.step.step`."""
 
 import asyncio
 import sys
@@ -29,7 +30,7 @@ OnEstimate = Callable[[Estimate], None]
 
 
 class LastLogged(NamedTuple):
-    """What was said last: only changes are logged."""
+    """The state that was logged last: only changes are logged."""
 
     reason: Reason
     status: Status
@@ -37,13 +38,13 @@ class LastLogged(NamedTuple):
 
 
 class Daemon(Station[State]):
-    """The service on a bus. `on_estimate` sees every estimate after it was sent."""
+    """The service on a bus. `on_estimate` is called with every estimate after it was sent."""
 
     def __init__(self, loaded: Loaded, core: Core, bus: Bus, log: LogWriter | None, scale: Scale) -> None:
         super().__init__(core.service, partial(step, core), core.begin(scale), bus, log)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
-        self._told = LastLogged(Reason.STARTING, Status.INVALID, 0)
+        self._logged = LastLogged(Reason.STARTING, Status.INVALID, 0)
 
     def before_tick(self, t_us: int) -> None:
         """When the log is full: a new file, which begins with what the service remembers now."""
@@ -51,14 +52,14 @@ class Daemon(Station[State]):
             self.log.turn(partial(continued, self.log.header, self.state), t_us)
 
     def after_sync(self) -> None:
-        """Show what adaptation does, tell what has changed."""
+        """Publish the adaptation's state, log what has changed."""
         if self.counts.steps % self._every == 0:
             self._show_drift()
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
 
     def _show_drift(self) -> None:
-        """What adaptation does, for whoever reads the object dictionary."""
+        """The adaptation's state in the object dictionary."""
         if self.core.adapts:
             drift = self.state.drift
             self.node.set_value(ADAPTATION, 1, round(10.0 * drift.mass))
@@ -69,12 +70,12 @@ class Daemon(Station[State]):
         lost = self.state.pipe is None
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
-        told = LastLogged(reason, Status.INVALID if lost else Status.OK, booked)
-        if told[:2] != self._told[:2]:
+        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked)
+        if now[:2] != self._logged[:2]:
             self._say_measurement(reason)
-        if estimate.booking is not None and told.booked != self._told.booked:
+        if estimate.booking is not None and now.booked != self._logged.booked:
             self._say_booking(estimate.booking)
-        self._told = told
+        self._logged = now
 
     def _say_measurement(self, reason: Reason) -> None:
         if reason is Reason.NONE:
@@ -94,7 +95,7 @@ class Daemon(Station[State]):
 
 
 def _ignore(estimate: Estimate) -> None:
-    """Nobody watches."""
+    """No one asked for the estimates."""
 
 
 def status_line(estimate: Estimate, counts: Counts, bus: Bus) -> str:
@@ -115,7 +116,7 @@ def _text(q: Quantity, unit: str, scale: float) -> str:
 
 
 class Messages:
-    """Lines on a stream; when nobody reads it any more (a closed pipe, a full disk), measuring goes on without."""
+    """Lines on a stream. When they cannot be written (a closed pipe, a full disk), measuring goes on without them."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -132,7 +133,7 @@ class Messages:
 
 
 def configure_messages(stream: TextIO | None = None) -> None:
-    """JSON lines on standard error, or wherever they shall go."""
+    """Log as JSON lines on standard error or another stream."""
     structlog.configure(
         processors=[
             structlog.processors.add_log_level,

@@ -1,5 +1,5 @@
-"""Our node on a bus, with one loop and one clock: every event is logged, then goes into the step; the sensors are
-commissioned beside the loop."""
+"""Our node on a bus, with one event loop and one clock. Every event is logged, then passed to the step; meanwhile the
+sensors are commissioned by tasks of the same loop."""
 
 import asyncio
 import gc
@@ -20,12 +20,12 @@ from cylforce.mechanics.installation import Service
 from cylforce.service.step import Output
 from cylforce.signals.events import Event, Frame, Tick
 
-S = TypeVar("S")  # what the step remembers
+S = TypeVar("S")  # the step's state
 Step = Callable[[S, Event], tuple[S, Output]]
 
 OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
-ON_TIME = 100  # steps without an overrun after which it counts as over
-OVERRUN_MESSAGES_US = 1_000_000  # a busy controller would else fill its journal with a line every tick
+ON_TIME = 100  # steps; at each such count a step without overrun repairs the emergency
+OVERRUN_MESSAGES_US = 1_000_000  # so that a busy controller does not log a line at every tick
 
 
 class Counts(NamedTuple):
@@ -55,11 +55,11 @@ class Station(Generic[S]):
         self._timer = Timer(1.0 / service.filters.rate_hz)
 
     def before_tick(self, t_us: int) -> None:
-        """What can only be done between two ticks."""
+        """Called before each tick is logged."""
         return
 
     def after_sync(self) -> None:
-        """What can wait until SYNC is out."""
+        """Called after each tick, when SYNC has been sent."""
         return
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -80,7 +80,7 @@ class Station(Generic[S]):
             self.log.close()
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame: logged, concluded from, then to our node, which answers with the verdict."""
+        """A frame is logged, passed to the step, then to our node, which answers a command with the step's verdict."""
         self._keep(frame)
         self.state, out = self._step(self.state, frame)
         self._verdict = out.verdict
@@ -91,8 +91,8 @@ class Station(Generic[S]):
         self._verdict = None
 
     def on_timer(self) -> None:
-        """A tick: logged, concluded from; then SYNC asks for the next samples. Missed ticks are skipped and
-        counted."""
+        """A tick is logged and passed to the step, its results are sent; then SYNC asks for the next samples. Missed
+        ticks are skipped and counted."""
         due = self._timer.read()
         if due == 0:
             return
@@ -148,7 +148,7 @@ async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], No
         loop.add_signal_handler(number, until.set)
     station.start(loop)
     gc.collect()
-    gc.freeze()  # the start's objects are not searched again: removes pauses of tens of milliseconds
+    gc.freeze()  # objects of the start are not collected again: this avoids pauses of tens of milliseconds
     try:
         while not until.is_set():
             try:
