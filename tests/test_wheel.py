@@ -3,6 +3,7 @@ from an empty folder: the commands work, and what the repository ships is in it.
 
 Of Python 3.11 to 3.13, which the metadata name, this is the one that runs the tests."""
 
+import json
 import os
 import re
 import subprocess
@@ -149,3 +150,10 @@ def test_a_machine_is_simulated_identified_and_replayed(installed):
     words = ("replay", "excavator_20t.toml", "cycle.log", "--identified", "identified.toml", "-o", "estimates.csv")
     assert "weight OK in" in done(call, *words)
     assert len((here / "estimates.csv").read_text().splitlines()) > 1000
+
+
+def test_the_demo_needs_nothing_else(installed):
+    """On the bus inside its process, with the shipped machine: one cycle, whose load is booked and near the truth."""
+    done(installed.call, "demo", "--cycles", "1", "--seed", "6", "--json", "demo.json")
+    [cycle] = json.loads((installed.here / "demo.json").read_text())["cycles"]
+    assert abs(cycle["estimated_kg"] - cycle["true_kg"]) < 0.02 * 1500.0
