@@ -1,1 +1,4 @@
-"""The commands of the command line, one file each: options and help; the work is done in `programs`."""
+"""The command line, one file for each command: its options, its help, an example.
+
+Work here to change an option; `cli` lists the commands in the order of their use.
+"""
