@@ -1,5 +1,5 @@
-"""The programs of `cylforce`, one file each; `commands` are their options and help on the command line, `live` runs on a
-bus, `reports` makes the HTML pages.
+"""The programs of `cylforce`, one file each; `commands` has their options and help, `live` runs on a bus, `reports`
+makes the HTML pages.
 
 Work here to add a command or an option.
 """
