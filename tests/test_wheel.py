@@ -19,7 +19,8 @@ import pytest
 import cylforce
 
 ROOT = Path(__file__).resolve().parents[1]
-SHIPPED = {path.name: path for folder in ("config", "systemd") for path in (ROOT / folder).iterdir()}
+FOLDERS = [ROOT / name for name in ("config", "systemd")]
+SHIPPED = {p.name: p for folder in FOLDERS for p in folder.iterdir() if p.suffix not in (".md", ".svg")}
 PIP = (sys.executable, "-m", "pip", "--no-input", "--disable-pip-version-check")
 NO_INDEX = re.compile("No matching distribution|Could not find a version|connection|Retrying|timed out", re.IGNORECASE)
 

@@ -5,13 +5,22 @@ In the repository they are in `config/` and `systemd/`, in an installed package 
 from pathlib import Path
 
 FOLDERS = ("config", "systemd")
+SUFFIXES = (
+    ".toml",
+    ".json",
+    ".eds",
+    ".dbc",
+    ".service",
+    ".network",
+    ".link",
+)  # not pages and drawings of the repository
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def shipped_files() -> dict[str, Path]:
     """All shipped files by name, machine files first."""
     folders = [_folder(name) for name in FOLDERS]
-    files = sorted((path for folder in folders for path in folder.iterdir() if path.is_file()), key=_place)
+    files = sorted((path for folder in folders for path in folder.iterdir() if path.suffix in SUFFIXES), key=_place)
     return {path.name: path for path in files}
 
 

@@ -11,9 +11,7 @@ KINDS = {
     ".eds": "what the service publishes, for CANopen tools",
     ".json": "JSON schema of the machine file, for editors",
     ".link": "systemd-networkd: transmit queue of can0",
-    ".md": "text to read",
     ".network": "systemd-networkd: bit rate of can0",
-    ".svg": "drawing of the machine and its sensors",
     ".service": "systemd unit of the service",
 }
 
