@@ -67,7 +67,7 @@ def live(folder, machine, tares):
 
     async def main():
         ours, theirs, stop = open_bus(name), open_bus(name), asyncio.Event()
-        writer = LogWriter(log, header_of(machine, tares, name, 0.0, 0.0), now_us(), "replay")
+        writer = LogWriter(log, header_of(machine, tares, name), now_us(), "replay")
         daemon = Daemon(machine, make_core(machine, tares), ours, writer, Scale())
         daemon.on_estimate = estimates.append
         loop = asyncio.get_running_loop()

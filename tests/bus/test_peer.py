@@ -45,7 +45,7 @@ class Scales:
     def on_frame(self, frame):
         command = commands.read(frame, OURS)
         if command is not None:
-            scale, self.verdict = commands.obey(command, self.scale, self.mass, RATED)
+            scale, self.verdict, _ = commands.obey(command, self.scale, self.mass, RATED)
             self.scale = Scale(*scale)
             self.publish()
         self.network.on_frame(frame)

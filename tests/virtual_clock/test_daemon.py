@@ -169,7 +169,10 @@ def test_zero_by_sdo(ran):
     assert done[:4] == DONE + ZERO[1:4]
     told = [line for line in ran.told.splitlines() if "zero or tare" in line]
     assert len(told) == 4
-    assert float(re.search(r'"zero": (-?[\d.e-]+)', told[-1])[1]) != 0.0
+    assert "zero refused: the weight must be OK, and it is invalid (" in told[0]
+    assert "tare refused: the weight must be OK, and it is invalid (" in told[1]
+    assert "zero refused: the four bytes written must be the word zero, not b'ZERO'" in told[2]
+    assert float(re.search(r"zero set to (-?[\d.]+) kg", told[-1])[1]) != 0.0
 
 
 def aborted(answer):

@@ -1,8 +1,8 @@
-"""The CAN bus as the loop sees it: frames come in by a reader of our own, go out without waiting, and a bus
-that fails is opened again. python-can's notifier hangs or spins on a broken bus, and its receive path costs
-ten times as much.
+"""The CAN bus as the event loop uses it. Frames are received by the loop's own reader and sent without waiting; a bus
+that fails is opened again. python-can's Notifier is not used: on a broken bus it hangs or keeps the processor busy, and
+receiving through it takes ten times as long.
 
-Nothing ever leaves the machine by a network: `remote` is 127.0.0.1 only, `udp_multicast` is refused.
+No frame is sent over a network to another computer: `remote` accepts 127.0.0.1 only, `udp_multicast` is refused.
 """
 
 import asyncio
@@ -15,8 +15,8 @@ from cylforce.signals.events import Frame
 OnFrame = Callable[[Frame], None]
 OnSent = Callable[[int, bytes], None]
 
-BURST = 256  # frames per wake-up: after so many the loop gets its turn, so that a flood cannot starve the ticks
-FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # back-off of opening again
+BURST = 256  # frames read at one wake-up; then the loop serves its timers, so that many frames cannot delay the ticks
+FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # wait before a failed bus is opened again, doubled at each attempt
 
 
 class BusError(Exception):
@@ -25,8 +25,8 @@ class BusError(Exception):
 
 @dataclass(slots=True)
 class Counters:
-    """What a bus has seen: frames received and sent; own frames dropped because the queue was full or the bus
-    down; failures of the bus; how often it was opened again."""
+    """Counts since the start: frames received and sent; own frames dropped because the queue was full or the bus down;
+    failures of the bus (`errors`); how often it was opened again."""
 
     received: int = 0
     sent: int = 0
@@ -36,9 +36,9 @@ class Counters:
 
 
 class Bus(ABC):
-    """A CAN bus. `name` is what it was opened by, `counters` what it has seen. Subclasses own the transport:
-    they open it in `_open`, which may raise OSError or BusError, count and pass on what they receive by `_on_frame`,
-    count and report what they send by `_sent`, and call `_lost` when the transport fails."""
+    """A CAN bus. `name` is INTERFACE:CHANNEL. A subclass implements the transport: it opens it in `_open`, which may
+    raise OSError or BusError; it counts each received frame and passes it to `_on_frame`; it calls `_sent` after each
+    frame that it sent, and `_lost` when the transport fails."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -47,7 +47,7 @@ class Bus(ABC):
         self._on_frame: OnFrame = _ignore
         self._on_sent: OnSent = _ignore_sent
         self._delay_s = FIRST_DELAY_S
-        self._passed = 0  # frames that had passed either way when the bus failed last
+        self._passed = 0  # frames received and sent until the last failure
         self._again: asyncio.TimerHandle | None = None
 
     def attach(self, loop: asyncio.AbstractEventLoop, on_frame: OnFrame, on_sent: OnSent | None = None) -> None:
@@ -61,11 +61,11 @@ class Bus(ABC):
         """Send without waiting; `can_id` with SocketCAN's flag bits. False: dropped and counted."""
 
     def overflow(self) -> int:
-        """Frames lost so far because nobody fetched them in time."""
+        """Received frames lost so far because the receive buffer was full."""
         return 0
 
     def close(self) -> None:
-        """Detach and close; twice does no harm."""
+        """Detach and close; may be called twice."""
         if self._again is not None:
             self._again.cancel()
         self._shut()
@@ -90,8 +90,8 @@ class Bus(ABC):
         return False
 
     def _lost(self) -> None:
-        """The transport failed: close it, open it again later; each time later than before, unless frames have passed
-        since."""
+        """The transport failed: close it and open it again later. The wait grows with each failure; it starts again
+        from the shortest once frames have been received or sent."""
         self.counters.errors += 1
         passed = self.counters.received + self.counters.sent
         if passed != self._passed:
@@ -114,8 +114,8 @@ class Bus(ABC):
 
 
 def _ignore(frame: Frame) -> None:
-    """Before `attach` and after `close`."""
+    """Used before `attach` and after `close`: received frames are ignored."""
 
 
 def _ignore_sent(can_id: int, data: bytes) -> None:
-    """Nobody wants to know what was sent."""
+    """Used when no one asked for the frames that were sent."""

@@ -26,8 +26,7 @@ def now_us() -> int:
 
 
 class Timer:
-    """Expires at `first + k * period_s`, whatever its reader does; `fileno()` becomes readable then
-    (`loop.add_reader`).
+    """Expires at `first + k * period_s`, however late its reader is; `fileno()` is then readable (`loop.add_reader`).
 
     The first expiry is one period after construction. Raises ValueError if the period is not positive,
     OSError if the kernel has no timer to give."""
@@ -62,7 +61,7 @@ class Timer:
         return (_START_NS + self._first_ns + (self._count - 1) * self._period_ns) // 1000
 
     def close(self) -> None:
-        """Give the timer back; twice does no harm."""
+        """Close the timer; may be called twice."""
         if self._fd >= 0:
             os.close(self._fd)
         self._fd = -1

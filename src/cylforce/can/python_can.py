@@ -1,13 +1,13 @@
-"""The buses for machines without SocketCAN, through python-can: `virtual` inside a process, `remote` between
-processes of this machine by a relay at 127.0.0.1. Neither arbitrates nor limits the rate."""
+"""Buses for computers without SocketCAN, through python-can: `virtual` inside one process, `remote` between processes
+of this computer through a relay at 127.0.0.1. Unlike a real bus, neither has arbitration or a bit rate."""
 
 import asyncio
 import queue
 import select
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from types import ModuleType, TracebackType
+from typing import TYPE_CHECKING, Self, cast
 
 import can
 from can.interfaces import virtual
@@ -38,7 +38,8 @@ def _can_id(message: can.Message) -> int:
 
 
 class _Mailbox(queue.Queue[can.Message]):
-    """A receive queue that tells when something has come, and never makes the sender wait."""
+    """A receive queue that calls `arrived` for each frame. A sender never waits: when the queue is full, the frame is
+    lost and counted."""
 
     def __init__(self, arrived: Callable[[], None]) -> None:
         super().__init__()
@@ -54,8 +55,8 @@ class _Mailbox(queue.Queue[can.Message]):
 
 
 class Virtual(Bus):
-    """`virtual:NAME`: python-can's, so that anything that speaks python-can may join. Frames may come from
-    any thread."""
+    """`virtual:NAME`: python-can's virtual bus, so that other programs in this process can use python-can on it. Frames
+    may come from any thread."""
 
     def __init__(self, channel: str, now: Callable[[], int]) -> None:
         super().__init__(f"virtual:{channel}")
@@ -126,11 +127,7 @@ class Remote(Bus):
             raise BusError(f"{self.name}: no relay answers there ({error})") from error
 
     def _open(self) -> None:
-        try:
-            import can_remote
-        except ImportError as error:
-            raise BusError("remote buses need python-can-remote: pip install 'cylforce[remote]'") from error
-        self._bus = can_remote.RemoteBus(f"ws://{self._address}")
+        self._bus = _can_remote().RemoteBus(f"ws://{self._address}")
         self._bus.socket.settimeout(1.0)  # between the bytes of one frame
 
     def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -142,7 +139,7 @@ class Remote(Bus):
             return
         if self._loop is not None:
             self._loop.remove_reader(self._bus.socket)
-        can.BusABC.shutdown(self._bus)  # its own waits for the relay's answer, for ever if need be
+        can.BusABC.shutdown(self._bus)  # RemoteBus.shutdown would wait for the relay's answer without a time limit
         self._bus.socket.close()
         self._bus = None
 
@@ -153,7 +150,7 @@ class Remote(Bus):
                 return
             try:
                 message = self._bus.recv(0.0)
-            except Exception:  # noqa: BLE001 - the client raises what its parser happens to raise when the relay goes
+            except Exception:  # noqa: BLE001 - when the relay ends, the client raises whatever its parser raises
                 self._lost()
                 return
             if message is not None:
@@ -172,14 +169,21 @@ class Remote(Bus):
         return self._sent(can_id, data)
 
 
+def _can_remote() -> ModuleType:
+    """The package, which only the extra `remote` installs. Raises BusError with a sentence."""
+    try:
+        import can_remote
+    except ImportError as error:
+        raise BusError("remote buses need python-can-remote: pip install 'cylforce[remote]'") from error
+    return cast(ModuleType, can_remote)
+
+
 class Relay:
     """The relay between `remote` buses, in threads of this process: `with Relay() as relay:
     open_bus(relay.name)`."""
 
     def __init__(self, port: int = 0) -> None:
-        import can_remote
-
-        self._server = can_remote.RemoteServer(HOST, port, interface="virtual", channel=f"relay {id(self)}")
+        self._server = _can_remote().RemoteServer(HOST, port, interface="virtual", channel=f"relay {id(self)}")
         self.name = f"remote:{HOST}:{self._server.server_port}"
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
 

@@ -1,4 +1,4 @@
-"""SocketCAN by a raw, non-blocking socket: 1 microsecond a frame where python-can takes 5 to 9."""
+"""SocketCAN through a raw, non-blocking socket. A frame takes 1 microsecond; python-can takes 5 to 9."""
 
 import asyncio
 import errno
@@ -17,7 +17,7 @@ _BUSY = {errno.ENOBUFS, errno.EAGAIN}
 
 
 class SocketCan(Bus):
-    """`socketcan:INTERFACE`. Survives the interface going down, up, away and back."""
+    """`socketcan:INTERFACE`. The interface may go down and up, or be removed and plugged in again."""
 
     def __init__(self, interface: str, now: Callable[[], int]) -> None:
         super().__init__(f"socketcan:{interface}")
@@ -71,7 +71,7 @@ class SocketCan(Bus):
                 return
             self.counters.received += 1
             self._on_frame(Frame(t_us, can_id, data[:length]))
-            if self._socket is not opened:  # closed by whoever got the frame
+            if self._socket is not opened:  # a receiver of the frame has closed the bus
                 return
 
     def send(self, can_id: int, data: bytes) -> bool:
@@ -95,7 +95,7 @@ class SocketCan(Bus):
 
 
 def _enlarge(opened: socket.socket) -> None:
-    """Root may exceed the system's limit; others get as much as it allows."""
+    """Ask for a larger receive buffer. Only root may exceed the system's limit; others get as much as it allows."""
     try:
         opened.setsockopt(socket.SOL_SOCKET, _RECEIVE_BUFFER_FORCE, _BUFFER_BYTES)
     except PermissionError:

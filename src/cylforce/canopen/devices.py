@@ -25,7 +25,7 @@ from cylforce.service.publication import FORCE_QUALITY, GROSS, NET, PAYLOAD_QUAL
 from cylforce.signals.estimate import Status
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 
-CONSUMER_FACTOR = 3  # a node is lost after three heartbeats that did not come
+CONSUMER_FACTOR = 3  # a node counts as lost after three missing heartbeats
 
 Address = tuple[int, int]
 

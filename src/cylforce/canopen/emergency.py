@@ -5,14 +5,14 @@ from struct import Struct
 
 _EMCY = Struct("<HB5s")
 _GENERIC = 0x01
-_ACTIVE = 64  # errors at a time; more are not remembered, so a storm takes no memory
+_ACTIVE = 64  # errors at a time; further ones are not stored, so that memory is limited
 
 HISTORY = 8  # entries of 1003h
 
 
 class Emergencies:
-    """What is wrong with a node now and what was. `send(data)` sends an EMCY message, `store(index, sub,
-    value)` writes into the object dictionary."""
+    """The present and past errors of a node. `send(data)` sends an EMCY message, `store(index, sub, value)` writes into
+    the object dictionary."""
 
     def __init__(self, send: Callable[[bytes], None], store: Callable[[int, int, int], None]) -> None:
         self._send, self._store = send, store
@@ -29,7 +29,7 @@ class Emergencies:
 
     def occur(self, code: int, bit: int = 0, info: bytes = b"") -> bool:
         """An error has occurred: code of CiA 301 or FFxxh, its bit in 1001h, up to 5 bytes of information.
-        Told once until it is repaired; False if it was known."""
+        Sent once until it is repaired; False if it was present already."""
         if code in self._active or len(self._active) >= _ACTIVE:
             return False
         self._active[code] = bit
@@ -39,7 +39,7 @@ class Emergencies:
         return True
 
     def repair(self, code: int) -> bool:
-        """An error is no more; False if there was none."""
+        """An error is repaired; False if there was none."""
         if self._active.pop(code, None) is None:
             return False
         self._mirror()
@@ -47,7 +47,7 @@ class Emergencies:
         return True
 
     def clear(self) -> None:
-        """Forget the past (0 written to 1003h:0); what is wrong now stays wrong."""
+        """Clear the list of past errors (0 written to 1003h:0); present errors stay."""
         self._history = []
         self._mirror()
 

@@ -1,4 +1,4 @@
-"""The heartbeats of other nodes (1016h): who has booted, changed state, fallen silent."""
+"""The heartbeats of other nodes (1016h): which have booted, changed state, or stopped sending."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ class _Peer:
 
 
 class Heartbeats:
-    """Watches other nodes. `on_peer(node_id, state)` is told of each boot-up (0), each change of state (4, 5,
-    127) and when a node has been silent for too long (None). A node is watched from its first message on, as
-    CiA 301 has it."""
+    """Watches other nodes. `on_peer(node_id, state)` is called at each boot-up (0), at each change of state (4, 5,
+    127), and when no heartbeat has come for longer than the consumer time (None). A node is watched from its first
+    message on, as CiA 301 has it."""
 
     def __init__(self, on_peer: OnPeer) -> None:
         self._on_peer = on_peer
         self._peers: dict[int, _Peer] = {}
-        self.silent: set[int] = set()  # nodes that were there and fell silent
+        self.silent: set[int] = set()  # nodes that were there and stopped sending
 
     def watch(self, entries: Iterable[tuple[int, int]]) -> None:
         """Watch exactly these nodes: (node id, consumer time [us])."""
@@ -40,7 +40,7 @@ class Heartbeats:
         return None if peer is None else peer.state
 
     def on_heartbeat(self, can_id: int, data: bytes | bytearray, t_us: int) -> None:
-        """A frame with identifier 700h + node id; a malformed one is none."""
+        """A frame with identifier 700h + node id; a malformed one is ignored."""
         peer = self._peers.get(can_id - 0x700)
         if peer is None or len(data) != 1:
             return
@@ -51,7 +51,7 @@ class Heartbeats:
             self._on_peer(can_id - 0x700, state)
 
     def poll(self, t_us: int) -> None:
-        """Who has been silent for too long?"""
+        """Report the nodes whose heartbeat is overdue at `t_us`."""
         for node_id, peer in self._peers.items():
             if peer.state is not None and t_us - peer.last_us > peer.timeout_us:
                 peer.state = None

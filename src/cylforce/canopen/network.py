@@ -1,4 +1,4 @@
-"""canopen's Network without its threads: frames are fed in, time is fed in, what is due goes out at once."""
+"""canopen's Network without threads: its owner passes frames and the time to it; what is due is sent at once."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ Send = Callable[[int, bytes], bool]
 
 
 class Periodic(PeriodicMessageTask):
-    """A message that goes out every `period` seconds; what was missed is skipped."""
+    """A message that is sent every `period` seconds; missed periods are skipped."""
 
     def __init__(self, network: "Network", can_id: int, data: bytes, period: float) -> None:
         self._network, self._can_id, self._data = network, can_id, bytes(data)
@@ -41,14 +41,14 @@ class Network(canopen.Network):
 
     def __init__(self, send: Send) -> None:
         super().__init__()
-        self.unsubscribe(self.lss.LSS_RX_COBID)  # its queue, which nobody reads, would grow for ever
+        self.unsubscribe(self.lss.LSS_RX_COBID)  # its queue, which nothing reads, would grow without limit
         self.t_us = 0
         self.periodic: set[Periodic] = set()
         self.send = send
         self._pollers: list[Callable[[int], None]] = []
 
     def on_frame(self, frame: Frame) -> None:
-        """Feed a frame; extended, remote and error frames carry flag bits and so meet no subscriber."""
+        """Pass a frame to its subscribers; extended, remote and error frames carry flag bits, so they have none."""
         self.t_us = frame.t_us
         callbacks = self.subscribers.get(frame.can_id)
         if callbacks:
@@ -56,11 +56,11 @@ class Network(canopen.Network):
                 callback(frame.can_id, bytearray(frame.data), frame.t_us * 1e-6)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """canopen's own way in [s]."""
+        """See canopen.Network; `timestamp` in seconds."""
         self.on_frame(Frame(round(timestamp * 1e6), can_id, bytes(data)))
 
     def poll(self, t_us: int) -> None:
-        """Do all that is due at `t_us`; best the deadline of a tick, not the moment in which it was
+        """Do all that is due at `t_us`. Pass the deadline of a tick rather than the later time at which it is
         served."""
         self.t_us = t_us
         for task in tuple(self.periodic):

@@ -30,7 +30,7 @@ _SYNC = 0x80
 
 
 class _Nmt(NmtSlave):
-    """NMT slave that boots again after each reset and is not upset by malformed commands."""
+    """NMT slave that boots again after each reset and ignores malformed commands."""
 
     def __init__(self, node: "Node") -> None:
         super().__init__(node.node_id, node)
@@ -50,11 +50,11 @@ class _Nmt(NmtSlave):
 
 
 def _nobody(node_id: int, state: int | None) -> None:
-    """Other nodes do not matter."""
+    """Heartbeats of other nodes are ignored."""
 
 
 def _no_network(can_id: int, data: bytes) -> bool:  # noqa: ARG001  # as every way to send
-    """How a node sends that is in no network yet: not at all."""
+    """Used until the node is in a network: nothing is sent."""
     return False
 
 
@@ -116,8 +116,7 @@ class Node(Objects):
         network.every_poll(self._poll)
 
     def boot(self) -> None:
-        """Say that the node is there (boot-up message), then enter pre-operational or, by `autostart`,
-        operational."""
+        """Send the boot-up message, then enter pre-operational or, with `autostart`, operational."""
         self.state = 0
         self.nmt.state = "INITIALISING"  # sends the boot-up message
         self.change_state(PRE_OPERATIONAL)
@@ -139,7 +138,7 @@ class Node(Objects):
         self.nmt.state = _NAMES[state]
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        """See canopen; takes over what it changes."""
+        """See canopen; changed communication parameters take effect at once."""
         super().set_data(index, subindex, data, check_writable)
         if 0x1800 <= index < 0x1C00:
             self._tpdos[(index & 0x1FF) + 1].reload()
@@ -158,7 +157,7 @@ class Node(Objects):
             raise SdoAbortedError(RANGE)
 
     def store(self, number: int, data: bytes) -> None:
-        """Write a TPDO's data into the objects that it carries by its layout."""
+        """Write a TPDO's data into the objects that its layout names."""
         for (index, sub), part in self._slices[number]:
             self.data_store[index][sub] = data[part]
 

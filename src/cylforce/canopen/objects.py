@@ -17,8 +17,8 @@ RANGE, TOO_HIGH, TOO_LOW = 0x06090030, 0x06090031, 0x06090032
 
 
 class Commands(NamedTuple):
-    """Objects (index, sub-index) that are commands, not stores. `verdict()` tells what the core decided about
-    the last one: None, or the abort code with which to refuse it. The core has seen the very frame before the
+    """Objects (index, sub-index) that are commands: writing them stores nothing. `verdict()` is the service's decision
+    on the last one: None or 0 (done), or the abort code with which to refuse it. The service gets each frame before the
     node does."""
 
     objects: frozenset[tuple[int, int]]
@@ -26,7 +26,7 @@ class Commands(NamedTuple):
 
 
 def _done() -> None:
-    """No objection."""
+    """There are no commands, so none is refused."""
 
 
 NO_COMMANDS = Commands(frozenset(), _done)
@@ -58,7 +58,7 @@ class Objects(canopen.LocalNode):
 
     def _find_object(self, index: int, subindex: int) -> ODVariable:
         found: ODVariable = super()._find_object(index, subindex)
-        if found.subindex != subindex:  # a plain variable has no other sub-index than 0
+        if found.subindex != subindex:  # a single variable has no other sub-index than 0
             raise SdoAbortedError(NO_SUB)
         return found
 
@@ -67,7 +67,7 @@ class Objects(canopen.LocalNode):
         return int.from_bytes(self.data_store[index][sub], "little")
 
     def set_value(self, index: int, sub: int, value: float | str) -> None:
-        """Set an object from inside: also what others may only read; limits do not apply."""
+        """Set an object from inside the device: read-only objects too, and without limits."""
         self.set_data(index, sub, self._find_object(index, sub).encode_raw(value))
 
     def download(self, index: int, sub: int, data: bytes, length: int | None) -> None:

@@ -1,5 +1,4 @@
-"""A small SDO client on the loop: expedited and segmented transfers, one at a time per server, nothing
-blocks."""
+"""An SDO client on the event loop: expedited and segmented transfers, one at a time for each server; nothing blocks."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -12,9 +11,9 @@ from cylforce.canopen.network import Network
 from cylforce.signals.layout import CODES
 
 TIMEOUT_S = 0.5
-LARGEST = 65536  # bytes of an upload; a server that sends more has lost its mind
+LARGEST = 65536  # bytes of an upload; no object that is read here is longer
 
-_WAITING = 16  # answers not yet looked at
+_WAITING = 16  # answers not yet processed
 _HEAD = Struct("<BHB")
 _TOGGLE, _TIMED_OUT, _MEMORY, _COMMAND = 0x05030000, 0x05040000, 0x05040005, 0x05040001
 _Result = TypeVar("_Result")
@@ -49,7 +48,7 @@ class Client:
         network.subscribe(0x580 + node_id, self._on_answer)
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening for answers."""
         self._network.unsubscribe(0x580 + self._node_id, self._on_answer)
 
     async def upload(self, index: int, sub: int) -> bytes:
@@ -118,8 +117,7 @@ class Client:
             raise SdoAbortedError(_TOGGLE)
 
     async def _ask(self, request: bytes, expected: int) -> bytes:
-        """The answer to a request; `expected`: its command specifier. Answers to other questions are passed
-        over."""
+        """The answer to a request; `expected`: its command specifier. Answers to other requests are ignored."""
         while not self._answers.empty():
             self._answers.get_nowait()
         self._network.send(0x600 + self._node_id, request)

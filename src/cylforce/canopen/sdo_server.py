@@ -1,5 +1,5 @@
-"""canopen's SDO server made fit for strangers: every request gets an answer, no transfer takes unbounded
-memory."""
+"""canopen's SDO server for clients that may be faulty: every request is answered, and a transfer's memory is
+limited."""
 
 from struct import Struct
 from typing import Protocol

@@ -1,8 +1,8 @@
 """Makes the sensors send what the machine file says: identity, PDO mapping, heartbeat and start, over SDO,
 per node.
 
-Each node has a task of its own, so one that is silent or refuses holds nobody up; a node that boots again is
-done again.
+Each node has a task of its own, so that a silent or refusing node does not delay the others; a node that boots again is
+commissioned again.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ _CYCLIC_TIMER = (0x6200, 0)  # CiA 406: older encoders have this instead of the 
 
 
 class Stage(StrEnum):
-    """How far a node has come."""
+    """State of a node's commissioning."""
 
     OPERATIONAL = "operational"
     SILENT = "silent"
@@ -38,7 +38,7 @@ class Stage(StrEnum):
 
 
 class Outcome(NamedTuple):
-    """What has become of a node; `reason` is a sentence unless it is operational."""
+    """Result of a node's commissioning; `reason` is a sentence unless the node is operational."""
 
     node: SensorNode
     stage: Stage
@@ -54,7 +54,7 @@ StateOf = Callable[[int], int | None]
 
 
 class Commissioner:
-    """Commissions nodes as tasks on the running loop. `state_of(node_id)`: NMT state last heard
+    """Commissions nodes as tasks on the running loop. `state_of(node_id)`: the NMT state of its last heartbeat
     (Heartbeats.state); `tell` is called when a node's outcome changes."""
 
     def __init__(self, nodes: Iterable[SensorNode], network: Network, state_of: StateOf, tell: Tell) -> None:
@@ -70,7 +70,7 @@ class Commissioner:
             self.begin(node_id)
 
     def begin(self, node_id: int) -> None:
-        """Begin (again) with a node: it has booted. Not one of ours: nothing happens."""
+        """Commission a node (again) that has booted. A node that is not in the machine file is ignored."""
         node = self._nodes.get(node_id)
         if node is None:
             return
@@ -80,9 +80,8 @@ class Commissioner:
         self._tasks[node_id] = asyncio.get_running_loop().create_task(self._until_done(node))
 
     def on_peer(self, node_id: int, state: int | None) -> None:
-        """What Heartbeats tells. A node that has booted is done again, and so is one whose boot-up message may have
-        been
-        missed: it was silent, or fell back to pre-operational (unless it has been refused)."""
+        """Called by Heartbeats. A node that has booted is commissioned again, and so is one whose boot-up message may
+        have been missed: it was silent, or fell back to pre-operational (unless it has been refused)."""
         told, task = self._told.get(node_id), self._tasks.get(node_id)
         if state is None:
             self._lost.add(node_id)
@@ -119,7 +118,7 @@ class Commissioner:
             await commission(node, client)
             return await self._started(node)
         except ForeignNodeError as error:
-            self._command(_ENTER_PRE_OPERATIONAL, node)  # what it sends would be believed
+            self._command(_ENTER_PRE_OPERATIONAL, node)  # else the values that it sends would be used
             return Outcome(node, Stage.REFUSED, str(error))
         except NoAnswerError as error:
             if self._state_of(node.node_id) == STOPPED:
@@ -134,7 +133,7 @@ class Commissioner:
         self._network.send(0, bytes([command, node.node_id]))
 
     async def _started(self, node: SensorNode) -> Outcome:
-        """NMT start, until its heartbeat says so; a node without heartbeat is believed."""
+        """Send NMT start until its heartbeat shows operational; a node without heartbeat is assumed to have started."""
         for _ in range(STARTS):
             self._command(_START, node)
             if node.heartbeat_s <= 0.0:
@@ -150,7 +149,7 @@ class Commissioner:
 async def commission(node: SensorNode, client: Client) -> None:
     """Check the identity, write what differs: heartbeat, TPDO parameters, mappings. Does not start the node.
 
-    Raises ForeignNodeError if it is another device or maps other objects for good, SdoError if a transfer
+    Raises ForeignNodeError if it is another device or its mapping is fixed and differs, SdoError if a transfer
     fails."""
     await client.upload(0x1000, 0)
     await _check_identity(node, client)
@@ -172,7 +171,7 @@ async def _check_identity(node: SensorNode, client: Client) -> None:
 
 
 async def _settle(client: Client, index: int, sub: int, code: str, value: int) -> bool:
-    """Write unless it is so already; whether it was written."""
+    """Write a value unless the node has it already; True if it was written."""
     if await client.read(index, sub, code) == value:
         return False
     await client.write(index, sub, code, value)

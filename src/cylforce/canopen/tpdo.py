@@ -50,7 +50,7 @@ class Tpdo:
         self.reload()
 
     def reload(self) -> None:
-        """Take over what was written into the object dictionary."""
+        """Read the parameters from the object dictionary again."""
         raw, index = self._node.raw, self._communication
         self._cob_id, self._type = raw(index, 1), raw(index, 2)
         self._event_us = 1000 * raw(index, 5)
@@ -60,7 +60,7 @@ class Tpdo:
 
     @property
     def event_driven(self) -> bool:
-        """Not by SYNC."""
+        """Whether it is sent on events, not on SYNC."""
         return self._type > 240
 
     def data(self) -> bytes:
@@ -95,7 +95,7 @@ class Tpdo:
             self.send()
 
     def check(self, index: int, sub: int, value: int) -> None:
-        """Refuse by SdoAbortedError what CiA 301 does not allow to be written, or not now."""
+        """Raise SdoAbortedError for a write that CiA 301 does not allow, or not in the present state."""
         if index == self._communication:
             if sub == 1:
                 self._check_cob_id(value)

@@ -1,4 +1,4 @@
-"""What recordings' readers and writers share: one kind of error, a way to tell, files replaced whole."""
+"""What readers and writers of files share: one kind of error, a way to warn, files that are replaced whole."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -15,7 +15,7 @@ class RecordingError(Exception):
 
 
 def warn(sentence: str) -> None:
-    """Tell what is worth knowing but stops nothing."""
+    """Log a sentence about something that does not stop the work."""
     structlog.get_logger("cylforce").warning(sentence)
 
 
@@ -45,7 +45,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         with temporary.open("rb+") as file:
-            os.fsync(file.fileno())  # else a power cut may keep the new name and lose what it names
+            os.fsync(file.fileno())  # else the file may be empty after a power cut
         temporary.replace(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error

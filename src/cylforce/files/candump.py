@@ -1,7 +1,7 @@
 r"""One line of candump text, `(seconds.micros) CHANNEL ID#DATA`, from an event and back.
 
-Ticks, and the frames that we sent ourselves, stand on channels of their own, by which replay knows them.
-A tick is written as an empty SYNC frame, so that protocol analysers find nothing wrong with it.
+Ticks, and the frames that our node sent, are on channels of their own, by which replay recognises them. A tick is
+written as an empty SYNC frame, which protocol analysers accept.
 """
 
 import re
@@ -25,7 +25,7 @@ _NEWER = re.compile(  # CAN FD; CAN XL
 
 
 class Sent(NamedTuple):
-    """A frame that our own node sent: kept to compare a replay with, never an event."""
+    """A frame that our own node sent. It is kept to compare a replay with; it is not an event."""
 
     t_us: int
     can_id: int
@@ -33,7 +33,7 @@ class Sent(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What one line says; `can_id` with SocketCAN's flag bits."""
+    """One line, parsed; `can_id` with SocketCAN's flag bits."""
 
     channel: str
     t_us: int
@@ -42,7 +42,7 @@ class Line(NamedTuple):
 
 
 def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
-    """The line of a frame. A remote frame's data is only a length: what it holds beyond zeros is not kept."""
+    """The line of a frame. Of a remote frame only the length is written: it has no data."""
     seconds, micros = divmod(t_us, 1_000_000)
     name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
     text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
@@ -50,7 +50,7 @@ def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
 
 
 def _flagged(can_id: int) -> str:
-    """Extended identifiers have eight digits; so have error frames, whose flag is the digit 2."""
+    """Extended identifiers have eight digits; so have error frames, which begin with the digit 2."""
     if can_id & ERROR:
         return f"{can_id & (_ID_BITS | ERROR):08X}"
     return f"{can_id & _ID_BITS:08X}" if can_id & EXTENDED else f"{can_id & _ID_BITS:03X}"
@@ -64,7 +64,7 @@ def event_line(event: Event | Sent, channel: str) -> str:
 
 
 def parsed(text: str) -> Line | None:
-    """What a line of candump text says, ours or another's; None when it is not such a line.
+    """A line of candump text, ours or another program's, parsed; None when it is not such a line.
 
     Fractions of other lengths than six digits are cut or filled to microseconds; python-can's trailing R or T
     is passed over."""
@@ -87,7 +87,7 @@ def is_newer_frame(text: str) -> bool:
 
 
 def own_event(said: Line) -> Event | Sent:
-    """What a line of our own log stands for."""
+    """The event, or the frame sent, that a line of our own log stands for."""
     if said.channel == TICK:
         return Tick(said.t_us)
     if said.channel == SENT:

@@ -1,4 +1,4 @@
-"""The numbers in the cells of CSV and Parquet files, and where each stands."""
+"""The numbers in the cells of CSV and Parquet files, each with its line or row."""
 
 import csv
 from array import array
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from cylforce.files.atomic import RecordingError
 from cylforce.signals.estimate import Array
 
-ROWS = 1 << 15  # that are held at once
+ROWS = 1 << 15  # in memory at once
 READ_BYTES = 1 << 16  # of each column
 
 
 class Cells(NamedTuple):
-    """Numbers (T, columns) as they stand in the file, and where: `place` "line" or "row", its number (T,)."""
+    """Numbers (T, columns) as in the file, and where they are: `place` is "line" or "row", with its number (T,)."""
 
     numbers: Array
     place: str
@@ -91,7 +91,7 @@ def _number(path: Path, line: int, cell: str, name: str) -> float:
 
 
 def pyarrow(path: Path) -> ModuleType:
-    """The library that knows Parquet; the controller does without it."""
+    """The library that reads Parquet. Only the extra `tables` installs it."""
     try:
         import_module("pyarrow.parquet")
         return import_module("pyarrow")
@@ -103,7 +103,7 @@ def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
     """The named columns of a Parquet file, piece by piece; a null is NaN."""
     arrow, first = pyarrow(path), 1
     try:
-        # without read-ahead, which would hold the whole file
+        # without read-ahead, which would load the whole file
         with (
             path.open("rb") as raw,
             arrow.parquet.ParquetFile(raw, pre_buffer=False, buffer_size=READ_BYTES) as file,

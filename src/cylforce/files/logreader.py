@@ -1,4 +1,4 @@
-"""Recordings of a bus, read as the events that they were: our own logs and candump's, .blf and .asc."""
+"""Recordings of a bus, read as events: our own logs and candump's, .blf and .asc."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +10,7 @@ from cylforce.files.messages import messages
 from cylforce.signals.events import Event, Frame, Tick
 
 SUFFIXES = (".log", ".blf", ".asc")
-GAP_US = 60_000_000  # a longer silence is taken for a clock that was set: no ticks are made up within
+GAP_US = 60_000_000  # after a longer pause the clock is assumed to have been set: no ticks are made within it
 
 
 def read_events(
@@ -23,9 +23,9 @@ def read_events(
 ) -> tuple[Header | None, Iterator[Event | Sent]]:
     """The header (None if the log is not ours) and the events, read from the file as they are asked for.
 
-    Our own logs hold their ticks. For all others ticks are made at each multiple of `period_us` after the
-    first frame, behind the frames up to that moment; frames with an identifier in `own` come as `Sent`.
-    `channel` chooses one bus of several. CAN FD and XL frames are passed over.
+    Our own logs contain their ticks. For all others ticks are made at each multiple of `period_us` after the first
+    frame, behind the frames up to that moment; frames with an identifier in `own` come as `Sent`. `channel` chooses one
+    bus of several. CAN FD and XL frames are passed over.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def _lines(path: Path, tell: Tell) -> Iterator[Line]:
 
 
 def _one_channel(path: Path, lines: Iterator[Line], channel: str | None) -> Iterator[Line]:
-    """The lines of one bus, where there are any: two buses merged into one would be nobody's recording."""
+    """The lines of one bus, where there are any: two buses must not be merged into one."""
     chosen, seen = channel, set()
     for said in lines:
         seen.add(said.channel)

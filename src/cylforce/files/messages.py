@@ -19,7 +19,7 @@ _BROKEN = (BLFParseError, struct.error, zlib.error, ValueError, LookupError, EOF
 
 
 class _CountedLines(TextIOWrapper):
-    """A text file that knows which line was read last: python-can's errors do not tell."""
+    """A text file that counts the lines read: python-can's errors do not name the line."""
 
     number = 0
 
@@ -35,7 +35,7 @@ def messages(path: Path, tell: Tell) -> Iterator[Line]:
     Raises
     ------
     RecordingError
-        When it cannot be read; what a killed writer left unfinished at the end is told and left out instead.
+        When it cannot be read. An unfinished end, which a killed program leaves, is left out with a warning instead.
     """
     passed_over = 0
     try:

@@ -1,4 +1,4 @@
-"""One way into every recording: frames as events, tables as samples; either can be played as frames."""
+"""Opens any recording: frames as events, tables as samples; both can be played as frames."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -76,7 +76,7 @@ def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Ta
 
 
 def own_ids(service: Service) -> frozenset[int]:
-    """Identifiers that only our own node sends: in a foreign recording its frames are told apart by them."""
+    """Identifiers that only our own node sends: in another program's recording they identify its frames."""
     node = service.node_id
     fixed = {EMCY + node, SDO_RESPONSE + node, HEARTBEAT + node} | ({SYNC} if service.sync_producer else set())
     asked = {SDO_REQUEST + sensor.node_id for sensor in service.nodes}

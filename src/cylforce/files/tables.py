@@ -13,11 +13,11 @@ from cylforce.signals.estimate import Array
 
 SUFFIXES = (".csv", ".parquet")
 TIME = "t_s"
-GAP_PERIODS = 5  # what lies in a longer gap is not known, and becomes NaN
+GAP_PERIODS = 5  # periods; values within a longer gap are unknown and become NaN
 
 
 class ColumnMap(NamedTuple):
-    """Where a signal stands in a foreign table: SI value = cell * scale + offset."""
+    """Which column of a table has a signal: SI value = cell * scale + offset."""
 
     signal: str
     column: str
@@ -42,7 +42,7 @@ class Table(NamedTuple):
 
 
 def read_table(path: Path, signals: Sequence[str], mapping: TableMap | None = None) -> Table:
-    """The named signals of a table; columns of other names are not looked at.
+    """The named signals of a table; other columns are ignored.
 
     An empty cell, a null or the word nan is an unknown value (NaN). A CSV has one header line; commas,
     semicolons or tabs stand between its cells; decimals are marked by a point.

@@ -1,4 +1,4 @@
-"""The truth file of a simulated run: what scorers may read and the daemon never does.
+"""The truth file of a simulated run. It is for comparison with the results; the service never reads it.
 
 One line `# {...}` of JSON (seed, scenario, what the machine really is), then CSV, SI units, one row per
 sample."""
@@ -32,7 +32,7 @@ class TruthTable(NamedTuple):
 
 
 def describe(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
-    """What the machine really is: base parameters, friction, slope, effects; keys are parameters' names."""
+    """The simulated machine's true base parameters, friction, slope and effects, by the parameters' names."""
     base, slew = base_parameters(truth.links).reshape(-1, 3), slew_parameters(truth.links)
     parameters: dict[str, JsonValue] = {}
     for link, row in zip(truth.links, np.concatenate([base, slew], axis=1).tolist(), strict=True):
@@ -96,7 +96,7 @@ class TruthWriter:
 
 
 def read_truth(path: Path) -> TruthTable:
-    """A truth file. Raises RecordingError when it is none."""
+    """Read a truth file. Raises RecordingError when it is not one."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header = json.loads(file.readline().removeprefix("# "))

@@ -1,5 +1,5 @@
-"""`cylforce commission`: live guidance of whoever moves the empty machine, then identification from what was recorded,
-then, on request, the scale from a known weight. It never commands the machine."""
+"""`cylforce commission`: live guidance for the operator who moves the empty machine, then identification from the
+recording, then, on request, the scale from a known weight. It never commands the machine."""
 
 import asyncio
 import os
@@ -67,7 +67,7 @@ def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
 
 
 def _check(machine: Path, order: Order) -> None:
-    """What would only fail after minutes of motion. Raises RecordingError or ValueError."""
+    """Check first what would otherwise fail after minutes of motion. Raises RecordingError or ValueError."""
     if order.log.suffix != ".log":
         raise RecordingError(f"{order.log}: the log must end in .log, as which `cylforce identify` reads it")
     check_outputs((order.output, order.log), (machine,))
@@ -78,7 +78,7 @@ def _check(machine: Path, order: Order) -> None:
 
 
 def _writer(loaded: Loaded, order: Order, path: Path) -> LogWriter:
-    return LogWriter(path, header_of(loaded, None, order.bus, 0.0, 0.0), now_us(), order.bus.partition(":")[2])
+    return LogWriter(path, header_of(loaded, None, order.bus), now_us(), order.bus.partition(":")[2])
 
 
 def _collected(loaded: Loaded, guide: Guide, order: Order, console: Console) -> View:
@@ -113,7 +113,8 @@ async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, co
 
 
 def _check_hope(guide: Guide, view: View) -> None:
-    """Raises ValueError when it is refused or leads nowhere, BusError when the sensors never spoke."""
+    """Raises ValueError when the recording is refused or not enough after a long time, BusError when the sensors have
+    sent nothing."""
     if view.advice.refusal is not None:
         raise ValueError(view.advice.refusal)
     if view.deaf_s > GIVE_UP_S and view.advice.seconds == 0.0:

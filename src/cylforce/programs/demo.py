@@ -21,8 +21,10 @@ from cylforce.can.opening import open_bus
 from cylforce.files.atomic import replacing
 from cylforce.files.truth import read_truth
 from cylforce.programs.common.machine_file import load_machine
+from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.common.score import CycleScore, ForceScore, score_cycles, score_force
+from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
 from cylforce.programs.run import Daemon, configure_messages, show_status
 from cylforce.service.step import Scale
@@ -30,6 +32,7 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
 MOVES_S = 120.0
+MASS_ERROR = 0.1  # of the true masses, as a fraction; the default of `cylforce sim`
 RELAY = "remote:127.0.0.1"
 
 
@@ -58,7 +61,7 @@ class Files(NamedTuple):
 
     @property
     def truth(self) -> Path:
-        """What the daemon never reads."""
+        """The truth, which the daemon never reads."""
         return self.folder / "truth.csv"
 
 
@@ -69,8 +72,8 @@ def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None,
     console.print(f"seed {seed}, bus {bus}, {clock} clock, {loaded.service.machine.name}")
     with TemporaryDirectory(prefix="cylforce-demo-") as folder:
         files = Files(Path(folder))
-        _prepare(machine, files, seed, console)
         with _relay(bus) as named, (files.folder / "daemon.jsonl").open("w") as messages:
+            _prepare(machine, files, seed, console)
             configure_messages(messages)
             watched = asyncio.run(_work(loaded, files, named, cycles, seed, console))
         truth = read_truth(files.truth)
@@ -108,7 +111,7 @@ def _relay(bus: str) -> Iterator[str]:
 
 
 async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, console: Console) -> Watched:
-    """Daemon here, simulated machine in a process of its own, until that has ended."""
+    """Daemon and simulated machine on one bus, until the machine's run is over."""
     console.print(f"3. {cycles} digging cycles of at most 15 s on the bus")
     daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, Scale())
     watched = Watched([], [], Counts())
@@ -121,23 +124,41 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
             console.print(f"   booked {booking.mass:7.1f} kg +- {booking.standard_error:.1f} kg")
 
     daemon.on_estimate = watch
-    words = ("sim", str(loaded.path), "--scenario", "cycles", "--cycles", str(cycles), "--seed", str(seed))
-    quiet = asyncio.subprocess.DEVNULL
-    machine = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "cylforce", *words, "--bus", bus, "--truth", str(files.truth)),
-        stdout=quiet,
-    )
     until = asyncio.Event()
-    ended = asyncio.create_task(_set_when_ended(machine, until))
+    dig = _dig_here if bus.startswith("virtual:") else _dig_beside
+    digging = asyncio.create_task(dig(loaded, files, bus, cycles, seed, until))
     try:
         await serve(daemon, until, lambda: show_status(daemon))
     finally:
-        if machine.returncode is None:
-            machine.terminate()
-        await ended
+        until.set()
+        await digging
+    return watched._replace(counts=daemon.counts)
+
+
+async def _dig_here(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, until: asyncio.Event) -> None:
+    """The simulated machine in this process, which alone sees a virtual bus."""
+    opened = open_bus(bus)
+    try:
+        await play_until(prepare(loaded, "cycles", seed, MASS_ERROR, amount=cycles), opened, files.truth, until)
+    finally:
+        until.set()
+        opened.close()
+
+
+async def _dig_beside(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, until: asyncio.Event) -> None:
+    """The simulated machine in a process of its own."""
+    words = ("sim", str(loaded.path), "--scenario", "cycles", "--cycles", str(cycles), "--seed", str(seed))
+    machine = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "cylforce", *words, "--bus", bus, "--truth", str(files.truth)),
+        stdout=asyncio.subprocess.DEVNULL,
+    )
+    ended = asyncio.create_task(_set_when_ended(machine, until))
+    await until.wait()
+    if machine.returncode is None:
+        machine.terminate()
+    await ended
     if machine.returncode != 0:
         raise RuntimeError(f"the simulated machine ended with status {machine.returncode}")
-    return watched._replace(counts=daemon.counts)
 
 
 async def _set_when_ended(machine: asyncio.subprocess.Process, until: asyncio.Event) -> None:

@@ -1,18 +1,19 @@
 """What `cylforce gap` tells: JSON, patch file, text."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import tomlkit
 from rich.console import Console
-from rich.table import Table as Text
 
 from cylforce.diagnosis.patch import patch
 from cylforce.diagnosis.shrinkage import courses, written
 from cylforce.diagnosis.verdict import Verdict
 from cylforce.files.atomic import replacing
+from cylforce.programs.common.tables import print_table
 from cylforce.programs.gap import Diagnosed
 from cylforce.signals.estimate import Array
 
@@ -87,19 +88,26 @@ def show(found: Diagnosed, console: Console) -> None:
     for part in found.answer.get("looked_at", ()):
         if part["seconds"] < MOST_OF * part["of_seconds"]:
             console.print(f"{part['name']}: {looked(part)}")
-    text = Text()
-    for column in ("effect", "at", "size", "90 % interval", "unit", "confidence", "or"):
-        text.add_column(column, justify="right" if column in ("size", "90 % interval", "confidence") else "left")
-    for effect in found.answer["effects"]:
-        size = effect["parameters"]["size"]
-        others = ", ".join(f"{o['name']} at {o['at']}" for o in effect["confused_with"])
-        interval = f"{size['low']:.3g} .. {size['high']:.3g}"
-        row = (effect["name"], effect["at"], f"{size['value']:.4g}", interval, size["unit"])
-        text.add_row(*row, f"{100 * effect['confidence']:.0f} %", others)
     if found.answer["effects"]:
-        console.print(text)
+        show_effects(found.answer["effects"], console)
+    for effect in found.answer["effects"]:
+        if effect["confused_with"]:
+            others = ", ".join(f"{o['name']} at {o['at']}" for o in effect["confused_with"])
+            console.print(f"{effect['name']} at {effect['at']} may also be {others}", soft_wrap=True)
     for experiment in found.answer.get("next_experiment", ()):
         console.print(f"next: {experiment}")
+
+
+def show_effects(effects: Sequence[dict[str, Any]], console: Console) -> None:
+    """A table with one row for each effect."""
+    rows = []
+    for effect in effects:
+        size = effect["parameters"]["size"]
+        interval = f"{size['low']:.3g} .. {size['high']:.3g}"
+        row = (f"{effect['name']} at {effect['at']}", f"{size['value']:.4g}", interval, size["unit"])
+        rows.append((*row, f"{100 * effect['confidence']:.0f} %"))
+    right = ("size", "90 % interval", "confidence")
+    print_table(console, ("effect", "size", "90 % interval", "unit", "confidence"), rows, right)
 
 
 def looked(part: dict[str, Any]) -> str:

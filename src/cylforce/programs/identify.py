@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table as Text
 
 from cylforce.commissioning.identification import Identification, identify
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.readings import calibrated, model_of, named_segments
+from cylforce.programs.common.tables import print_table
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
@@ -60,15 +60,14 @@ def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch) -> Itera
 def show(found: Identification, console: Console) -> None:
     """A table of the parameters, the prior beside them, and what the recording does not tell."""
     model = found.model
-    text = Text(title=f"{found.seconds:.0f} s of motion")
-    for column in ("parameter", "unit", "data sheet", "identified", "standard error", ""):
-        text.add_column(column, justify="left" if column in ("parameter", "unit", "") else "right")
     error = np.sqrt(np.diag(found.tares.covariance))
+    rows = []
     for k, p in enumerate(model.parameters):
-        told = "" if p.name not in found.not_identified else "data sheet"
-        numbers = (f"{v:.6g}" for v in (model.prior.mean[k], found.tares.values[k], error[k]))
-        text.add_row(p.name, p.unit, *numbers, told)
-    console.print(text)
+        numbers = (f"{model.prior.mean[k]:.5g}", f"{found.tares.values[k]:.5g}", f"{error[k]:.3g}")
+        rows.append((p.name, p.unit, *numbers, "data sheet" if p.name in found.not_identified else ""))
+    right = ("data sheet", "identified", "standard error")
+    header = ("parameter", "unit", *right, "from")
+    print_table(console, header, rows, right, f"{found.seconds:.0f} s of motion")
     names = [model.machine.links[j].name for j in model.machine.rows]
     left = ", ".join(f"{n} {e:.0f} N m" for n, e in zip(names, found.tares.row_error, strict=True))
     console.print(f"unexplained torque (rms): {left}")

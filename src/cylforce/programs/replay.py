@@ -10,10 +10,10 @@ from rich.console import Console
 
 from cylforce.files.atomic import replacing, warn
 from cylforce.files.candump import Sent
-from cylforce.files.logfile import mismatches
+from cylforce.files.logfile import Header, mismatches
 from cylforce.files.logreader import log_header, with_ticks
 from cylforce.files.recording import Events, open_recording, sensor_frames
-from cylforce.programs.common.readings import header_of, make_core
+from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.service.publication import published
 from cylforce.service.step import Core, State, step
 from cylforce.settings.machine_file import Loaded
@@ -35,26 +35,31 @@ def run_replay(
     loaded: Loaded, recording: Path, identified: Path | None = None, tell: Callable[[str], None] = warn
 ) -> Replayed:
     """Play a recording through the core. Raises RecordingError or SettingsError, one sentence each."""
-    found = replay_through(make_core(loaded, identified), loaded, recording, tell)
+    core, now = make_core(loaded, identified), header_of(loaded, identified, "")
+    found = replay_through(core, loaded, recording, tell, now)
     if found.different:
         header = log_header(recording)
-        now = header_of(loaded, identified, "", 0.0, 0.0)
         for sentence in mismatches(recording, header, now) if header else ():
             tell(sentence)
     return found
 
 
-def replay_through(core: Core, loaded: Loaded, recording: Path, tell: Callable[[str], None]) -> Replayed:
-    """Play a recording through a core."""
+def replay_through(
+    core: Core, loaded: Loaded, recording: Path, tell: Callable[[str], None], now: Header | None = None
+) -> Replayed:
+    """Play a recording through a core. `now` is the header that a log of it would begin with: where given, a log that
+    continues an earlier one goes on from the state of that moment."""
     source = open_recording(recording, loaded.service, loaded.columns, tell=tell)
     if isinstance(source, Events):
-        return replay(core, source.events)
-    return replay(core, with_ticks(sensor_frames(source, loaded.service), core.period_us, tell))
+        header = source.header
+        state = core.begin() if header is None or now is None else beginning(core, header, now, recording, tell)
+        return replay(core, source.events, state)
+    frames = sensor_frames(source, loaded.service)
+    return replay(core, with_ticks(frames, core.period_us, tell), core.begin())
 
 
-def replay(core: Core, events: Iterable[Event | Sent]) -> Replayed:
-    """The scan of `step` over events; frames that the daemon sent are compared bit by bit."""
-    state = core.begin()
+def replay(core: Core, events: Iterable[Event | Sent], state: State) -> Replayed:
+    """The scan of `step` over events from `state` on; frames that the daemon sent are compared bit by bit."""
     estimates: list[Estimate] = []
     bookings: list[Booking] = []
     expected: dict[int, bytes] = {}

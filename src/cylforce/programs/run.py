@@ -1,4 +1,5 @@
-"""`cylforce run`: the daemon. One loop, one clock, one bus; everything that it concludes comes from `core.step`."""
+"""`cylforce run`: the service as a daemon, with one event loop, one clock and one bus. All results come from
+`service.step.step`."""
 
 import asyncio
 import sys
@@ -15,8 +16,9 @@ from cylforce.can.bus import Bus
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_bus
 from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
-from cylforce.files.logfile import LogWriter
-from cylforce.programs.common.readings import header_of, make_core
+from cylforce.files.atomic import RecordingError
+from cylforce.files.logfile import Header, LogWriter, Rotation
+from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.service.step import Core, Scale, State, step
 from cylforce.settings.machine_file import Loaded
@@ -28,7 +30,7 @@ OnEstimate = Callable[[Estimate], None]
 
 
 class LastLogged(NamedTuple):
-    """What was said last: only changes are logged."""
+    """The state that was logged last: only changes are logged."""
 
     reason: Reason
     status: Status
@@ -36,27 +38,28 @@ class LastLogged(NamedTuple):
 
 
 class Daemon(Station[State]):
-    """The service on a bus. `on_estimate` sees every estimate after it was sent."""
+    """The service on a bus. `on_estimate` is called with every estimate after it was sent."""
 
     def __init__(self, loaded: Loaded, core: Core, bus: Bus, log: LogWriter | None, scale: Scale) -> None:
         super().__init__(core.service, partial(step, core), core.begin(scale), bus, log)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
-        self._told = LastLogged(Reason.STARTING, Status.INVALID, 0)
+        self._logged = LastLogged(Reason.STARTING, Status.INVALID, 0)
 
-    def commanded(self, verdict: int) -> None:
-        """Log the command."""
-        self._tell.info("zero or tare", abort=hex(verdict), **self.state.scale._asdict())
+    def before_tick(self, t_us: int) -> None:
+        """When the log is full: a new file, which begins with what the service remembers now."""
+        if self.log is not None and self.log.full:
+            self.log.turn(partial(continued, self.log.header, self.state), t_us)
 
     def after_sync(self) -> None:
-        """Show what adaptation does, tell what has changed."""
+        """Publish the adaptation's state, log what has changed."""
         if self.counts.steps % self._every == 0:
             self._show_drift()
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
 
     def _show_drift(self) -> None:
-        """What adaptation does, for whoever reads the object dictionary."""
+        """The adaptation's state in the object dictionary."""
         if self.core.adapts:
             drift = self.state.drift
             self.node.set_value(ADAPTATION, 1, round(10.0 * drift.mass))
@@ -67,12 +70,12 @@ class Daemon(Station[State]):
         lost = self.state.pipe is None
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
-        told = LastLogged(reason, Status.INVALID if lost else Status.OK, booked)
-        if told[:2] != self._told[:2]:
+        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked)
+        if now[:2] != self._logged[:2]:
             self._say_measurement(reason)
-        if estimate.booking is not None and told.booked != self._told.booked:
+        if estimate.booking is not None and now.booked != self._logged.booked:
             self._say_booking(estimate.booking)
-        self._told = told
+        self._logged = now
 
     def _say_measurement(self, reason: Reason) -> None:
         if reason is Reason.NONE:
@@ -92,7 +95,7 @@ class Daemon(Station[State]):
 
 
 def _ignore(estimate: Estimate) -> None:
-    """Nobody watches."""
+    """No one asked for the estimates."""
 
 
 def status_line(estimate: Estimate, counts: Counts, bus: Bus) -> str:
@@ -113,7 +116,7 @@ def _text(q: Quantity, unit: str, scale: float) -> str:
 
 
 class Messages:
-    """Lines on a stream; when nobody reads it any more (a closed pipe, a full disk), measuring goes on without."""
+    """Lines on a stream. When they cannot be written (a closed pipe, a full disk), measuring goes on without them."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -130,7 +133,7 @@ class Messages:
 
 
 def configure_messages(stream: TextIO | None = None) -> None:
-    """JSON lines on standard error, or wherever they shall go."""
+    """Log as JSON lines on standard error or another stream."""
     structlog.configure(
         processors=[
             structlog.processors.add_log_level,
@@ -150,13 +153,18 @@ def show_status(daemon: Daemon) -> None:
         sys.stdout.flush()
 
 
-def run_daemon(loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None) -> Counts:
+def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
+    if log.suffix.lower() != ".log":
+        raise RecordingError(f"--log {log}: must end in .log, as which it is read again")
+    return LogWriter(log, header, now_us(), header.bus.partition(":")[2], rotation=rotation)
+
+
+def run_daemon(loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None, rotation: Rotation) -> Counts:
     """The daemon until a signal. Raises BusError, SettingsError or RecordingError with a sentence."""
     configure_messages()
     core = make_core(loaded, identified)
     bus = open_bus(bus_name)
-    header = header_of(loaded, identified, bus_name, 0.0, 0.0)
-    writer = LogWriter(log, header, now_us(), bus_name.partition(":")[2]) if log else None
+    writer = _writer(header_of(loaded, identified, bus_name), log, rotation) if log else None
 
     async def main() -> Counts:
         daemon = Daemon(loaded, core, bus, writer, Scale())

@@ -16,10 +16,18 @@ ZERO_RANGE = 0.02  # times the rated payload: a larger zero would hide a fault; 
 
 
 class Command(NamedTuple):
-    """A zero or tare command; `signed`: whether its signature was right."""
+    """A zero or tare command, and the four bytes that were written: the signature, if it is right."""
 
     what: Literal["zero", "tare"]
-    signed: bool
+    data: bytes
+
+
+class Answer(NamedTuple):
+    """The new (zero, tare) [kg]; the verdict: 0, or the SDO abort code; what was decided and why, in words."""
+
+    scale: tuple[float, float]
+    verdict: int
+    words: str
 
 
 def read(frame: Frame, node_id: int) -> Command | None:
@@ -30,20 +38,29 @@ def read(frame: Frame, node_id: int) -> Command | None:
     index = frame.data[1] | frame.data[2] << 8
     if index not in SIGNATURES or frame.data[3] != 1:
         return None
-    return Command("zero" if index == ZERO else "tare", frame.data[4:8] in SIGNATURES[index])
+    return Command("zero" if index == ZERO else "tare", frame.data[4:8])
 
 
-def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: float) -> tuple[tuple[float, float], int]:
-    """((zero, tare) [kg] after the command, verdict): the verdict is 0 or an SDO abort code. `mass`: present load
-    before zero and tare; `rated`: rated payload [kg]. Refused unless the status of the weight is OK."""
+def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: float) -> Answer:
+    """What a command does: `scale` is (zero, tare) [kg] so far, `mass` the present load before zero and tare, `rated`
+    the rated payload [kg]. Refused unless the status of the weight is OK; a zero also if it is too large."""
     zero, _ = scale
-    if not command.signed:
-        return scale, WRONG_VALUE
+    what, limit = command.what, ZERO_RANGE * rated
+    if command.data not in SIGNATURES[ZERO if what == "zero" else TARE]:
+        words = f"the four bytes written must be the word {what}, not {command.data!r}"
+        return Answer(scale, WRONG_VALUE, f"{what} refused: {words}")
     if mass.status is not Status.OK:
-        return scale, NOT_NOW
-    if command.what == "tare":
-        return (zero, mass.value - zero), 0
-    return (scale, TOO_FAR) if abs(mass.value) > ZERO_RANGE * rated else ((mass.value, 0.0), 0)
+        reason = mass.reason.name.lower().replace("_", " ")
+        words = f"the weight must be OK, and it is {mass.status.name.lower()} ({reason})"
+        return Answer(scale, NOT_NOW, f"{what} refused: {words}")
+    if what == "tare":
+        return Answer((zero, mass.value - zero), 0, f"tare set to {mass.value - zero:.1f} kg")
+    if abs(mass.value) > limit:
+        words = (
+            f"the weight is {mass.value:.1f} kg, the limit +-{limit:.1f} kg ({100 * ZERO_RANGE:.0f} % of rated payload)"
+        )
+        return Answer(scale, TOO_FAR, f"zero refused: {words}: empty the tool, or find what else is wrong")
+    return Answer((mass.value, 0.0), 0, f"zero set to {mass.value:.1f} kg, tare to 0.0 kg")
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:

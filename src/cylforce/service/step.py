@@ -68,12 +68,13 @@ class State(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What an event brought: `verdict` on a zero or tare command (None: no command; 0: done; else an SDO abort code);
-    `estimate` and its PDOs `frames` (number, data), sent as they are."""
+    """What an event brought: `verdict` on a zero or tare command (None: no command; 0: done; else an SDO abort code),
+    its `words`, what was decided and why; `estimate` and its PDOs `frames` (number, data), sent as they are."""
 
     verdict: int | None = None
     estimate: Estimate | None = None
     frames: tuple[tuple[int, bytes], ...] = ()
+    words: str = ""
 
 
 NOTHING = Output()
@@ -162,10 +163,9 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
         return state._replace(stopped=stopped), NOTHING
     command = commands.read(frame, core.service.node_id)
     if command is not None and not state.stopped:
-        scale, verdict = commands.obey(
-            command, state.scale, state.estimate.load.mass, core.service.machine.rated_payload
-        )
-        return state._replace(scale=Scale(*scale)), Output(verdict)
+        rated = core.service.machine.rated_payload
+        scale, verdict, words = commands.obey(command, state.scale, state.estimate.load.mass, rated)
+        return state._replace(scale=Scale(*scale)), Output(verdict, words=words)
     booted = commands.booted(frame)
     if booted is not None:
         return state._replace(inputs=core.assembler.restart(state.inputs, booted)), NOTHING

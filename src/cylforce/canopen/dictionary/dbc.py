@@ -9,7 +9,7 @@ from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import DEGREE
 
 NODE = "cylforce"
-_UNITS = {"rad": ("deg", DEGREE), "1": ("", 1.0)}  # told otherwise than in SI: unit, its size in SI
+_UNITS = {"rad": ("deg", DEGREE), "1": ("", 1.0)}  # SI unit: unit shown instead, its size in SI
 _NMT = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}
 _STATUS_BITS = 2
 
@@ -95,7 +95,7 @@ def _signal(signal: DbcSignal) -> str:
 
 
 def _types(pdo: Pdo) -> str:
-    """REAL32 must be said apart."""
+    """Floating-point signals need an entry of their own (SIG_VALTYPE_)."""
     floats = (field.signal for field in pdo.fields if field.code == "f" and field.signal)
     return "".join(f"SIG_VALTYPE_ {pdo.can_id} {name} : 1;\n" for name in floats)
 

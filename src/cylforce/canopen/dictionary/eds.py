@@ -9,7 +9,7 @@ from cylforce.signals.layout import Pdo
 
 _MANDATORY = {0x1000, 0x1001, 0x1018}
 _BIT_RATES = {10: 0, 20: 0, 50: 0, 125: 1, 250: 1, 500: 1, 800: 0, 1000: 1}
-_DATE, _TIME = "11-21-2026", "12:00AM"  # of the layout, not of the run: the same table gives the same file
+_DATE, _TIME = "11-21-2026", "12:00AM"  # date of the layout, not of the run: the same table gives the same file
 
 Section = tuple[str, Sequence[tuple[str, object]]]
 

@@ -35,7 +35,7 @@ ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperat
 
 _SLOTS = 8  # entries of a mapping that can be written
 _SYNC = 0x80
-# SI unit -> code of CiA 303-2 for the unit in which we tell it, that unit's size in SI
+# SI unit -> code of CiA 303-2 for the unit in which it is published, that unit's size in SI
 _UNITS = {
     "kg": (0x00020000, 1.0),
     "N": (0x03210000, 1e3),
@@ -57,7 +57,7 @@ _OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload"}
 def own_objects(
     pdos: Sequence[Pdo], heartbeat_ms: int = 500, sync_us: int = 0, watched: Sequence[int] = ()
 ) -> tuple[Object, ...]:
-    """Our node, which sends `pdos`. `sync_us`: period of the SYNC that it produces; 0: somebody else does. `watched`:
+    """Our node, which sends `pdos`. `sync_us`: period of the SYNC that it produces; 0: another node does. `watched`:
     entries of 1016h. Raises ValueError if these are more than there is room for."""
     if len(watched) > CONSUMERS:
         raise ValueError(f"{len(watched)} nodes have a heartbeat, {CONSUMERS} can be watched: set heartbeat_ms = 0")
@@ -84,7 +84,8 @@ def _adaptation() -> tuple[Entry, ...]:
 
 
 def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
-    """A sensor that sends what `node` is asked to send; where that can be written, it has yet to be told."""
+    """A simulated sensor as delivered: it can send what `node` describes, and is configured over SDO where that is
+    possible."""
     identity = tuple(0 if number is None else number for number in node.identity)
     fields = [field for pdo in node.pdos for field in pdo.fields]
     tpdos = (_as_delivered(pdo) if node.writable_mapping else _tpdo(pdo, "ro", len(pdo.fields)) for pdo in node.pdos)
@@ -150,7 +151,7 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
 
 
 def _as_delivered(pdo: Pdo) -> list[Object]:
-    """What its maker put in: one object mapped, the default identifier, nothing sent by itself."""
+    """As delivered by the maker: one object mapped, the default identifier, no cyclic transmission."""
     default = 0x100 * pdo.number + 0x80 + pdo.node_id if pdo.number <= 4 else 0x80000000
     return _tpdo(pdo._replace(can_id=default, synchronous=False, period_s=0.0), "rw", 1)
 
@@ -203,7 +204,7 @@ def _own_channels(found: dict[int, Field]) -> list[Object]:
 
 
 def _profile(profile: int, fields: Sequence[Field]) -> list[Object]:
-    """The objects by which a device of a profile tells what its integers mean."""
+    """The objects in which a device of a profile says what its integers mean."""
     if profile == 404:
         found = {f.sub: f for f in fields if f.index in (0x6130, INT16, INT32)}
         return _channel_objects(found) if found else []

@@ -38,7 +38,7 @@ class Object:
 
 
 def variable(index: int, name: str, code: str, access: str, default: float | str | None) -> Object:
-    """A plain object."""
+    """An object with one value."""
     return Object(index, name, VARIABLE, (Entry(0, name, code, access, default),))
 
 
@@ -50,7 +50,7 @@ def group(index: int, name: str, kind: int, entries: Iterable[Entry]) -> Object:
 
 
 def first_entry(made: Object, entry: Entry) -> Object:
-    """The same with another entry at sub-index 0."""
+    """The object with another entry at sub-index 0."""
     return replace(made, entries=(entry, *made.entries[1:]))
 
 

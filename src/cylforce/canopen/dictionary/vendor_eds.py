@@ -1,4 +1,4 @@
-"""A vendor's EDS file, read through the canopen library: usual slips are mended, the rest is refused."""
+"""A vendor's EDS file, read with the canopen library. Common mistakes are corrected, others are refused."""
 
 import io
 import re
@@ -118,14 +118,14 @@ def mapped_code(eds: Eds, index: int, sub: int) -> str:
 
 
 def _described(eds: Eds, index: int, sub: int) -> bool:
-    """Whether an array really goes as far as `sub`: the library makes up members beyond those that are described."""
+    """Whether the file describes sub-index `sub` of an array: the library invents members beyond those described."""
     entry = eds.dictionary[index]
     count = _default(eds.dictionary.get_variable(index, 0))
     return not isinstance(entry, ODArray) or sub in entry.subindices or sub <= count
 
 
 def default_mapping(eds: Eds, number: int) -> tuple[tuple[int, int, int], ...]:
-    """(index, sub-index, bits) of what TPDO `number` holds unless told otherwise."""
+    """(index, sub-index, bits) of what TPDO `number` carries by default."""
     count = _default(eds.dictionary.get_variable(0x1A00 + number - 1, 0))
     entries = (_default(eds.dictionary.get_variable(0x1A00 + number - 1, k)) for k in range(1, count + 1))
     return tuple((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF) for entry in entries)

@@ -3,11 +3,14 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from pydantic import JsonValue
+
 from cylforce.commissioning.identification import Identification
 from cylforce.commissioning.known_load import with_known_load
 from cylforce.estimation.model import Model
 from cylforce.estimation.segments import gapless
-from cylforce.files.atomic import RecordingError
+from cylforce.files.atomic import RecordingError, Tell
+from cylforce.files.checkpoint import packed, unpacked
 from cylforce.files.logfile import Header, file_sha256, running_versions
 from cylforce.files.logreader import log_header
 from cylforce.files.recording import open_recording
@@ -16,7 +19,7 @@ from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.service.assembler import Assembler
 from cylforce.service.hanging import hanging
 from cylforce.service.samples import samples
-from cylforce.service.step import Core
+from cylforce.service.step import NO_SCALE, Core, Scale, State
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
@@ -84,14 +87,40 @@ def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: floa
         raise RecordingError(f"{lift}: {error}") from error
 
 
-def header_of(loaded: Loaded, identified: Path | None, bus: str, zero: float, tare: float) -> Header:
-    """What a log of this service begins with."""
+def header_of(loaded: Loaded, identified: Path | None, bus: str) -> Header:
+    """What a log of this service begins with when it starts: no zero, no tare."""
     return Header(
         versions=running_versions(),
         machine=str(loaded.path.resolve()),
         machine_sha256=loaded.sha256,
         identified_sha256=file_sha256(identified) if identified else None,
-        state={"zero": zero, "tare": tare},
+        state={**NO_SCALE._asdict()},
         bus=bus,
         node_id=loaded.service.node_id,
     )
+
+
+def continued(header: Header, state: State) -> Header:
+    """What a log begins with that continues one with this header, when the service has come to this state."""
+    return header.model_copy(update={"state": {**state.scale._asdict(), "service": packed(state)}})
+
+
+def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Tell) -> State:
+    """The service's state at the begin of a log. A state of other tares or of another version does not fit: then only
+    zero and tare are taken over, the estimators start anew, and `tell` says so."""
+    said = recorded.state
+    known = Scale(**{name: float(str(said.get(name, 0.0))) for name in Scale._fields})
+    if "service" not in said:
+        return core.begin(known)
+    same = (recorded.machine_sha256, recorded.identified_sha256) == (now.machine_sha256, now.identified_sha256)
+    if same and recorded.versions.get("cylforce") == now.versions["cylforce"]:
+        return _state(said["service"], path)
+    tell(f"{path}: continues an earlier log of other tares or another version: its estimators start anew here")
+    return core.begin(known)
+
+
+def _state(said: JsonValue, path: Path) -> State:
+    try:
+        return unpacked(State, said)
+    except (ValueError, TypeError) as error:
+        raise RecordingError(f"{path}: the state in the log's header is broken, so its start is lost") from error

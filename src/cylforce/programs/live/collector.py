@@ -1,5 +1,5 @@
-"""The station that follows a commissioning: it samples as the daemon does, hands the samples to the guidance, and sends
-nothing but what makes the sensors speak."""
+"""The station of `cylforce commission`: it takes samples as the daemon does, passes them to the guidance, and sends
+only what the sensors need to send their values."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
@@ -20,14 +20,14 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Event, Frame, Tick
 
-PATIENCE_S = 3.0  # without one whole sample, after which it is told
-STILL_S = 30.0  # without motion, after which it is told
-THOUGHT_S = 0.5  # of samples that are handed to the guidance at once
+PATIENCE_S = 3.0  # without a complete sample, after which the picture says so
+STILL_S = 30.0  # without motion, after which the picture says so
+THOUGHT_S = 0.5  # of samples that are passed to the guidance at once
 
 
 class View(NamedTuple):
-    """What there is to see: the advice, the joints' angles `here` (N,) [rad] now (NaN: nobody knows), seconds since the
-    last whole sample and since the last motion, and what stands in the way."""
+    """What is shown: the advice, the joints' present angles `here` (N,) [rad] (NaN: unknown), seconds since the last
+    complete sample and since the last motion, and the `trouble` that prevents progress."""
 
     advice: Advice
     here: Array
@@ -37,12 +37,12 @@ class View(NamedTuple):
 
     @property
     def say(self) -> str:
-        """The one sentence that counts."""
+        """The sentence to show: the trouble, or the advice."""
         return self.trouble or self.advice.say
 
 
 class Collector(Station[None]):
-    """Samples from the bus into the guidance, which thinks in a thread so that no tick is late."""
+    """Passes samples from the bus to the guidance, which works in a thread so that no tick is late."""
 
     def __init__(self, loaded: Loaded, guide: Guide, bus: Bus, log: LogWriter | None) -> None:
         super().__init__(loaded.service, self._collect, None, bus, log)
@@ -62,7 +62,7 @@ class Collector(Station[None]):
     def _collect(self, _: None, event: Event) -> tuple[None, Output]:
         """The step of this station: its state is its own."""
         if isinstance(event, Frame):
-            return None, Output(self.received(event))
+            return None, Output(self.received(event), words="refused: nothing is weighed during commissioning")
         self.ticked(event)
         return None, NOTHING
 
@@ -89,7 +89,7 @@ class Collector(Station[None]):
             self._whole_us = tick.t_us
 
     def think(self) -> None:
-        """Take what the guidance has thought, and hand it what came meanwhile. Raises what it raised."""
+        """Take the guidance's last result and pass it the samples since then. Raises what the guidance raised."""
         if self._thought is not None:
             if not self._thought.done():
                 return
@@ -102,13 +102,13 @@ class Collector(Station[None]):
             self._thought = self._pool.submit(self.guide.absorb, self.collected, rows, longest)
 
     def view(self) -> View:
-        """What there is to see now."""
+        """What is shown now."""
         advice, now_us = self.guide.advice(self.collected), 0 if self._sample is None else self._sample.t_us
         deaf_s, still_s = (1e-6 * (now_us - since) for since in (self._whole_us, self._moved_us))
         return View(advice, self._here(), deaf_s, still_s, self._trouble(deaf_s, still_s, advice))
 
     def close(self) -> None:
-        """Think no more."""
+        """Stop the guidance's thread."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _here(self) -> Array:
@@ -137,7 +137,7 @@ class Collector(Station[None]):
         return f"nothing can be measured: {'; '.join(nodes)}"
 
     def _missing_of(self, node: SensorNode, bad: dict[str, Reason]) -> str | None:
-        """What a node does not tell, and what to check."""
+        """Which values of a node are missing, and what to check."""
         lost = [f.signal for pdo in node.pdos for f in pdo.fields if f.signal in bad]
         if not lost:
             return None

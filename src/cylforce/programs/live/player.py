@@ -1,4 +1,4 @@
-"""`cylforce replay --bus`: a recording played onto a bus as if its sensors sent it, for the daemon to measure."""
+"""`cylforce replay --bus`: a recording played onto a bus as if its sensors sent it, so that a daemon can measure."""
 
 import asyncio
 import signal
@@ -25,7 +25,7 @@ POLL_S = 0.001
 
 
 class Player(Protocol):
-    """Feed it frames and time; it is `done` some time."""
+    """Sends a recording. It is given frames and the time until it is `done`."""
 
     def boot(self) -> None:
         """Begin."""
@@ -109,10 +109,10 @@ class LogPlayer:
         return self._next is None
 
     def boot(self) -> None:
-        """Nothing to say before the first frame."""
+        """Nothing is sent before the first frame."""
 
     def on_frame(self, frame: Frame) -> None:
-        """Nobody listens."""
+        """Frames from the bus are ignored."""
 
     def poll(self, t_us: int) -> None:
         """Send what is due."""

@@ -78,8 +78,8 @@ STEPS = ("cycle", "phase")  # columns that are not interpolated
 
 
 class SensorNodes:
-    """All sensors of a machine file. Feed it frames and time; it answers by `send`, and by rows of truth: one
-    per SYNC, or where no sensor listens to SYNC, one per period of the service."""
+    """All sensors of a machine file. It is given frames and the time; it sends frames by `send`, and writes rows of
+    truth: one per SYNC, or where no sensor listens to SYNC, one per period of the service."""
 
     def __init__(self, play: Play, send: Send, truth: TruthWriter | None, stage: MovingStage) -> None:
         service = play.service

@@ -1,5 +1,5 @@
-"""Our node on a bus, with one loop and one clock: every event is logged, then goes into the step; the sensors are
-commissioned beside the loop."""
+"""Our node on a bus, with one event loop and one clock. Every event is logged, then passed to the step; meanwhile the
+sensors are commissioned by tasks of the same loop."""
 
 import asyncio
 import gc
@@ -20,11 +20,12 @@ from cylforce.mechanics.installation import Service
 from cylforce.service.step import Output
 from cylforce.signals.events import Event, Frame, Tick
 
-S = TypeVar("S")  # what the step remembers
+S = TypeVar("S")  # the step's state
 Step = Callable[[S, Event], tuple[S, Output]]
 
 OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
-ON_TIME = 100  # steps without an overrun after which it counts as over
+ON_TIME = 100  # steps; at each such count a step without overrun repairs the emergency
+OVERRUN_MESSAGES_US = 1_000_000  # so that a busy controller does not log a line at every tick
 
 
 class Counts(NamedTuple):
@@ -42,6 +43,7 @@ class Station(Generic[S]):
         self._every = max(1, round(service.publication[0].period_s * service.filters.rate_hz))
         self.bus, self.log = bus, log
         self.counts = Counts()
+        self._missed = self._said_us = 0
         self.outcomes: dict[int, Outcome] = {}
         self._tell = structlog.get_logger("cylforce")
         self._verdict: int | None = None
@@ -52,12 +54,12 @@ class Station(Generic[S]):
         self.commissioner = Commissioner(service.nodes, self.network, heard, self._commissioned)
         self._timer = Timer(1.0 / service.filters.rate_hz)
 
-    def commanded(self, verdict: int) -> None:
-        """A command was obeyed (0) or refused (an SDO abort code)."""
+    def before_tick(self, t_us: int) -> None:
+        """Called before each tick is logged."""
         return
 
     def after_sync(self) -> None:
-        """What can wait until SYNC is out."""
+        """Called after each tick, when SYNC has been sent."""
         return
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -78,24 +80,26 @@ class Station(Generic[S]):
             self.log.close()
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame: logged, concluded from, then to our node, which answers with the verdict."""
+        """A frame is logged, passed to the step, then to our node, which answers a command with the step's verdict."""
         self._keep(frame)
         self.state, out = self._step(self.state, frame)
         self._verdict = out.verdict
         if out.verdict is not None:
-            self.commanded(out.verdict)
+            say = self._tell.warning if out.verdict else self._tell.info
+            say("zero or tare", words=out.words, abort=hex(out.verdict))
         self.network.on_frame(frame)
         self._verdict = None
 
     def on_timer(self) -> None:
-        """A tick: logged, concluded from; then SYNC asks for the next samples. Missed ticks are skipped, counted and
-        told."""
+        """A tick is logged and passed to the step, its results are sent; then SYNC asks for the next samples. Missed
+        ticks are skipped and counted."""
         due = self._timer.read()
         if due == 0:
             return
         late = due - 1
         self.counts = Counts(self.counts.steps + 1, self.counts.overruns + late)
         tick = Tick(self._timer.deadline_us)
+        self.before_tick(tick.t_us)
         self._keep(tick)
         self.state, out = self._step(self.state, tick)
         if self.counts.steps % self._every == 0:
@@ -103,12 +107,19 @@ class Station(Generic[S]):
                 self.node.publish(number, data)
         self.node.produce_sync()
         self.network.poll(tick.t_us)
+        self._say_overruns(late, tick.t_us)
+        self.after_sync()
+
+    def _say_overruns(self, late: int, t_us: int) -> None:
+        """An emergency at once; a message at most once a second, with all that were missed since the last one."""
+        self._missed += late
+        if self._missed and not 0 <= t_us - self._said_us < OVERRUN_MESSAGES_US:
+            self._tell.warning("overrun", missed=self._missed, overruns=self.counts.overruns)
+            self._missed, self._said_us = 0, t_us
         if late:
-            self._tell.warning("overrun", missed=late, overruns=self.counts.overruns)
             self.node.emergencies.occur(OVERRUN)
         elif self.counts.steps % ON_TIME == 0:
             self.node.emergencies.repair(OVERRUN)
-        self.after_sync()
 
     def _keep(self, event: Event | Sent) -> None:
         if self.log is not None:
@@ -137,7 +148,7 @@ async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], No
         loop.add_signal_handler(number, until.set)
     station.start(loop)
     gc.collect()
-    gc.freeze()  # the start's objects are not searched again: removes pauses of tens of milliseconds
+    gc.freeze()  # objects of the start are not collected again: this avoids pauses of tens of milliseconds
     try:
         while not until.is_set():
             try:

@@ -13,7 +13,7 @@ from cylforce.mechanics.machine import Machine
 
 MATTERS = 0.001  # of the rated payload: what costs the weight less is not worth a sentence among the next steps
 ENOUGH = 0.9  # of what coverage asks for, of the working range
-NOISY = 0.8  # of the standard error: from there on better tares would not help
+NOISY = 0.8  # share of the standard error from which on better tares would not help
 MOST = 5  # details of a step
 
 
@@ -25,7 +25,8 @@ class Advised(NamedTuple):
 
 
 class Untold(NamedTuple):
-    """A parameter that the recording does not tell: its name, what it is, what it costs the weight [kg], the cure."""
+    """A parameter that the recording does not determine: its name, what it is, its contribution to the weight's
+    standard error [kg], the cure."""
 
     name: str
     meaning: str
@@ -33,7 +34,7 @@ class Untold(NamedTuple):
     cure: str
 
 
-# What a parameter is, and what motion tells it, by the end of its name.
+# What a parameter is, and which motion determines it, by the end of its name.
 MEANING = {
     "J": ("inertia about its pin", "start and stop {0} briskly, both ways"),
     "X": ("first moment along the link", "move {0} through more of its range, slowly, both ways"),
@@ -80,7 +81,7 @@ def usable_share(machine: Machine, expected: Expected) -> float:
 
 
 def untold(found: Identification, expected: Expected) -> tuple[Untold, ...]:
-    """What the recording does not tell, the costliest first."""
+    """What the recording does not determine, the largest contribution first."""
     each = dict(zip(found.tares.names, cost(found.tares, expected), strict=True))
     lost = []
     for name in found.not_identified:

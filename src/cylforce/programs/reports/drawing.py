@@ -1,4 +1,4 @@
-"""How figures look, and how they become a part of a page: SVG that loads nothing and asks nobody."""
+"""The style of figures, and their SVG within a page: it loads nothing from elsewhere."""
 
 import io
 import re
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from cylforce.signals.estimate import Array
 
-SHOWN = 99.5  # per cent of the points that set an axis: one spoilt sample must not
+SHOWN = 99.5  # per cent of the points that set an axis, so that one wrong sample does not
 WIDTH = 11.0  # inches of the page: letters of figures are as large as those of the text
 
 INK, PALE, GRID = "#1d2733", "#7b8794", "#d9dee4"
@@ -61,7 +61,7 @@ def canvas(height: float) -> Figure:
 
 
 def svg(figure: Figure, told: str) -> str:
-    """The figure as an element of HTML, `told` for those who cannot see it; no address is in it."""
+    """The figure as an element of HTML, with `told` as its description for screen readers; it contains no address."""
     out = io.StringIO()
     figure.savefig(out, format="svg", dpi=130, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     _, tag, rest = re.split(r"<svg([^>]*)>", out.getvalue(), maxsplit=1)
@@ -70,7 +70,7 @@ def svg(figure: Figure, told: str) -> str:
 
 
 def nothing(axes: Axes) -> None:
-    """In the place of a figure of which nothing is known."""
+    """In place of a figure without data."""
     axes.set_axis_off()
     axes.text(0.5, 0.5, "no usable motion", ha="center", color=RED, transform=axes.transAxes)
 
@@ -81,7 +81,7 @@ def noted(axes: Axes, x: float, y: float, text: str) -> None:
 
 
 def banded(axes: Axes, x: Array, y: Array, edges: Array, colour: str) -> None:
-    """Mean and standard deviation of y (T,) within bins of x (T,): what the eye should take from a cloud."""
+    """Mean and standard deviation of y (T,) within bins of x (T,), drawn over a cloud of points."""
     part = np.digitize(x, edges) - 1
     held = [y[np.logical_and(part == k, np.isfinite(y))] for k in range(len(edges) - 1)]
     kept = [k for k, values in enumerate(held) if len(values) >= 20]
@@ -91,7 +91,7 @@ def banded(axes: Axes, x: Array, y: Array, edges: Array, colour: str) -> None:
 
 
 def cloud(figure: Figure, axes: Axes, speed: Array, seen: Array, force: Array) -> None:
-    """Forces seen (T,) [N] over a cylinder's speed (T,) [m/s], coloured by its own force (T,) [N]."""
+    """Measured forces (T,) [N] over a cylinder's speed (T,) [m/s], coloured by its own force (T,) [N]."""
     points = axes.scatter(speed * 1e3, seen * 1e-3, c=force * 1e-3, s=3, alpha=0.6, linewidths=0, rasterized=True)
     bar = figure.colorbar(points, ax=axes, label="cylinder force [kN]", location="bottom", aspect=40, pad=0.02)
     if bar.solids is not None:

@@ -1,4 +1,4 @@
-"""What a recording says of identified tares, thinned for the eye: pure, and in constant memory."""
+"""Samples of a recording against identified tares, thinned for drawing: pure, and in constant memory."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -21,8 +21,8 @@ REST = 3.0  # times the speed that rounds the friction's direction: from there o
 
 class DrawnSamples(NamedTuple):
     """Samples of a stretch, all passed through the same filters: `measured` and `predicted` torque (T, R) [N m], NaN
-    where a row says nothing; joint angles `posture` (T, N) [rad]; of the cylinders `speed` (T, C) [m/s], `force`
-    (T, C) [N] and own `lever` (T, C) [m/rad] about the joint that each moves."""
+    where a row is not usable; joint angles `posture` (T, N) [rad]; of the cylinders `speed` (T, C) [m/s], `force` (T,
+    C) [N] and own `lever` (T, C) [m/rad] about the joint that each moves."""
 
     measured: Array
     predicted: Array

@@ -1,4 +1,4 @@
-"""What the report says in words and numbers: verdicts, what to do next, what the recording does not tell. Pure;
+"""What the report says in words and numbers: verdicts, what to do next, what the recording does not determine. Pure;
 degrees and per cent are for the reader."""
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ MOST_LIMITS = 8
 
 
 class Card(NamedTuple):
-    """A number that is read first: `good` or to be looked at."""
+    """A number at the top of the page: `good`, or to be checked."""
 
     title: str
     value: str
@@ -46,7 +46,8 @@ class Row(NamedTuple):
 
 
 class ParameterLine(NamedTuple):
-    """A line of the table: data sheet and identified, each with its standard error; `told` by the recording."""
+    """A line of the table: data sheet and identified, each with its standard error; `told`: determined by the
+    recording."""
 
     name: str
     unit: str
@@ -117,7 +118,7 @@ def _cards(found: Identification, shown: Drawn, expected: Expected, lost: tuple[
 
 
 def _explained(shown: Drawn) -> float:
-    """The share of its torque's variance that the tares predict, of the worst row; nothing of one never seen."""
+    """The share of its torque's variance that the tares predict, of the worst row; 0 for a row without samples."""
     rows = zip(shown.points.measured.T, shown.points.predicted.T, strict=True)
     good = [(m[np.isfinite(m)], p[np.isfinite(m)]) for m, p in rows]
     return min((1.0 - float(np.mean((m - p) ** 2) / np.var(m)) if m.size > 1 else 0.0 for m, p in good), default=0.0)

@@ -74,7 +74,7 @@ def _against(axes: Axes, points: DrawnSamples, row: int) -> None:
 
 
 def residuals(found: Identification, shown: Drawn) -> Figure:
-    """Per cylinder, over its speed: friction found and what the rows say of it; below, what no law explains."""
+    """Per cylinder, over its speed: identified friction and the samples; below, what no law explains."""
     machine, wanted = found.model.machine, shown.plan
     pairs = [(j, c) for j, c in zip(wanted.joints, wanted.cylinders, strict=True) if j in machine.rows]
     figure = canvas(5.4)
@@ -94,7 +94,7 @@ def residuals(found: Identification, shown: Drawn) -> Figure:
 
 
 def _law(figure: Figure, axes: Axes, found: Identification, points: DrawnSamples, left: Array, c: int) -> None:
-    """The friction's law at the usual force, with its 95 % band, on the points it was found from."""
+    """The friction law at the median force, with its 95 % band, over the samples that it was fitted to."""
     good = np.isfinite(left)
     speed, force = points.speed[good, c], points.force[good, c]
     seen = friction(found.model, found.tares, c, speed, force)[0] + left[good]

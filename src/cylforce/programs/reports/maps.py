@@ -1,4 +1,4 @@
-"""Figures of where one stands: coverage of postures, weighing error over the working range, parameters."""
+"""Figures of the state reached: coverage of postures, weighing error over the working range, parameters."""
 
 from itertools import pairwise
 
@@ -25,7 +25,7 @@ LINES = (
     (Way.RETRACTING, Pace.SLOW),
     (Way.RETRACTING, Pace.FAST),
 )
-MUCH_S = 6.0  # from here on a cell is as dark as can be
+MUCH_S = 6.0  # seconds from which on a cell has the darkest colour
 CLASSES = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0, 100.0)  # per cent of the rated payload
 COLOURS = ("#1a7a3c", "#5fae6e", "#b9dcae", "#f4d58d", "#e8915b", "#b5342c")
 NEVER = "#f6d9d5"

@@ -1,4 +1,4 @@
-"""The residual that nothing explains, over what it is a function of."""
+"""The residual that no known effect explains, over the quantity of which it is a function."""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from cylforce.programs.reports.drawing import style, svg
 Wanted = dict[str, tuple[Callable[[], Figure], str]]  # figures by name: how to draw them, what they show in words
 
 
-def rendered(name: str, **values: Any) -> str:  # noqa: ANN401 - whatever the template names
+def rendered(name: str, **values: Any) -> str:  # noqa: ANN401 - any value that the template names
     """The page that a template of this package makes of values; a name that it misses is an error."""
     made = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(_source)

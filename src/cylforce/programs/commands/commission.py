@@ -1,0 +1,30 @@
+"""`cylforce commission`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cylforce.programs.commands.options import INTERRUPTED, Bus, MachineFile, example
+
+EXAMPLE = example("cylforce commission machine.toml --bus socketcan:can0 -o identified.toml --known-kg 1000")
+
+
+def commission(
+    machine: MachineFile,
+    bus: Bus,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write: identified tares.")],
+    log: Annotated[Path | None, typer.Option(help="Record there (candump text); without, beside the output.")] = None,
+    known_kg: Annotated[float | None, typer.Option(help="A weight that is lifted afterwards: the scale.")] = None,
+) -> None:
+    """Guide the moves of the empty machine, then identify.
+
+    Shows what has been recorded and what to do next. Never commands the machine."""
+    from rich.console import Console
+
+    from cylforce.programs.commission import Order, run_commission
+    from cylforce.programs.common.machine_file import load_machine
+
+    order = Order(bus, output, log or output.with_suffix(".log"), known_kg)
+    if not run_commission(load_machine(machine), order, Console(highlight=False)):
+        raise typer.Exit(INTERRUPTED)

@@ -1,0 +1,33 @@
+"""`cylforce demo`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cylforce.programs.commands.options import Bus, example
+
+EXAMPLE = example("cylforce demo --bus socketcan:vcan0 --cycles 3 --seed 6")
+
+
+def demo(
+    machine: Annotated[
+        Path | None, typer.Option(help="The machine file. Without it, the shipped 20 t excavator.")
+    ] = None,
+    bus: Bus = "virtual:demo",
+    clock: Annotated[
+        str, typer.Option(help="Which clock this machine has; printed and written, nothing else.")
+    ] = "real",
+    cycles: Annotated[int, typer.Option(min=1, help="How many digging cycles.")] = 3,
+    seed: Annotated[int | None, typer.Option(min=0, help="Without one, one is drawn and printed.")] = None,
+    output: Annotated[Path | None, typer.Option("--json", help="Write the figures there.")] = None,
+) -> None:
+    """Show the main job on the simulated machine.
+
+    Identification, digging, weighing, comparison with the truth. The bus is one inside this process; `--bus
+    remote:127.0.0.1` takes a relay of its own, `--bus socketcan:vcan0` the kernel's virtual bus."""
+    from cylforce.files.shipped import shipped
+    from cylforce.programs.demo import run_demo
+
+    if not run_demo(machine or shipped("excavator_20t.toml"), bus, clock, cycles, seed, output):
+        raise typer.Exit(1)

@@ -1,0 +1,48 @@
+"""`cylforce gap`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cylforce.programs.commands.options import IdentifiedFile, MachineFile, example
+
+EXAMPLE = example("cylforce gap machine.toml today.log --reference in_order.log --html gap.html --patch gap.toml")
+
+
+def gap(
+    machine: MachineFile,
+    field: Annotated[list[Path], typer.Argument(metavar="FIELD...", help="Recordings that differ from the model.")],
+    reference: Annotated[list[Path] | None, typer.Option(help="A recording of the machine in order.")] = None,
+    identified: IdentifiedFile = None,
+    load: Annotated[
+        list[str] | None, typer.Option(metavar="FILE=KG", help="A recording was made with this known load.")
+    ] = None,
+    only: Annotated[str | None, typer.Option(metavar="NAME@AT", help="Fit the size of this effect alone.")] = None,
+    output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
+    patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
+    residuals: Annotated[Path | None, typer.Option(help="Write what is left before and after there (npz).")] = None,
+) -> None:
+    """Say why recordings differ from the model.
+
+    Names the joint, the effect, its size, and how far the gap shrinks once it is simulated."""
+    from rich.console import Console
+
+    from cylforce.files.atomic import check_outputs
+    from cylforce.programs.common.machine_file import load_machine
+    from cylforce.programs.common.progress import progress_bar
+    from cylforce.programs.gap import Question, diagnose, known_loads
+    from cylforce.programs.gap_output import Outputs, show, write_all
+    from cylforce.programs.reports.report import check_extra, gap_report
+
+    if html is not None:
+        check_extra()
+    check_outputs((output, patch, html, residuals), (machine, *field, *(reference or ()), identified))
+    question = Question(tuple(field), tuple(reference or ()), identified, known_loads(load or ()), only)
+    loaded = load_machine(machine)
+    with progress_bar() as watch:
+        found = diagnose(loaded, question, watch=watch)
+        report = None if html is None else gap_report(loaded, question, found, watch)
+    write_all(found, report, Outputs(output, patch, html, residuals))
+    show(found, Console(highlight=False))

@@ -1,0 +1,48 @@
+"""`cylforce identify`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cylforce.programs.commands.options import example
+
+EXAMPLE = example("cylforce identify machine.toml empty.log -o identified.toml --report report.html")
+
+
+def identify(
+    files: Annotated[list[Path], typer.Argument(metavar="[MACHINE.toml] RECORDING...")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write.")],
+    two_steps: Annotated[
+        bool, typer.Option(help="Static parameters from slow moves first, then dynamic ones.")
+    ] = False,
+    enforce: Annotated[bool, typer.Option(help="The nearest physically consistent tares.")] = False,
+    lift: Annotated[Path | None, typer.Option(help="A recording of a lift of a known weight: the scale.")] = None,
+    known_kg: Annotated[float | None, typer.Option(help="That weight.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
+    refuse: Annotated[
+        bool, typer.Option(help="Refuse a loaded bucket, contact, dead or misplaced sensors, a wrong bore.")
+    ] = True,
+) -> None:
+    """Identify the empty machine's dynamic tares from recordings.
+
+    A log of cylforce names its machine file itself; for other recordings name it first."""
+    from rich.console import Console
+
+    from cylforce.files.atomic import check_outputs
+    from cylforce.programs.common.machine_file import load_machine
+    from cylforce.programs.common.progress import progress_bar
+    from cylforce.programs.common.readings import machine_file_of, named_segments
+    from cylforce.programs.identify import How, run_identify, show
+    from cylforce.programs.reports.report import check_extra, write_report
+
+    if report is not None:
+        check_extra()
+    machine, recordings = machine_file_of(files)
+    check_outputs((output, report), (machine, *recordings, lift))
+    loaded = load_machine(machine)
+    with progress_bar() as watch:
+        found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg, refuse), watch)
+        if report is not None:
+            write_report(report, found, named_segments(loaded, recordings, watch), output, watch)
+    show(found, Console())

@@ -1,0 +1,21 @@
+"""Arguments that several commands share, and how their examples are written."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+MachineFile = Annotated[Path, typer.Argument(metavar="MACHINE.toml", help="The machine file.")]
+Bus = Annotated[
+    str, typer.Option(metavar="INTERFACE:CHANNEL", help="For example socketcan:can0 or remote:127.0.0.1:PORT.")
+]
+IdentifiedFile = Annotated[
+    Path | None,
+    typer.Option("--identified", help="Tares from `cylforce identify`. Without it, the data sheet's values count."),
+]
+INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
+
+
+def example(line: str) -> str:
+    """The last line of a command's help. Read back by the tests, which check that the command accepts it."""
+    return f"Example: {line}"

@@ -1,0 +1,30 @@
+"""`cylforce run`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cylforce.programs.commands.options import Bus, IdentifiedFile, MachineFile, example
+
+EXAMPLE = example(
+    "cylforce run machine.toml --bus socketcan:can0 --identified identified.toml --log events.log --log-size 200"
+)
+
+
+def run(
+    machine: MachineFile,
+    bus: Bus,
+    identified: IdentifiedFile = None,
+    log: Annotated[Path | None, typer.Option(help="Write the event log there (candump text).")] = None,
+    log_size: Annotated[
+        float, typer.Option(metavar="MB", min=1.0, help="Begin a new log file at this size; 100 MB are half an hour.")
+    ] = 100.0,
+    log_keep: Annotated[int, typer.Option(min=0, help="How many older files to keep, FILE.NUMBER.log.")] = 9,
+) -> None:
+    """Read the sensors, publish payload and force: the service."""
+    from cylforce.files.logfile import Rotation
+    from cylforce.programs.common.machine_file import load_machine
+    from cylforce.programs.run import run_daemon
+
+    run_daemon(load_machine(machine), bus, identified, log, Rotation(round(1e6 * log_size), log_keep))

@@ -1,0 +1,267 @@
+"""A log of limited size: files that each stand alone, the oldest deleted; every part replays to the same bytes."""
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+
+from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
+from cylforce.commissioning.identification import identify
+from cylforce.files.atomic import RecordingError
+from cylforce.files.candump import Sent
+from cylforce.files.checkpoint import packed, unpacked
+from cylforce.files.logfile import Header, LogWriter, Rotation, header_lines, running_versions
+from cylforce.files.logreader import log_header, read_events
+from cylforce.programs.common.readings import header_of, make_core, model_of
+from cylforce.programs.replay import run_replay
+from cylforce.programs.run import Daemon
+from cylforce.programs.sim import run_sim
+from cylforce.service.step import Scale, State
+from cylforce.settings.identified import write_identified
+from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Status
+from cylforce.signals.events import Frame, Tick
+from scenarios import EXCAVATOR, moved
+
+T0 = 1_700_000_000_000_000
+KEEP = 1000
+HEADER = Header(
+    versions=running_versions(),
+    machine="machine.toml",
+    machine_sha256="ab" * 32,
+    identified_sha256=None,
+    state={"zero": 0.0, "tare": 0.0},
+    bus="socketcan:can0",
+    node_id=10,
+)
+
+
+def written(path, ticks, size, keep, first=0):
+    """`ticks` ticks, a new file whenever the writer asks for one; its header names the tick at which it begins."""
+    with LogWriter(path, HEADER, T0, "can0", rotation=Rotation(size, keep)) as log:
+        for k in range(first, first + ticks):
+            if log.full:
+                state = {"zero": float(k), "tare": 0.0}
+                log.turn(lambda state=state: HEADER.model_copy(update={"state": state}), T0 + k)
+            log.log(Tick(T0 + k * 10_000))
+    assert (log.lost, log.failure) == (0, None)
+    return parts(path)
+
+
+def parts(path):
+    """The files of a log, oldest first."""
+    older = path.parent.glob(f"{path.stem}.[0-9]*.log")
+    return [*sorted(older, key=lambda p: int(p.name.split(".")[1])), path]
+
+
+def numbers(path):
+    """The ticks in a file, by their numbers."""
+    return [(e.t_us - T0) // 10_000 for e in read_events(path, 10_000)[1]]
+
+
+def test_files_follow_each_other_without_a_hole(tmp_path):
+    """Each file has its own header; together they hold every event once, in order; none is much above the size."""
+    files = written(tmp_path / "run.log", 5000, 20_000, KEEP)
+    assert len(files) > 5
+    assert [n for path in files for n in numbers(path)] == list(range(5000))
+    for path in files[1:]:
+        assert log_header(path).state["zero"] == numbers(path)[0]
+    longest = len(header_lines(HEADER, T0)) + 20_000 + 51 * 33  # half a second waits for the writing thread
+    assert max(path.stat().st_size for path in files) <= longest
+
+
+def test_the_oldest_file_is_deleted(tmp_path):
+    """Of the older files `keep` stay, the newest ones; their numbers go on after a restart."""
+    (tmp_path / "run.x.log").write_text("another's")
+    (tmp_path / "run.2.log.bak").write_text("another's")
+    files = written(tmp_path / "run.log", 5000, 20_000, 3)
+    assert len(files) == 4
+    kept = [n for path in files for n in numbers(path)]
+    assert kept == list(range(kept[0], 5000))
+    assert kept[0] > 0
+    last = int(files[-2].name.split(".")[1])
+    again = written(tmp_path / "run.log", 1, 20_000, 3, first=5000)
+    assert [p.name for p in again] == [*(f"run.{n}.log" for n in (last - 1, last, last + 1)), "run.log"]
+    assert numbers(again[-2])[-1] == 4999
+    assert (tmp_path / "run.x.log").exists()
+    assert (tmp_path / "run.2.log.bak").exists()
+
+
+def test_no_older_file_is_kept_if_none_is_wanted(tmp_path):
+    files = written(tmp_path / "run.log", 5000, 20_000, 0)
+    assert [p.name for p in files] == ["run.log"]
+    assert numbers(files[0])[-1] == 4999
+
+
+def test_without_a_limit_there_is_one_file(tmp_path):
+    with LogWriter(tmp_path / "run.log", HEADER, T0, "can0") as log:
+        for k in range(5000):
+            assert not log.full
+            log.log(Tick(T0 + k * 10_000))
+    assert len(parts(tmp_path / "run.log")) == 1
+
+
+def test_a_disk_that_refuses_the_next_file_ends_the_log(tmp_path):
+    """The folder is gone when the next file is to begin: told once, all else goes on."""
+    folder, told = tmp_path / "logs", []
+    folder.mkdir()
+    log = LogWriter(folder / "run.log", HEADER, T0, "can0", tell=told.append, rotation=Rotation(10, 1))
+    log.log(Tick(T0))
+    log.flush()
+    assert log.full
+    folder.rename(tmp_path / "elsewhere")
+    log.turn(lambda: HEADER, T0 + 1)
+    for k in range(1, 500):
+        log.log(Tick(T0 + k * 10_000))
+    log.close()
+    assert len(told) == 1
+    assert "logging stopped: No such file" in told[0]
+    assert log.lost == 499
+
+
+class ToldTime:
+    """In place of the daemon's timer: one tick is due, at a time that the test says."""
+
+    deadline_us = 0
+
+    def read(self):
+        return 1
+
+    def close(self):
+        return
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    """The machine, its tares, the files of a daemon's log of a digging cycle, what it concluded, and its last state; in
+    the middle the weight is tared."""
+    folder = tmp_path_factory.mktemp("rotation")
+    path, tares, source = folder / "machine.toml", folder / "identified.toml", folder / "cycle.log"
+    path.write_text(EXCAVATOR.read_text())
+    machine = load(path)
+    write_identified(tares, identify(model_of(machine), [moved(machine)]), machine, [])
+    run_sim(path, cycles=1, seed=3, log=source)
+    estimates, name = [], "virtual:rotation"
+    header = header_of(machine, tares, name)
+
+    async def main():
+        writer = LogWriter(folder / "run.log", header, T0, "can0", rotation=Rotation(150_000, KEEP))
+        daemon = Daemon(machine, make_core(machine, tares), open_bus(name), writer, Scale())
+        daemon.on_estimate = estimates.append
+        daemon._timer.close()
+        daemon._timer = ToldTime()
+        daemon.network.poll(now_us())
+        daemon.bus.attach(asyncio.get_running_loop(), lambda frame: None, daemon._on_sent)
+        daemon.node.boot()
+        for event in read_events(source, 10_000)[1]:
+            play(daemon, event, machine)
+        daemon.bus.close()
+        writer.close()
+        return daemon.state
+
+    state = asyncio.run(main())
+    return machine, tares, parts(folder / "run.log"), estimates, state
+
+
+def play(daemon, event, machine):
+    """One event of a recording into a daemon; the weight is tared as soon as it is OK."""
+    if isinstance(event, Tick):
+        daemon._timer.deadline_us = event.t_us
+        daemon.on_timer()
+        tared = daemon.state.scale.tare != 0.0
+        if daemon.state.estimate.load.mass.status is Status.OK and not tared:
+            tare = bytes([0x23, 0x39, 0x61, 1]) + b"tare"
+            daemon.on_frame(Frame(event.t_us + 1, 0x600 + machine.service.node_id, tare))
+    elif isinstance(event, Frame):
+        daemon.on_frame(event)
+
+
+def test_every_part_replays_to_the_same_bytes(logged):
+    """Each file alone, and nothing but the machine file and the tares: all frames that were sent, every estimate."""
+    machine, tares, files, estimates, last = logged
+    assert len(files) > 4
+    told, at = [], 0
+    for path in files:
+        found = run_replay(machine, path, tares, told.append)
+        assert (found.different, told) == (0, [])
+        assert found.compared > 50
+        assert [str(e) for e in found.estimates] == [str(e) for e in estimates[at : at + len(found.estimates)]]
+        at += len(found.estimates)
+    assert at == len(estimates)
+    assert str(found.state) == str(last)
+    assert last.scale.tare != 0.0
+    assert any(e.gross.status is Status.OK for e in estimates)
+    assert estimates[-1].booking is not None
+
+
+def rewritten(path, target, **changes):
+    """The log with another header."""
+    header = log_header(path).model_copy(update=changes)
+    body = [line for line in path.read_text().splitlines(keepends=True) if " cylforce " not in line]
+    target.write_text(header_lines(header, T0) + "".join(body))
+    return target
+
+
+def test_a_part_without_its_state_differs(logged, tmp_path):
+    """Zero and tare alone are not enough: filters and lift then start anew."""
+    machine, tares, files, _, _ = logged
+    header = log_header(files[2])
+    alone = {name: header.state[name] for name in ("zero", "tare")}
+    found = run_replay(machine, rewritten(files[2], tmp_path / "a.log", state=alone), tares, lambda _: None)
+    assert found.different > 0
+
+
+def test_a_state_of_another_version_is_told_and_not_used(logged, tmp_path):
+    machine, tares, files, _, _ = logged
+    versions = log_header(files[2]).versions | {"cylforce": "0.0.1"}
+    told = []
+    found = run_replay(machine, rewritten(files[2], tmp_path / "a.log", versions=versions), tares, told.append)
+    assert found.different > 0
+    assert "continues an earlier log of other tares or another version" in told[0]
+    told.clear()
+    run_replay(machine, files[2], None, told.append)
+    assert "continues an earlier log of other tares or another version" in told[0]
+
+
+@pytest.mark.parametrize("broken", ["x", [1, 2], None])
+def test_a_broken_state_is_refused(logged, tmp_path, broken):
+    machine, tares, files, _, _ = logged
+    state = log_header(files[2]).state | {"service": broken}
+    with pytest.raises(RecordingError, match="the state in the log's header is broken"):
+        run_replay(machine, rewritten(files[2], tmp_path / "a.log", state=state), tares, lambda _: None)
+
+
+def test_a_state_comes_back_to_the_last_bit(logged):
+    """Through JSON, as text: types, arrays and the order of their elements in memory, NaN."""
+    state = logged[4]
+    back = unpacked(State, json.loads(json.dumps(packed(state), allow_nan=False)))
+    assert_same(back, state)
+
+
+def assert_same(a, b):
+    assert type(a) is type(b)
+    if isinstance(a, np.ndarray):
+        assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+    elif isinstance(a, tuple):
+        for one, other in zip(a, b, strict=True):
+            assert_same(one, other)
+    else:
+        assert a == b or (a != a and b != b)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_the_order_of_elements_is_kept(order):
+    array = np.asarray(np.arange(6.0).reshape(2, 3), order=order)
+    back = unpacked(np.ndarray, packed(array))
+    assert back.flags["F_CONTIGUOUS"] == (order == "F")
+    np.testing.assert_array_equal(back, array)
+
+
+def test_frames_that_we_sent_are_in_the_file_of_their_tick(logged):
+    """A part begins with a tick, so that every frame it holds is compared with what that very part concludes."""
+    for path in logged[2][1:]:
+        first = next(iter(read_events(path, 10_000)[1]))
+        assert isinstance(first, Tick)
+        assert any(isinstance(e, Sent) for e in read_events(path, 10_000)[1])
