@@ -35,7 +35,7 @@ def run_replay(
     loaded: Loaded, recording: Path, identified: Path | None = None, tell: Callable[[str], None] = warn
 ) -> Replayed:
     """Play a recording through the core. Raises RecordingError or SettingsError, one sentence each."""
-    found = replay_through(make_core(loaded, identified), loaded, recording, tell)
+    found = replay_through(make_core(loaded, identified, tell), loaded, recording, tell)
     if found.different:
         header = log_header(recording)
         now = header_of(loaded, identified, "", 0.0, 0.0)
