@@ -8,6 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.commissioning.consistency import consistent, violations
+from cylforce.commissioning.explained import quality
+from cylforce.commissioning.repairs import Case
+from cylforce.commissioning.soundness import soundness
 from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
@@ -28,7 +31,8 @@ DETERMINED = 0.5  # times the prior's standard error: above it the recording doe
 class Identification(NamedTuple):
     """The `model` with the friction laws that were chosen, its `tares`, the fit, names of what the recording does not
     tell, seconds of usable motion, and per friction law tried the mean squared prediction error held out (1: the
-    row's own noise); sentences for the physical laws that the fit breaks."""
+    row's own noise); sentences for the physical laws that the fit breaks; share of each joint's torque that is
+    `explained` (R,), NaN where a joint was not seen; `warnings` that go with the tares into service."""
 
     model: Model
     tares: Tares
@@ -37,6 +41,8 @@ class Identification(NamedTuple):
     seconds: float
     held_out: dict[str, float]
     violations: tuple[str, ...]
+    explained: Array
+    warnings: tuple[str, ...]
 
 
 def identify(
@@ -48,7 +54,7 @@ def identify(
     or misplaced sensors and of wrong piston areas.
 
     Raises ValueError, in a sentence, when the recording is too short, does not move, moves a cylinder one way only, or
-    is refused."""
+    is refused, or when a joint's torque stays unexplained (`soundness`)."""
     evidence = [nothing(model.machine)]
     whole = observed_factors(model, _watched(model, segments, evidence))
     held = chosen(whole, list(range(len(model.parameters))))
@@ -68,15 +74,14 @@ def identify(
     left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
     covariance = under_load(best, fit.covariance)
     tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error)
-    return Identification(
-        best,
-        consistent(best, tares) if enforce else tares,
-        fit,
-        _not_told(best, fit),
-        seconds,
-        errors,
-        violations(best, fit.values, np.sqrt(np.diag(fit.covariance))),
-    )
+    broken = violations(best, fit.values, np.sqrt(np.diag(fit.covariance)))
+    found = quality(best, fewer, fit.values, fit.covariance)
+    sound = soundness(Case(model, evidence[0].kept), found, broken)
+    if refuse and sound.refusal is not None:
+        raise ValueError(sound.refusal)
+    obeying = consistent(best, tares) if enforce else tares
+    lost = _not_told(best, fit)
+    return Identification(best, obeying, fit, lost, seconds, errors, broken, found.explained, sound.warnings)
 
 
 def as_usual(model: Model, fit: Fit) -> Fit:
@@ -129,7 +134,7 @@ def _check_both_ways(model: Model, held: Factors) -> None:
     distinguished from weight."""
     n, c = model.machine.size, len(model.machine.cylinders)
     weight = np.max(held.samples, axis=1) / model.filters.rate_hz
-    ways = weight @ held.mark[:, n + c :]
+    ways = weight @ held.mark[:, n + c : n + 3 * c]
     for cylinder, out, into in zip(model.machine.cylinders, ways[:c], ways[c:], strict=True):
         if max(out, into) > ONE_WAY_SECONDS and min(out, into) < ONE_WAY * (out + into):
             raise ValueError(

@@ -120,7 +120,7 @@ def _exchanged(model: Model, kept: Array) -> str | None:
     there, samples = _misfit_of(model, kept)
     if there < MISFIT:
         return None
-    tried = [(*_misfit_of(model, _swapped(kept, pair)), pair) for pair in _exchanges(model.machine)]
+    tried = [(*_misfit_of(model, swapped(kept, pair)), pair) for pair in exchanges(model.machine)]
     fitting = [(left, pair) for left, count, pair in tried if count > AS_MANY * samples and left < BETTER * there]
     if not fitting:
         return None
@@ -143,14 +143,15 @@ def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
     return left, float(np.sum(samples))
 
 
-def _swapped(values: Array, pair: Exchange) -> Array:
+def swapped(values: Array, pair: Exchange) -> Array:
+    """Samples (T, S) with the signals of `pair` exchanged."""
     first, second = (list(part) for part in pair)
     exchanged = values.copy()
     exchanged[:, first + second] = values[:, second + first]
     return exchanged
 
 
-def _exchanges(machine: Machine) -> Iterator[Exchange]:
+def exchanges(machine: Machine) -> Iterator[Exchange]:
     """Exchanges that are tried: head and rod side of a cylinder, the angle or length sensors of two joints, all
     pressures of two cylinders."""
     where = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}

@@ -120,7 +120,7 @@ class Channels:
         slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]
         attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
         found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., self.forces], attitude, geometry)
-        good = self._usable(found)
+        good = self.usable(found)
         lever, speed = np.where(good[..., None], found.lever, 0.0), np.where(good, found.speed, 0.0)
         return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
 
@@ -130,7 +130,8 @@ class Channels:
         low = np.array([c.length_low + margin for c in self.machine.cylinders])
         return low, np.array([c.length_high - margin for c in self.machine.cylinders])
 
-    def _usable(self, moving: Motion) -> Array:
+    def usable(self, moving: Motion | Geometry) -> Array:
+        """Per cylinder (..., C) whether its force can be believed there: no dead point, no end stop."""
         low, high = self._stops
         lever = np.abs(moving.lever).max(axis=-1)
         clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)

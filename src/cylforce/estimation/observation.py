@@ -113,13 +113,16 @@ def block_factors(model: Model, seen: Observed) -> Factors:
 
 def _marks(seen: Observed) -> Array:
     ways = (seen.speed > MOVING, seen.speed < -MOVING)
-    return np.concatenate([seen.posture, np.abs(seen.speed), *ways], axis=1, dtype=np.float64)
+    fitted = seen.certain & np.isfinite(seen.torque) & np.all(np.isfinite(seen.columns), axis=-1)
+    torque = (np.where(fitted, seen.torque, 0.0), fitted)
+    return np.concatenate([seen.posture, np.abs(seen.speed), *ways, *torque], axis=1, dtype=np.float64)
 
 
 def observed_factors(model: Model, segments: Iterable[Array]) -> Factors:
     """Factors of a recording: columns of the P parameters, then the three of the tool. The marks of a block are the
     mean posture (N), the cylinders' mean absolute speed (C) and the shares of time in which they extend (C) and retract
-    (C).
+    (C); of the measured joints the mean fitted torque (R) [N m], zero where a row is not fitted, and the share of time
+    in which it is fitted (R).
 
     Raises ValueError, in one sentence, when no segment is long enough."""
     step = int(CHUNK_SECONDS * model.filters.rate_hz)

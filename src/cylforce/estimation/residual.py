@@ -7,6 +7,8 @@ import numpy as np
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
+from cylforce.mechanics.installation import Filters
+from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
 MIN_SECONDS = 1.0  # s of consistent samples before a weight is shown; chosen
@@ -37,3 +39,14 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     coulomb = np.abs(tares.values[model.coulomb])
     rest = (rows.columns[..., model.at_rest] @ coulomb) ** 2 if coulomb.size else np.zeros_like(torque)
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
+
+
+def correlated(filters: Filters) -> float:
+    """Number of consecutive samples that count as one independent sample: the correlation time of the filters."""
+    return max(1.0, filters.rate_hz / (np.pi * min(filters.smoothing_hz, filters.regressor_hz)))
+
+
+def load_spread(machine: Machine) -> Array:
+    """Standard errors (4,) of a load's (m, m x, m z, J) before anything is seen of it."""
+    moment = machine.rated_payload * machine.payload_reach
+    return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])

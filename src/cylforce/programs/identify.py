@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 
 from cylforce.commissioning.identification import Identification, identify
 from cylforce.files.atomic import RecordingError
@@ -71,9 +72,18 @@ def show(found: Identification, console: Console) -> None:
     names = [model.machine.links[j].name for j in model.machine.rows]
     left = ", ".join(f"{n} {e:.0f} N m" for n, e in zip(names, found.tares.row_error, strict=True))
     console.print(f"unexplained torque (rms): {left}")
+    shares = (f"{n} {_percent(share)}" for n, share in zip(names, found.explained, strict=True))
+    console.print(f"explained of the torque about its mean: {', '.join(shares)}")
     tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
     console.print(f"friction: {', '.join(model.friction)} (mean squared error held out: {tried})")
     if found.tares.scale != 1.0:
         console.print(f"scale from the known weight: {found.tares.scale:.4f} +- {found.tares.scale_error:.4f}")
     for sentence in found.violations:
         console.print(f"[bold]not physical:[/bold] {sentence}; --enforce finds the nearest tares that are")
+    for sentence in found.warnings:
+        if sentence not in found.violations:
+            console.print(f"[bold red]warning:[/bold red] {escape(sentence)}")
+
+
+def _percent(share: float) -> str:
+    return "not seen" if np.isnan(share) else f"{100.0 * share:.2f} %"

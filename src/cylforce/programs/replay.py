@@ -35,7 +35,7 @@ def run_replay(
     loaded: Loaded, recording: Path, identified: Path | None = None, tell: Callable[[str], None] = warn
 ) -> Replayed:
     """Play a recording through the core. Raises RecordingError or SettingsError, one sentence each."""
-    core, now = make_core(loaded, identified), header_of(loaded, identified, "")
+    core, now = make_core(loaded, identified, tell), header_of(loaded, identified, "")
     found = replay_through(core, loaded, recording, tell, now)
     if found.different:
         header = log_header(recording)

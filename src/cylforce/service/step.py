@@ -1,8 +1,8 @@
 """The whole service as one pure function of events: step(state, event) -> (state, output)."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import isfinite
 from typing import NamedTuple
 
@@ -18,10 +18,10 @@ from cylforce.service.assembler import Assembler, Inputs
 from cylforce.service.force import ForceSensor
 from cylforce.service.pipeline import Pipe, Pipeline
 from cylforce.service.publication import GROSS, MAGNITUDE, frames
+from cylforce.service.recognition import Recognition, Recognizer
 from cylforce.service.weighing import Weigher, Weighing
 from cylforce.signals.estimate import (
     Array,
-    Booking,
     Estimate,
     Force,
     Load,
@@ -29,9 +29,10 @@ from cylforce.signals.estimate import (
     Reason,
     Sample,
     Status,
+    each_component,
+    held_estimate,
     invalid,
-    invalid_force,
-    invalid_load,
+    no_estimate,
 )
 from cylforce.signals.events import Event, Frame, Tick
 from cylforce.signals.kinds import Kind
@@ -64,6 +65,7 @@ class State(NamedTuple):
     sampled_us: int
     estimate: Estimate
     moving: tuple[bool, ...]
+    recognition: Recognition
     stopped: bool = False
 
 
@@ -113,6 +115,11 @@ class Core:
         return Adapter(self.model, self.tares)
 
     @cached_property
+    def recognizer(self) -> Recognizer:
+        """Rows to whether this is the machine that was identified."""
+        return Recognizer(self.model, self.tares)
+
+    @cached_property
     def force_sensor(self) -> ForceSensor:
         """Rows to force."""
         return ForceSensor(self.model, self.tares, self.limits[MAGNITUDE][1])
@@ -140,9 +147,10 @@ class Core:
 
     def begin(self, scale: Scale = NO_SCALE) -> State:
         """The state of a service before any event, with the operator's zero and tare."""
-        nothing = _nothing(0, Reason.STARTING, None)
+        nothing = no_estimate(0, Reason.STARTING, None)
         still = (False,) * len(self.service.machine.signals)
-        return State(self.assembler.begin(), None, self.weigher.begin(), self.adapter.begin(), scale, 0, nothing, still)
+        inputs, known = self.assembler.begin(), self.recognizer.begin()
+        return State(inputs, None, self.weigher.begin(), self.adapter.begin(), scale, 0, nothing, still, known)
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
@@ -177,7 +185,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     are none."""
     sample = core.assembler.sample(state.inputs, t_us)
     if sample.late is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
-        return state._replace(estimate=_hold(state.estimate, t_us, sample.late))
+        return state._replace(estimate=held_estimate(state.estimate, t_us, sample.late))
     channels = _channels(core, sample)
     if isinstance(channels, Reason):
         return _lose(core, state, t_us, channels)
@@ -188,13 +196,14 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     pipe, rows = core.pipeline.advance(state.pipe, channels, round(periods))
     state = state._replace(pipe=pipe, sampled_us=t_us, moving=_moving(core, pipe))
     if pipe.steps <= core.model.settle_steps:
-        return state._replace(estimate=_nothing(t_us, Reason.STARTING, state.estimate.booking))
+        return state._replace(estimate=no_estimate(t_us, Reason.STARTING, state.estimate.booking))
     usable = pipe.waiting == 0
     left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ state.drift.values)
     weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
     force = core.force_sensor.estimate(rows, left, usable)
     drift = _drift(core, state.drift, weighing, rows, left, usable)
-    state = state._replace(weighing=weighing, drift=drift)
+    recognition = core.recognizer.step(state.recognition, rows, left, usable)
+    state = state._replace(weighing=weighing, drift=drift, recognition=recognition)
     return state._replace(estimate=_estimate(core, state, load, force, t_us))
 
 
@@ -215,7 +224,8 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         pipe=None,
         moving=(False,) * len(state.moving),
         weighing=core.weigher.interrupt(state.weighing),
-        estimate=_nothing(t_us, reason, state.estimate.booking),
+        recognition=core.recognizer.interrupt(state.recognition),
+        estimate=no_estimate(t_us, reason, state.estimate.booking),
     )
 
 
@@ -229,9 +239,13 @@ def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Resid
 
 def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> Estimate:
     """The published estimate: load, load less zero (gross), less tare (net), and force. OK becomes DEGRADED for
-    LONG_FRAME_US after a frame longer than its mapping; gross and net are INVALID outside their declared range."""
-    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
-        load, force = Load(*(_degrade(q) for q in load)), _each(force, _degrade)
+    LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
+    outside their declared range."""
+    for reason in _doubts(core, state, t_us):
+        load, force = (
+            Load(*(_degrade(q, reason) for q in load)),
+            each_component(force, partial(_degrade, reason=reason)),
+        )
     rated = core.service.machine.rated_payload
     gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], rated)
     net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], rated)
@@ -262,13 +276,16 @@ def _shift(q: Quantity, by: float) -> Quantity:
     return q._replace(value=q.value + by)
 
 
-def _each(force: Force, change: Callable[[Quantity], Quantity]) -> Force:
-    x, z, magnitude, direction = (change(q) for q in force.quantities)
-    return Force(x, z, magnitude, direction, force.covariance)
+def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
+    """Why nothing that is published now is OK."""
+    if state.recognition.another and core.tares.identified:
+        yield Reason.NOT_THIS_MACHINE
+    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
+        yield Reason.LONG_FRAME
 
 
-def _degrade(q: Quantity) -> Quantity:
-    return q._replace(status=Status.DEGRADED, reason=Reason.LONG_FRAME) if q.status is Status.OK else q
+def _degrade(q: Quantity, reason: Reason) -> Quantity:
+    return q._replace(status=Status.DEGRADED, reason=reason) if q.status is Status.OK else q
 
 
 def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
@@ -278,18 +295,3 @@ def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> 
         return q
     fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
     return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
-
-
-def _hold(last: Estimate, t_us: int, reason: Reason) -> Estimate:
-    """The last estimate with the status HOLD and the reason."""
-
-    def repeated(q: Quantity) -> Quantity:
-        return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
-
-    load, force = Load(*(repeated(q) for q in last.load)), _each(last.force, repeated)
-    return Estimate(t_us, load, repeated(last.gross), repeated(last.net), force, last.booking)
-
-
-def _nothing(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:
-    nothing = invalid(reason)
-    return Estimate(t_us, invalid_load(reason), nothing, nothing, invalid_force(reason), booking)

@@ -9,7 +9,15 @@ import numpy as np
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
-from cylforce.estimation.residual import GOOD_ENOUGH, MIN_SECONDS, REST_SECONDS, SMALLEST, Residual
+from cylforce.estimation.residual import (
+    GOOD_ENOUGH,
+    MIN_SECONDS,
+    REST_SECONDS,
+    SMALLEST,
+    Residual,
+    correlated,
+    load_spread,
+)
 from cylforce.signals.estimate import Array, Booking, Load, Quantity, Reason, Status, invalid, invalid_load
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
@@ -72,9 +80,8 @@ class Weigher:
 
     @cached_property
     def _memory(self) -> float:
-        """Number of consecutive samples that count as one independent sample: the correlation time of the filters."""
-        f = self.model.filters
-        return max(1.0, f.rate_hz / (np.pi * min(f.smoothing_hz, f.regressor_hz)))
+        """Number of consecutive samples that count as one independent sample."""
+        return correlated(self.model.filters)
 
     @property
     def _long(self) -> float:
@@ -84,9 +91,7 @@ class Weigher:
     @cached_property
     def _fresh(self) -> Lift:
         machine = self.model.machine
-        moment = machine.rated_payload * machine.payload_reach
-        spread = np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
-        root = known(np.zeros(4), spread)
+        root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters)))
         return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)))
 

@@ -51,9 +51,10 @@ class IdentifiedParameter(_Strict):
 
 
 class IdentifiedFile(_Strict):
-    """The whole file."""
+    """The whole file; `warnings`: sentences why these parameters should not be trusted, which every use repeats."""
 
     provenance: Provenance
+    warnings: tuple[str, ...] = ()
     friction: tuple[str, ...]
     scale: Number
     scale_standard_error: Number
@@ -75,6 +76,7 @@ def write_identified(path: Path, found: Identification, loaded: Loaded, recordin
             cylforce=cylforce.__version__,
         ),
         unexplained_torque_n_m=tuple(found.tares.row_error.tolist()),
+        warnings=found.warnings,
         friction=found.model.friction,
         scale=found.tares.scale,
         scale_standard_error=found.tares.scale_error,
@@ -106,8 +108,23 @@ def _parameters(found: Identification) -> tuple[IdentifiedParameter, ...]:
 
 def read_identified(path: Path, loaded: Loaded) -> Tares:
     """The tares. Raises SettingsError when the file is broken or belongs to another machine or version."""
+    file = _read(path)
+    _check_origin(path, file, loaded)
+    _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
+    names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
+    left = np.array(file.unexplained_torque_n_m)
+    scale = (file.scale, file.scale_standard_error)
+    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *scale)
+
+
+def identified_warnings(path: Path) -> tuple[str, ...]:
+    """The sentences that `cylforce identify` wrote into the file beside the parameters. Raises SettingsError."""
+    return _read(path).warnings
+
+
+def _read(path: Path) -> IdentifiedFile:
     try:
-        file = IdentifiedFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return IdentifiedFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read ({error.strerror}); run `cylforce identify` first") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -116,12 +133,6 @@ def read_identified(path: Path, loaded: Loaded) -> Tares:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise SettingsError(f"{path}: {key}: {first['msg']}; run `cylforce identify` again") from error
-    _check_origin(path, file, loaded)
-    _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
-    names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
-    left = np.array(file.unexplained_torque_n_m)
-    scale = (file.scale, file.scale_standard_error)
-    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *scale)
 
 
 def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:

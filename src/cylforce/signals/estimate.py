@@ -1,6 +1,7 @@
 """Samples and estimates: the values measured at a tick, the values estimated from them, and the reason where a value is
 withheld."""
 
+from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -47,6 +48,7 @@ class Reason(IntEnum):
     SLEWING = 21
     NOT_OPERATIONAL = 22
     NOT_IDENTIFIED = 23
+    NOT_THIS_MACHINE = 24
 
 
 class Sample(NamedTuple):
@@ -130,3 +132,25 @@ class Estimate(NamedTuple):
     net: Quantity
     force: Force
     booking: Booking | None
+
+
+def no_estimate(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:
+    """No value at all, and why; the last booking stays."""
+    nothing = invalid(reason)
+    return Estimate(t_us, invalid_load(reason), nothing, nothing, invalid_force(reason), booking)
+
+
+def each_component(force: Force, change: Callable[[Quantity], Quantity]) -> Force:
+    """The force with each published component changed by `change`."""
+    x, z, magnitude, direction = (change(q) for q in force.quantities)
+    return Force(x, z, magnitude, direction, force.covariance)
+
+
+def held_estimate(last: Estimate, t_us: int, reason: Reason) -> Estimate:
+    """The last estimate with the status HOLD and the reason."""
+
+    def repeated(q: Quantity) -> Quantity:
+        return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
+
+    load, force = Load(*(repeated(q) for q in last.load)), each_component(last.force, repeated)
+    return Estimate(t_us, load, repeated(last.gross), repeated(last.net), force, last.booking)

@@ -21,7 +21,11 @@ def identify(
     known_kg: Annotated[float | None, typer.Option(help="That weight.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     refuse: Annotated[
-        bool, typer.Option(help="Refuse a loaded bucket, contact, dead or misplaced sensors, a wrong bore.")
+        bool,
+        typer.Option(
+            help="Refuse a loaded bucket, contact, dead or misplaced sensors, a wrong bore, a joint that stays "
+            "unexplained; --no-refuse writes with a warning."
+        ),
     ] = True,
 ) -> None:
     """Identify the empty machine's dynamic tares from recordings.

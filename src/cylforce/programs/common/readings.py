@@ -9,7 +9,7 @@ from cylforce.commissioning.identification import Identification
 from cylforce.commissioning.known_load import with_known_load
 from cylforce.estimation.model import Model
 from cylforce.estimation.segments import gapless
-from cylforce.files.atomic import RecordingError, Tell
+from cylforce.files.atomic import RecordingError, Tell, warn
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.files.logfile import Header, file_sha256, running_versions
 from cylforce.files.logreader import log_header
@@ -20,7 +20,7 @@ from cylforce.service.assembler import Assembler
 from cylforce.service.hanging import hanging
 from cylforce.service.samples import samples
 from cylforce.service.step import NO_SCALE, Core, Scale, State
-from cylforce.settings.identified import read_identified
+from cylforce.settings.identified import identified_warnings, read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame, Tick
@@ -73,9 +73,14 @@ def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
     return table.values[:, [place[s.name] for s in loaded.service.machine.signals]]
 
 
-def make_core(loaded: Loaded, identified: Path | None) -> Core:
-    """The core of a machine file with its identified tares, or with the data sheet's."""
-    tares = model_of(loaded).data_sheet if identified is None else read_identified(identified, loaded)
+def make_core(loaded: Loaded, identified: Path | None, tell: Tell = warn) -> Core:
+    """The core of a machine file with its identified tares, or with the data sheet's; what the identified file warns of
+    is repeated."""
+    if identified is None:
+        return Core(loaded.service, model_of(loaded).data_sheet)
+    tares = read_identified(identified, loaded)
+    for sentence in identified_warnings(identified):
+        tell(f"{identified}: {sentence}")
     return Core(loaded.service, tares)
 
 

@@ -1,0 +1,127 @@
+"""Is this the machine that was identified? An identified file of another machine of the same type passes every check of
+the file. It shows when the machine moves clear of the ground: no load explains then what the parameters leave.
+
+Torque that is left is compared, in blocks of two seconds of motion, with what a load of each block's own, and friction
+and pressure zeros that have changed since (the same in all blocks), can explain. Blocks that look like contact start
+the comparison anew, so that only motion clear of the ground is judged. Limits: `tools/studies/recognition.py`."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.regressor import Rows
+from cylforce.estimation.residual import Residual, correlated, load_spread
+from cylforce.signals.estimate import Array
+
+BLOCK_SECONDS = 2.0
+IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion
+FRICTION = 0.5  # of its identified value, by which friction may have changed: between cold and warm oil
+ZERO = 5e3  # Pa: standard error of a pressure zero that has changed; 0.3 bar stay below LIMIT with it
+CONTACT = 5.0  # mean squared normalised residual of a block alone from which on something else acts on the tool
+BLOCKS = 5  # clear of the ground, before anything is concluded
+FADE = 0.9  # by which older blocks count less
+LIMIT = 3.0  # mean squared normalised residual; machines with their own file stay below 2.4, with warm oil, else 0.9
+SURE = 2  # judgements in a row above LIMIT
+
+
+class Recognition(NamedTuple):
+    """State: `gram` (K, K) of the running block's rows [load | friction | zeros | torque left], its `rows` and `steps`;
+    of the blocks before, the load taken out: their `sum` (K-4, K-4), its weight, how many `blocks`; judgements in a row
+    that do not fit, and whether this is `another` machine."""
+
+    gram: Array
+    rows: int
+    steps: int
+    sum: Array
+    weight: float
+    blocks: int
+    misfits: int
+    another: bool
+
+
+@dataclass(frozen=True)
+class Recognizer:
+    """The recognition of one machine."""
+
+    model: Model
+    tares: Tares
+
+    @cached_property
+    def _friction(self) -> list[int]:
+        wanted = (".coulomb", ".viscous")
+        return [k for k, p in enumerate(self.model.parameters) if p.name.endswith(wanted)]
+
+    @cached_property
+    def _spread(self) -> Array:
+        """What friction and zeros may have changed by."""
+        zeros = [ZERO * c.area_head for c in self.model.machine.cylinders]
+        return np.concatenate([FRICTION * np.abs(self.tares.values[self._friction]), zeros])
+
+    @cached_property
+    def _memory(self) -> float:
+        return correlated(self.model.filters)
+
+    @cached_property
+    def _prior(self) -> Array:
+        """Information (4, 4) on a load before anything is seen."""
+        return np.diag(load_spread(self.model.machine) ** -2.0)
+
+    @cached_property
+    def _empty_block(self) -> Array:
+        size = 5 + len(self._spread)
+        return np.zeros((size, size))
+
+    def begin(self) -> Recognition:
+        """Nothing is known yet."""
+        return Recognition(self._empty_block, 0, 0, self._empty_block[4:, 4:], 0.0, 0, 0, another=False)
+
+    def interrupt(self, state: Recognition) -> Recognition:
+        """The measurement stopped: the running block starts anew."""
+        return state._replace(gram=self._empty_block, rows=0, steps=0)
+
+    def step(self, state: Recognition, rows: Rows, left: Residual, usable: Array) -> Recognition:
+        """Take one instant in; `usable` (R,) rows."""
+        telling = np.logical_and(usable, left.rest < left.variance)
+        if telling.any():
+            state = self._gathered(state, rows, left, telling)
+        state = state._replace(steps=state.steps + 1)
+        if state.steps < BLOCK_SECONDS * self.model.filters.rate_hz:
+            return state
+        moved = state.rows >= IN_MOTION * state.steps * len(usable)
+        return self.interrupt(self._judged(state) if moved else state)
+
+    def misfit(self, state: Recognition) -> float:
+        """Mean squared normalised residual of the blocks so far: about 0.5 for the machine that was identified."""
+        return _left(state.sum) / state.weight
+
+    def _gathered(self, state: Recognition, rows: Rows, left: Residual, telling: Array) -> Recognition:
+        columns = left.columns[telling]
+        unsure = np.sum((columns @ self.tares.covariance) * columns, axis=1)
+        drift = np.concatenate([columns[:, self._friction], rows.columns[telling, self.model.zero]], axis=1)
+        each = np.concatenate([columns @ self.model.load, drift * self._spread, left.torque[telling, None]], axis=1)
+        each /= np.sqrt((left.variance + left.rest)[telling] + unsure)[:, None]
+        return state._replace(gram=state.gram + each.T @ each / self._memory, rows=state.rows + len(columns))
+
+    def _judged(self, state: Recognition) -> Recognition:
+        """With the block that has ended."""
+        gram, weight = state.gram, state.rows / self._memory
+        block = gram[4:, 4:] - gram[4:, :4] @ np.linalg.solve(gram[:4, :4] + self._prior, gram[:4, 4:])
+        if _left(block) > CONTACT * weight:
+            return state._replace(sum=self._empty_block[4:, 4:], weight=0.0, blocks=0, misfits=0)
+        state = state._replace(
+            sum=FADE * state.sum + block, weight=FADE * state.weight + weight, blocks=state.blocks + 1
+        )
+        if state.blocks < BLOCKS:
+            return state
+        fits = self.misfit(state) <= LIMIT
+        misfits = 0 if fits else state.misfits + 1
+        return state._replace(misfits=misfits, another=not fits and (state.another or misfits >= SURE))
+
+
+def _left(block: Array) -> float:
+    """Least squares of what is left, with friction and zeros that may have changed by one of their spreads."""
+    size = len(block) - 1
+    return float(block[-1, -1] - block[-1, :-1] @ np.linalg.solve(block[:-1, :-1] + np.eye(size), block[:-1, -1]))

@@ -1,0 +1,55 @@
+"""An identified file of another machine of the same type is noticed while the empty machine moves; that of the right
+machine never is. (All pairs, digging, warm oil, machines of another simulator: tools/studies/recognition.py.)"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cylforce.estimation.model import Model
+from cylforce.service.step import Core
+from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Reason, Status
+from cylforce.simulation.scenario import moves
+from scenarios import EXCAVATOR, identified, played, through
+from spoilt import samples
+from studies.recognition import recognised
+
+LOADED = load(EXCAVATOR)
+OWN, OTHER = 1, 4
+MACHINE, FILTERS = LOADED.service.machine, LOADED.service.filters
+
+
+@cache
+def tares(seed):
+    """Of the simulated machine `seed`, whose masses are within 10 % of the data sheet and whose friction is its own."""
+    return identified(LOADED, seed, 100.0)
+
+
+def course(file, kg=0.0):
+    return recognised(Model(MACHINE, FILTERS, tares(file).friction), tares(file), samples(LOADED, OWN, kg, 80.0))
+
+
+def test_the_file_of_another_machine_is_noticed():
+    assert course(OTHER).another.any()
+
+
+@pytest.mark.parametrize("kg", [0.0, 800.0])
+def test_the_right_machine_is_not_doubted(kg):
+    found = course(OWN, kg)
+    assert not found.another.any()
+    assert 0.0 < found.largest < 1.0
+
+
+def test_what_is_doubted_is_never_published_as_ok():
+    """The service on a bus, from the first judgement on."""
+    events = played(LOADED, [moves(MACHINE, np.random.default_rng((OWN, 7)), 60.0)], seed=OWN)
+    state, estimates, _ = through(Core(LOADED.service, tares(OTHER)), events)
+    doubted = [e for e in estimates if e.force.magnitude.reason is Reason.NOT_THIS_MACHINE]
+    assert state.recognition.another
+    assert len(doubted) > 500
+    for estimate in doubted:
+        quantities = (*estimate.load, estimate.gross, estimate.net, *estimate.force.quantities)
+        assert Status.OK not in {q.status for q in quantities}
+    state, estimates, _ = through(Core(LOADED.service, tares(OWN)), events)
+    assert not any(q.reason is Reason.NOT_THIS_MACHINE for e in estimates for q in (e.gross, e.force.magnitude))

@@ -1,0 +1,150 @@
+"""A joint whose torque stays unexplained: identification refuses or warns, and names the correction that makes the
+recording fit; the identified file keeps the warning, its users repeat it, the report shows it in red."""
+
+from dataclasses import replace
+from functools import cache
+from io import StringIO
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from cylforce.commissioning.explained import FAR, LITTLE, explained, quality
+from cylforce.commissioning.identification import identify
+from cylforce.commissioning.repairs import Case, repairs
+from cylforce.estimation.blocks import chosen
+from cylforce.estimation.observation import observe, observed_factors
+from cylforce.files.tables import Table, write_table
+from cylforce.programs.common.readings import make_core, model_of
+from cylforce.programs.identify import How, run_identify, show
+from cylforce.programs.replay import run_replay
+from cylforce.programs.reports.report import write_report
+from cylforce.settings.identified import identified_warnings
+from cylforce.settings.machine_file import load
+from scenarios import EXCAVATOR
+from spoilt import exchanged, samples, with_bore
+
+LOADED = load(EXCAVATOR)
+MODEL = model_of(LOADED)
+SIGNALS = [s.name for s in MODEL.machine.signals]
+UP_SIDE_DOWN = "the recording fits with the sign of z in foot at_m of the boom cylinder changed"
+
+
+@cache
+def recording():
+    """A minute of moves of a machine in order."""
+    return samples(LOADED, 60, seconds=60.0)
+
+
+def flipped():
+    """The machine file with the foot of the boom cylinder above the boom pin instead of below it."""
+    machine = LOADED.service.machine
+    boom, *others = machine.cylinders
+    body, at = boom.linkage.foot
+    boom = replace(boom, linkage=replace(boom.linkage, foot=(body, at.conjugate())))
+    return LOADED._replace(service=LOADED.service._replace(machine=replace(machine, cylinders=(boom, *others))))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """(loaded, recording, identified file, what was found) of a flipped pin, written all the same."""
+    folder = tmp_path_factory.mktemp("flipped")
+    table, output = folder / "moves.parquet", folder / "identified.toml"
+    write_table(table, Table(np.arange(len(recording())) * 0.01, recording(), tuple(SIGNALS)))
+    return flipped(), table, output, run_identify(flipped(), [table], output, How(refuse=False))
+
+
+def test_a_machine_in_order_is_explained():
+    found = identify(MODEL, [recording()])
+    assert np.all(found.explained > 0.999)
+    assert found.warnings == ()
+
+
+def test_the_share_explained_is_one_less_the_part_of_the_variance_that_is_left():
+    """The same by hand, from the rows themselves."""
+    found = identify(MODEL, [recording()])
+    model, seen = found.model, observe(found.model, recording())
+    torque = np.where(seen.certain, seen.torque, np.nan)
+    left = torque - seen.columns @ found.tares.values
+    by_hand = 1.0 - np.nanmean(left**2, axis=0) / np.nanvar(torque, axis=0)
+    fitted = chosen(observed_factors(model, [recording()]), list(range(len(model.parameters))))
+    assert explained(model, fitted, found.tares.values) == pytest.approx(by_hand, abs=1e-6)
+    nothing = explained(model, fitted, np.zeros_like(found.tares.values))
+    assert nothing == pytest.approx(1.0 - np.nanmean(torque**2, axis=0) / np.nanvar(torque, axis=0), abs=1e-4)
+
+
+def test_a_flipped_pin_is_refused_by_name_and_nothing_is_written(tmp_path):
+    table, output = tmp_path / "moves.parquet", tmp_path / "identified.toml"
+    write_table(table, Table(np.arange(len(recording())) * 0.01, recording(), tuple(SIGNALS)))
+    with pytest.raises(ValueError, match=f"the measured torque of boom does not fit the machine file.*{UP_SIDE_DOWN}"):
+        run_identify(flipped(), [table], output)
+    assert not output.exists()
+
+
+def test_a_pin_that_leaves_no_usable_posture_is_refused_by_name():
+    machine = MODEL.machine
+    boom, *others = machine.cylinders
+    body, at = boom.linkage.foot
+    boom = replace(boom, linkage=replace(boom.linkage, foot=(body, -at.conjugate())))
+    wrong = replace(MODEL, machine=replace(machine, cylinders=(boom, *others)))
+    with pytest.raises(ValueError, match=r"boom moved, but .*the sign of x in foot at_m of the boom cylinder"):
+        identify(wrong, [recording()])
+
+
+def test_written_all_the_same_the_warning_goes_with_the_parameters(written):
+    loaded, table, output, found = written
+    assert UP_SIDE_DOWN in found.warnings[0]
+    assert identified_warnings(output) == found.warnings
+    heard = []
+    make_core(loaded, output, heard.append)
+    assert heard == [f"{output}: {sentence}" for sentence in found.warnings]
+    run_replay(loaded, table, output, heard.append)
+    assert UP_SIDE_DOWN in heard[len(found.warnings)]
+
+
+def test_the_terminal_shows_share_and_warning(written):
+    out = StringIO()
+    show(written[3], Console(file=out, width=1000))
+    assert f"boom {100.0 * written[3].explained[0]:.2f} %" in out.getvalue()
+    assert f"warning: {written[3].warnings[0]}" in out.getvalue()
+
+
+def test_the_report_shows_the_joint_in_red(written, tmp_path):
+    _, _, output, found = written
+    page = tmp_path / "report.html"
+    write_report(page, found, [("moves", recording())], output)
+    text = page.read_text()
+    assert '<tr class="bad"><td>boom</td>' in text
+    assert "<tr><td>stick</td>" in text
+    assert '<div class="card bad">' in text
+    assert UP_SIDE_DOWN in text
+
+
+def test_a_pressure_on_another_cylinder_is_named():
+    first, second = "stick_head_pressure", "bucket_head_pressure"
+    values = exchanged(recording(), [SIGNALS.index(first)], [SIGNALS.index(second)])
+    found = identify(MODEL, [values], refuse=False)
+    assert f"the recording fits with {first} exchanged with {second}" in found.warnings[0]
+
+
+def test_a_wrong_bore_is_named():
+    found = identify(with_bore(MODEL, 1, 1.2), [recording()], refuse=False)
+    assert found.explained[1] < LITTLE
+    assert "the recording fits with bore_mm of stick 1" in found.warnings[0]  # 17 % smaller
+    assert "smaller" in found.warnings[0]
+
+
+def test_an_angle_that_is_explained_by_impossible_masses_is_seen():
+    """Half of a wrong zero is explained by other masses, which lie far from the data sheet."""
+    values = recording().copy()
+    values[:, SIGNALS.index("stick_angle")] += np.radians(20.0)
+    fitted = chosen(observed_factors(MODEL, [values]), list(range(len(MODEL.parameters))))
+    found = identify(MODEL, [values], refuse=False)
+    best = chosen(fitted, [k for k, p in enumerate(MODEL.parameters) if p.name in found.tares.names])
+    judged = quality(found.model, best, found.tares.values, found.tares.covariance)
+    assert judged.distance > FAR
+    assert any("far from the data sheet" in sentence for sentence in found.warnings)
+
+
+def test_what_is_in_order_needs_no_repair():
+    assert repairs(Case(MODEL, recording()[-4000:]), (0,)) == ()
