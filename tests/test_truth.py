@@ -119,6 +119,13 @@ def test_the_covariance_of_the_force_is_that_of_its_torques_and_of_the_tares(mom
     assert found.direction.standard_error == pytest.approx((across @ spread @ across) ** 0.5 / 9849.0, rel=0.02)
 
 
+def test_the_force_is_as_uncertain_as_the_scale_besides(core):
+    """2 % of 12 kN down and 5 kN forward: 240 N and 100 N more, squared, and both of one sign or the other together."""
+    scaled, force = Core(SERVICE, tares(scale_error=0.02)), (5e3, -12e3)
+    alone, both = (np.array(said(c, force=force).force.covariance) for c in (core, scaled))
+    assert both - alone == pytest.approx([100.0**2, -100.0 * 240.0, 240.0**2], rel=0.02)
+
+
 def test_a_force_is_told_within_a_quarter_of_a_second(core):
     """The low-passes are late by sqrt(2) / (2 pi 5 Hz) + 1 / (2 pi 2 Hz) + sqrt(2) / (2 pi 2 Hz) = 0.237 s; half of a
     step is there at about that time, all but 2 % of it after three times as long."""
