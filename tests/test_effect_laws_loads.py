@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cylforce.effects
-from cylforce.effects.imposed import Imposed, changed_load, touching
+from cylforce.effects.imposed import Imposed, changed_load, contact_force
 from cylforce.effects.incidents.payload_shift import PayloadShift
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.loads.carried import CarriedLoad, smooth
@@ -137,7 +137,7 @@ def test_a_force_at_the_teeth_asks_for_virtual_work():
 def test_the_teeth_enter_the_soil_within_a_third_of_a_second():
     """Half of the force after half of 0.35 s, all of it afterwards, and out again as fast."""
     t = np.array([10.0, 10.175, 10.35, 12.0, 13.825, 14.0])
-    found = touching([Imposed((TipForce(),), "outer", 1, (2e3, 5e3), 10.0, 14.0)], t)
+    found = contact_force([Imposed((TipForce(),), "outer", 1, (2e3, 5e3), 10.0, 14.0)], t)
     np.testing.assert_allclose(found, np.outer([0.0, 0.5, 1.0, 1.0, 0.5, 0.0], [2e3, 5e3]), atol=1e-9)
 
 
