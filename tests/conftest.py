@@ -9,6 +9,8 @@ import cylforce  # before any test imports numpy: it sets the number of BLAS thr
 
 ROOT = Path(__file__).resolve().parents[1]
 ABSENT = "no shared data: "
+# The files that take longest, longest first: they are begun first, so that two processes end at about the same time.
+LONGEST = ("test_gap_scenes.py", "test_gap_effects.py", "test_step.py", "test_crane.py", "test_crane_gap.py")
 
 
 def pytest_report_header():
@@ -36,6 +38,11 @@ def shared(request):
 
 def pytest_configure(config):
     config.pluginmanager.register(Skips(config), "cylforce-skips")
+
+
+def pytest_collection_modifyitems(items):
+    place = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(LONGEST)))
 
 
 class Skips:

@@ -12,6 +12,7 @@ from cylforce.mechanics.machine import base_parameters
 from cylforce.mechanics.motion import Motion, motion
 from cylforce.service.pipeline import Pipeline
 from machines import excavator
+from rig import BAR, HEAD, LEVER, readings, rig
 
 SEED = 7
 DT = 0.01
@@ -100,6 +101,19 @@ def test_live_equals_recorded() -> None:
         scale = np.abs(expected.columns).max(axis=(0, 1)) + 1e-300
         np.testing.assert_allclose(rows.columns / scale, expected.columns[k] / scale, rtol=0, atol=1e-12)
         np.testing.assert_allclose(rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max())
+
+
+def test_what_was_before_is_forgotten_when_rows_count() -> None:
+    """After seven time constants of the slowest poles a first-order low-pass has forgotten all but e^-7, Butterworth's
+    pair, whose poles lie at 45 degrees, all but sqrt(2) e^(-7/sqrt(2)) = 1.0 %. One after the other, and after the
+    channels' quicker pair, they leave at most twice that."""
+    model = Model(rig(), FILTERS, ("coulomb",))
+    before, after = 300, model.settle_steps
+    head = np.where(np.arange(2 * before) < before, 100 * BAR, 0.0)
+    torque = model.filtered.run(model.channels.run(readings(2 * before, head=head)).motion).torque[:, 0]
+    torque /= 100 * BAR * HEAD * LEVER
+    assert torque[before - 10] == pytest.approx(1.0)
+    assert abs(torque[before + after]) < 2.0 * 2.0**0.5 * np.exp(-7.0 / 2.0**0.5)
 
 
 def test_missing_steps_are_filled_along_a_line() -> None:

@@ -144,6 +144,13 @@ def test_shipped_machines_have_good_levers_and_real_cylinders(machine, ranges):
         assert cylinder.length_high - cylinder.length_low < cylinder.length_low - 0.3
 
 
+@pytest.mark.parametrize(("apart", "expected"), [(5.0, 1.0), ((25.0 - 24.0 * 0.75**0.5) ** 0.5, 0.5)])
+def test_transmission_is_the_sine_between_rocker_and_link(apart, expected):
+    """A rocker of 3 m and a link of 4 m span 5 m at a right angle, and sqrt(25 - 24 cos 30) at 30 degrees."""
+    linkage = FourBar((0, -1.0 + 2.0j), (0, 0j), (1, apart + 0j), 3.0, 4.0, 1)
+    assert linkage.stretch(pose(LENGTHS[:1], np.zeros(1))).transmission == pytest.approx(expected)
+
+
 def test_dead_points_of_a_four_bar():
     """Where rocker and link come into line the transmission vanishes and the lever grows without bound; where the link
     points at the joint the lever vanishes; beyond the first, the linkage does not close."""

@@ -89,6 +89,14 @@ def test_forgetting_leaves_the_estimate_and_what_is_not_seen() -> None:
     assert np.all(np.diag(seen[0]) < 4.0 * np.diag(seen[1]))
 
 
+def test_forgetting_keeps_that_share_of_the_information() -> None:
+    """Known to 2 and seen: of an information of 1/4 a share of 0.81 stays, and so 2 / 0.9; what is not seen stays."""
+    root = recursive.forget(recursive.known(np.array([3.0, 5.0]), np.array([2.0, 4.0])), np.array([[7.0, 0.0]]), 0.81)
+    values, covariance = recursive.solution(root)
+    np.testing.assert_allclose(values, [3.0, 5.0])
+    np.testing.assert_allclose(covariance, np.diag([(2.0 / 0.9) ** 2, 4.0**2]), atol=1e-12)
+
+
 def _factors(columns: np.ndarray, torque: np.ndarray, block: int) -> blocks.Factors:
     return blocks.factors(columns, torque, np.zeros((len(torque), 1)), block)
 

@@ -737,8 +737,9 @@ def test_a_machine_that_nobody_identified_is_never_ok(bench):
 
 @pytest.fixture(scope="module")
 def digging(bench):
-    """Three digging cycles: events, masses [kg]."""
-    return cycles(bench.loaded, count=3)
+    """Three digging cycles: events, masses [kg], estimates."""
+    events, masses = cycles(bench.loaded, count=3)
+    return events, masses, through(bench.core, events)[1]
 
 
 def bookings(estimates):
@@ -752,8 +753,7 @@ def bookings(estimates):
 
 def test_every_lift_is_booked_once(bench, digging):
     """Numbers 1, 2, 3, each once, after its load was dumped, each within 2 % of the rated payload."""
-    events, masses = digging
-    _, estimates, _ = through(bench.core, events)
+    _, masses, estimates = digging
     found = bookings(estimates)
     assert [b.number for b in found] == [1, 2, 3]
     assert all(a.t_us < b.t_us for a, b in pairwise(found))
@@ -766,8 +766,8 @@ def test_every_lift_is_booked_once(bench, digging):
 
 def test_a_fault_during_a_lift_does_not_book_it_twice(bench, digging):
     """A node is silent for 0.4 s in the middle of the second lift: the lift is weighed anew, and booked once."""
-    events, masses = digging
-    end = next(b for b in bookings(through(bench.core, events)[1]) if b.number == 2).t_us
+    events, masses, good = digging
+    end = next(b for b in bookings(good) if b.number == 2).t_us
     middle = (end - events[0].t_us) * 1e-6 - 4.5
     pdo = pdo_of(bench.service, "boom_rod_pressure")
     _, estimates, _ = through(bench.core, with_pdo(events, pdo, lambda f: None, middle, middle + 0.4))

@@ -23,7 +23,7 @@ LEAST = 2  # spans, of faulty and of clean recordings
 MARGIN = 2.0  # times the energy, by which the same machine may differ from itself: conditions of two days are not one's
 EXCHANGES = 1999
 FALSE = 0.05  # share of false discoveries
-Regime = Callable[[Seen, int], NDArray[np.bool_]]
+Regime = Callable[[Seen, int, int], NDArray[np.bool_]]  # of a recording: cylinder and joint to the rows (T,) in it
 
 
 class Spot(NamedTuple):
@@ -41,21 +41,17 @@ class Spot(NamedTuple):
 
 
 REGIMES: dict[str, Regime] = {
-    "extending": lambda seen, c: seen.rows.speed[:, c] > 0.0,
-    "retracting": lambda seen, c: seen.rows.speed[:, c] < 0.0,
-    "slow": lambda seen, c: np.abs(seen.rows.speed[:, c]) < SLOW,
-    "fast": lambda seen, c: np.abs(seen.rows.speed[:, c]) > FAST,
-    "empty": lambda seen, _: np.full(len(seen.rows.t), seen.recorded.load == 0.0),
-    "loaded": lambda seen, _: np.full(len(seen.rows.t), seen.recorded.load > 0.0),
-    "first half": lambda seen, _: seen.rows.t < np.median(seen.rows.t),
-    "second half": lambda seen, _: seen.rows.t >= np.median(seen.rows.t),
-    "angle low": lambda seen, c: _angle(seen, c) < np.median(_angle(seen, c)),
-    "angle high": lambda seen, c: _angle(seen, c) >= np.median(_angle(seen, c)),
+    "extending": lambda seen, c, _: seen.rows.speed[:, c] > 0.0,
+    "retracting": lambda seen, c, _: seen.rows.speed[:, c] < 0.0,
+    "slow": lambda seen, c, _: np.abs(seen.rows.speed[:, c]) < SLOW,
+    "fast": lambda seen, c, _: np.abs(seen.rows.speed[:, c]) > FAST,
+    "empty": lambda seen, *_: np.full(len(seen.rows.t), seen.recorded.load == 0.0),
+    "loaded": lambda seen, *_: np.full(len(seen.rows.t), seen.recorded.load > 0.0),
+    "first half": lambda seen, *_: seen.rows.t < np.median(seen.rows.t),
+    "second half": lambda seen, *_: seen.rows.t >= np.median(seen.rows.t),
+    "angle low": lambda seen, _, j: seen.rows.posture[:, j] < np.median(seen.rows.posture[:, j]),
+    "angle high": lambda seen, _, j: seen.rows.posture[:, j] >= np.median(seen.rows.posture[:, j]),
 }
-
-
-def _angle(seen: Seen, c: int) -> Array:
-    return np.asarray(seen.rows.posture[:, min(c, seen.rows.posture.shape[1] - 1)])
 
 
 def where(search: Search, left: Sequence[Array], rng: np.random.Generator) -> list[Spot]:
@@ -69,7 +65,7 @@ def where(search: Search, left: Sequence[Array], rng: np.random.Generator) -> li
         excess = float(rms(left)[r] ** 2 - usual[r] ** 2) * rows
         for name, regime in REGIMES.items():
             clean, faulty = (
-                _spans(group, [e[:, r] for e in each], regime, problem.model.acting[r][0])
+                _spans(group, [e[:, r] for e in each], regime, problem.model.acting[r][0], j)
                 for group, each in ((problem.clean, unseen), (problem.faulty, left))
             )
             found = _spot((problem.model.machine.links[j].name, name), clean, faulty, excess, rng)
@@ -85,11 +81,11 @@ class _Spans(NamedTuple):
     loaded: NDArray[np.bool_]
 
 
-def _spans(group: Sequence[Seen], left: Sequence[Array], regime: Regime, c: int) -> _Spans:
+def _spans(group: Sequence[Seen], left: Sequence[Array], regime: Regime, c: int, j: int) -> _Spans:
     """Those that have enough rows in a regime."""
     found = []
     for seen, e in zip(group, left, strict=True):
-        here = np.where(regime(seen, c), e, np.nan)
+        here = np.where(regime(seen, c, j), e, np.nan)
         parts = (here[k : k + SPAN] for k in range(0, len(here), SPAN))
         good = (part[np.isfinite(part)] for part in parts)
         found += [(float(np.sum(x**2)), x.size, seen.recorded.load > 0.0) for x in good if x.size >= ROWS]

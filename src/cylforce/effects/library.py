@@ -1,5 +1,6 @@
 """The library of effects that the diagnosis knows, in the order in which they are tried."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 from cylforce.effects.fault import About, Fault, Incident, TimeCourse, places
@@ -92,8 +93,14 @@ class Proposal(NamedTuple):
     @property
     def course(self) -> TimeCourse | None:
         """How the sizes of an incident change with time; None for an effect that lasts."""
-        effect = self.group[0]
-        return effect.course if isinstance(effect, Incident) else None
+        return _course(self)
+
+
+@lru_cache(maxsize=1024)  # more than there are on any machine
+def _course(proposal: Proposal) -> TimeCourse | None:
+    """Cached, because isinstance with a protocol takes longer than all that is done with its result."""
+    effect = proposal.group[0]
+    return effect.course if isinstance(effect, Incident) else None
 
 
 def proposals(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:

@@ -73,9 +73,9 @@ def _heat(search: Search, clean: list[Array], before: list[Array], after: list[A
 
 def _row(problem: Problem, seen: tuple[Seen, ...], residuals: list[Array], r: int) -> list[float]:
     """Residual of a joint in every regime; NaN where there is none."""
-    c = problem.model.acting[r][0]
+    c, j = problem.model.acting[r][0], problem.model.machine.rows[r]
     pairs = list(zip(seen, residuals, strict=True))
-    return [_rms([e[regime(s, c), r] for s, e in pairs]) for regime in REGIMES.values()]
+    return [_rms([e[regime(s, c, j), r] for s, e in pairs]) for regime in REGIMES.values()]
 
 
 def _rms(parts: list[Array]) -> float:

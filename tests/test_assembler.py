@@ -1,0 +1,37 @@
+"""How far an angle may turn from one sample to the next before it is the sensor's fault, by hand."""
+
+from math import radians
+
+import pytest
+
+from cylforce.service.assembler import Assembler
+from cylforce.settings.machine_file import load
+from cylforce.signals.codec import encode
+from cylforce.signals.estimate import Reason
+from cylforce.signals.events import Frame
+from scenarios import EXCAVATOR, pdo_of
+
+SERVICE = load(EXCAVATOR).service
+PDO = pdo_of(SERVICE, "stick_angle")
+AT = [s.name for s in SERVICE.machine.signals].index("stick_angle")
+
+
+def reason(turn, seconds):
+    """What is wrong with an angle that is `turn` [rad] off its last after so long a time."""
+    assembler, still = Assembler(SERVICE), (False,) * len(SERVICE.machine.signals)
+    inputs = assembler.begin()
+    for k in range(21):
+        later = seconds if k == 20 else 0.01
+        angle = radians(-90.0) + (turn if k == 20 else 0.0)
+        t_us = 1_000_000 + round(1e6 * (0.01 * (min(k, 19)) + later * (k == 20)))
+        inputs = assembler.receive(inputs, Frame(t_us, PDO.can_id, encode(PDO, {"stick_angle": angle})), still)
+    return inputs.channels[AT].reason
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("seconds", "room"), [(0.01, 0.030), (0.05, 0.150)])
+def test_an_angle_may_turn_by_three_radians_a_second_and_its_own_noise(sign, seconds, room):
+    """Noise: six standard errors of 0.01 degrees and two digits of that, 0.08 degrees or 1.4 mrad."""
+    room += radians(0.08)
+    assert reason(sign * (room - 0.002), seconds) is Reason.NONE
+    assert reason(sign * (room + 0.002), seconds) is Reason.IMPLAUSIBLE_JUMP

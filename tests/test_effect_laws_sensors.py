@@ -1,0 +1,209 @@
+"""Laws of sensors' errors, of what lies between sensors and joints, and of the linkages' geometry: each pinned to
+numbers worked out by hand."""
+
+from dataclasses import replace
+from math import hypot, radians
+
+import numpy as np
+import pytest
+
+from cylforce.effects.fault import Place
+from cylforce.effects.geometry.backlash import Backlash
+from cylforce.effects.geometry.boom_motion import BoomMotion
+from cylforce.effects.geometry.compliance import Compliance
+from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
+from cylforce.effects.imposed import Imposed, distorted
+from cylforce.effects.incidents.clock_fault import ClockFault
+from cylforce.effects.sensors.angle_offset import AngleOffset
+from cylforce.effects.sensors.angle_scale import AngleScale
+from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.pressure_drift import PressureDrift
+from cylforce.effects.sensors.pressure_gain import PressureGain
+from cylforce.effects.sensors.pressure_offset import PressureOffset
+from cylforce.effects.sensors.pressure_zero import PressureZero
+from cylforce.effects.sensors.tilt_ignored import TiltIgnored
+from cylforce.estimation.channels import Channels
+from cylforce.mechanics.installation import Filters
+from cylforce.mechanics.linkages import FourBar
+from cylforce.mechanics.motion import Attitude, motion
+from cylforce.mechanics.reading import measured_torque
+from rig import BAR, HEAD, LEVER, LINK, ROD, SIGNALS, reading, readings, rig, turning
+
+FILTERS = Filters(100.0, 5.0, 2.0, 2.0, 0.002)
+E_1 = 0.3678794  # 1/e
+
+
+def changed(effect, size, name, t=(0.0,), **given):
+    """What an effect of a size adds to the signal `name` at times t."""
+    times, values = np.asarray(t), readings(len(t), **given)
+    where = 0 if effect.about.place is Place.LINK else SIGNALS.index(name)
+    return reading(effect.distorted(rig(), values, times, where, size) - values, name)
+
+
+def test_an_offset_is_added():
+    assert changed(PressureOffset(), 2 * BAR, "head", head=100 * BAR)[0] == pytest.approx(2 * BAR)
+    assert changed(AngleOffset(), 0.02, "angle", angle=-0.3)[0] == pytest.approx(0.02)
+
+
+def test_an_offset_on_the_rod_side_lowers_the_torque():
+    """2 bar on 60 cm^2 at 2.4 m: 2880 N m less; on the head side, 100 cm^2, 4800 N m more."""
+    torque = {
+        name: measured_torque(
+            rig(), PressureOffset().distorted(rig(), readings(1), np.zeros(1), SIGNALS.index(name), 2 * BAR), 0
+        )[0]
+        for name in ("head", "rod")
+    }
+    assert torque == {"head": pytest.approx(4800.0), "rod": pytest.approx(-2880.0)}
+
+
+def test_a_gain_of_three_percent_is_six_bar_of_two_hundred():
+    np.testing.assert_allclose(changed(PressureGain(), 0.03, "rod", (0, 1), rod=[200 * BAR, 0.0]), [6 * BAR, 0.0])
+
+
+def test_a_drift_of_twenty_bar_an_hour_is_ten_after_half_an_hour():
+    t = (0.0, 1800.0, 3600.0)
+    np.testing.assert_allclose(changed(PressureDrift(), 20 * BAR, "head", t), [0.0, 10 * BAR, 20 * BAR])
+
+
+def test_a_drift_that_fades_begins_alike_and_ends():
+    """Warm after 250 s: by then 1 - 1/e of 250 s' worth; in the end all of it."""
+    found = changed(PressureDrift(fading=0.004), 14.4 * BAR, "head", (0.0, 2.5, 250.0, 25e3))
+    np.testing.assert_allclose(found, [0.0, 0.01 * BAR, (1.0 - E_1) * BAR, BAR], rtol=6e-3)
+
+
+def test_a_scale_is_off_by_more_the_farther_from_the_middle():
+    """The range is -40 to 60 degrees: 10 is its middle, 50 half of it."""
+    angle = np.radians([10.0, 60.0, -40.0])
+    found = changed(AngleScale(), 0.02, "angle", (0, 1, 2), angle=angle)
+    np.testing.assert_allclose(found, np.radians([0.0, 1.0, -1.0]), atol=1e-15)
+    np.testing.assert_allclose(changed(AngleScale(aside=True), 0.02, "angle", (0, 1, 2), angle=angle), radians(1.0))
+
+
+def test_a_late_sensor_reads_what_was():
+    """Rising by 0.2 rad/s and 50 ms late it reads 10 mrad too little."""
+    t = np.arange(0.0, 1.0, 0.01)
+    found = changed(Delay(), 0.05, "angle", t, angle=0.2 * t)
+    np.testing.assert_allclose(found[5:], -0.010)
+
+
+def test_angles_that_come_late_lack_the_rise_of_the_force():
+    """The force rises by 50 kN/s; 20 ms before it was 1000 N less, and so is what the late angles explain: at 2.4 m
+    2400 N m are missing, and must be added."""
+    later = turning(rig(), [0.1])._replace(force_rate=np.array([[50e3]]))
+    column = Delay().halves(rig(), later)
+    assert column.momentum is None
+    assert 0.02 * column.static[0, 0, 0] == pytest.approx(2400.0)
+
+
+def test_the_rate_of_a_force_has_the_sign_of_its_pressure():
+    """5 bar/s on 100 cm^2 are 5000 N/s, and as much on the rod side 3000 N/s less."""
+    t = np.arange(0.0, 3.0, 0.01)
+    for name, rate in (("head", 5000.0), ("rod", -3000.0)):
+        values = readings(len(t), **{name: 5 * BAR * t})
+        found = Channels(rig(), FILTERS).run(values).motion.force_rate[-1, 0]
+        assert found == pytest.approx(rate, rel=1e-6)
+
+
+def test_clocks_that_part_leave_the_pressures_behind():
+    """Rising by 4 bar/s, 50 ms late from second 2 on and 10 ms more each second: after 3 s more 80 ms, 0.32 bar too
+    little; the angles are in time."""
+    t = np.arange(0.0, 8.0, 0.01)
+    values = readings(len(t), head=4 * BAR * t, rod=4 * BAR * t, angle=0.1 * t)
+    found = distorted(rig(), [Imposed((ClockFault(),), "machine", 0, (0.05, 0.01), 2.0)], values, t) - values
+    for name in ("head", "rod"):
+        off = reading(found, name)
+        np.testing.assert_allclose(off[[100, 200, 500]], [0.0, -0.20 * BAR, -0.32 * BAR], atol=1e-4)
+    assert not np.any(reading(found, "angle"))
+
+
+def test_a_zero_error_is_a_force_at_its_lever():
+    """200 N at 2.4 m."""
+    assert 200.0 * PressureZero().halves(rig(), turning(rig(), [0.0])).static[0, 0, 0] == pytest.approx(480.0)
+    assert 200.0 * PressureZero().halves(rig(4j), turning(rig(4j), [0.0])).static[0, 0, 0] == pytest.approx(-480.0)
+
+
+def test_a_slope_shows_along_the_tracks_and_after_a_quarter_turn_across_them():
+    """The house turns by 0.1 rad/s: a quarter after 15.7 s, half a turn after 31.4 s. One step more or less (1 mrad)
+    makes a thousandth of the slope."""
+    t = np.arange(0.0, 32.0, 0.01)
+    quarter = [0, 1571, 3142]
+    for across, expected in ((False, [0.03, 0.0, -0.03]), (True, [0.0, 0.03, 0.0])):
+        found = changed(TiltIgnored(across), 0.03, "pitch", t, slew=0.1)
+        np.testing.assert_allclose(found[quarter], expected, atol=6e-5)
+
+
+def test_a_link_gives_in_proportion_to_its_torque():
+    """100 bar on 100 cm^2 less 50 bar on 60 cm^2: 70 kN at 2.4 m, 168 kN m; 4e-8 rad/(N m) turn it by 6.72 mrad; the
+    other way under the opposite load."""
+    t = np.arange(0.0, 1.0, 0.01)
+    found = changed(Compliance(), 4e-8, "angle", t, head=100 * BAR, rod=50 * BAR)
+    np.testing.assert_allclose(found, 6.72e-3)
+    np.testing.assert_allclose(changed(Compliance(), 4e-8, "angle", t, rod=70e3 / ROD), -6.72e-3)
+
+
+def test_a_link_that_stiffens_gives_by_the_root_of_a_large_torque():
+    """At sqrt(15) times the knee half as much as in proportion: (1 + 15)^(1/4) = 2; far beyond it four times the torque
+    turn it twice as far."""
+    t, torque = np.arange(0.0, 1.0, 0.01), LEVER * HEAD
+    found = changed(Compliance(stiffening=15**0.5 / 168e3), 4e-8, "angle", t, head=168e3 / torque)
+    np.testing.assert_allclose(found, 3.36e-3)
+    far = [changed(Compliance(stiffening=1.0), 4e-8, "angle", t, head=tau / torque)[-1] for tau in (1e4, 4e4)]
+    assert far[1] / far[0] == pytest.approx(2.0)
+
+
+def test_a_link_follows_its_load_within_its_time():
+    """30 ms after a step 1 - 1/e of the way."""
+    t = np.arange(0.0, 1.0, 1e-3)
+    found = changed(Compliance(), 4e-8, "angle", t, head=np.where(t < 0.5, 0.0, 70e3 / HEAD))
+    assert found[499] == 0.0
+    assert found[529] == pytest.approx(6.72e-3 * (1.0 - E_1))  # the step's own sample is the first of thirty
+
+
+def test_play_lies_to_the_side_to_which_the_load_presses():
+    """20 mrad of play: 10 to either side. 150 N m do not turn it over; 40 ms after the load has turned it is on the
+    way from 10 to -10: -10 + 20/e."""
+    t = np.arange(0.0, 2.0, 1e-3)
+    torque = np.select([t < 0.5, t < 1.0], [3000.0, -150.0], -3000.0)
+    found = changed(Backlash(turning=200.0), 0.02, "angle", t, head=torque / LEVER / HEAD)
+    np.testing.assert_allclose(found[:1000], 0.010)
+    assert found[1039] == pytest.approx(-0.010 + 0.020 * E_1)
+    assert found[-1] == pytest.approx(-0.010)
+
+
+@pytest.mark.parametrize(
+    ("effect", "length", "lever"),
+    [
+        (LinkageGeometry(0), hypot(2.99, 4.0), 3.0 * 4.0),  # foot 10 mm forward
+        (LinkageGeometry(0, across=True), hypot(3.0, 3.99), 3.0 * 3.99),  # foot 10 mm up
+        (LinkageGeometry(1), hypot(3.01, 4.0), 3.01 * 4.0),  # eye 10 mm farther out
+        (LinkageGeometry(1, across=True), hypot(3.0, 4.01), 3.0 * 4.01 - 0.01 * 3.0),  # eye 10 mm above the link
+    ],
+)
+def test_a_pin_off_by_ten_millimetres(effect, length, lever):
+    """Length between the pins, and lever: cross product of (foot to eye) and (pin to eye), over that length."""
+    found = effect.altered(rig(), 0, 0.010).geometry(np.zeros((1, 1)))
+    assert found.length[0, 0] == pytest.approx(length, rel=1e-12)
+    assert found.lever[0, 0, 0] == pytest.approx(lever / length, rel=1e-12)
+
+
+def test_a_bar_longer_by_ten_millimetres():
+    """A bar has no across: the machine is the same."""
+    bars = FourBar((0, -1 + 1j), (0, 0 + 1j), (1, 0.5 + 0j), 0.5, 1.0, 1)
+    machine = replace(rig(), cylinders=(replace(rig().cylinders[0], linkage=bars),))
+    assert LinkageGeometry(3).altered(machine, 0, 0.010).cylinders[0].linkage == replace(bars, rocker_length=0.51)
+    assert LinkageGeometry(4).altered(machine, 0, 0.010).cylinders[0].linkage == replace(bars, link_length=1.01)
+    assert LinkageGeometry(3, across=True).altered(machine, 0, 0.010) is machine
+
+
+def test_a_boom_that_turns_pulls_its_stick_outwards():
+    """A mass of 500 kg, 2 m from a pin that goes round 4 m from its foot, all at 0.5 rad/s: the way to it from the foot
+    is R + r, so it must be pulled by m w^2 (R + r) towards the foot. With R level and r at 30 degrees, the moment of
+    that about the pin is m w^2 4 m * 2 m sin 30: 500 N m. Speeding up by alpha it is m alpha (r r + R r): per rad/s^2
+    500 (4 + 4 * 2 cos 30) = 5464.1 N m."""
+    angle = np.array([[radians(30.0)]])
+    still = motion(rig(), angle, 0.0 * angle, 0.0 * angle, Attitude(0.0))
+    base = np.array([[LINK.mass * 2.0**2, LINK.mass * 2.0, 0.0]])
+    found = BoomMotion().halves(rig(), still, np.array([0.5]), base)
+    sizes = np.array([4.0, 0.0, 1.0])
+    assert (found.static @ sizes)[0, 0] == pytest.approx(500.0)
+    assert (found.momentum @ sizes)[0, 0] == pytest.approx(0.5 * 5464.1016)
