@@ -19,7 +19,7 @@ from cylforce.programs.live.station import OVERRUN
 from cylforce.programs.run import MISSING
 from cylforce.service import commands
 from cylforce.settings.machine_file import load
-from cylforce.signals.estimate import Reason
+from cylforce.signals.estimate import Quantity, Reason, Status
 from cylforce.signals.events import Frame
 from cylforce.signals.layout import CODES, TYPE_NAMES, not_available
 
@@ -82,7 +82,10 @@ def test_the_table_of_pdos_is_what_is_sent() -> None:
 def test_the_frames_of_zero_and_tare_are_obeyed(what: str, frame: str) -> None:
     assert frame in SERVICE_PAGE
     can_id, _, data = frame.partition("#")
-    assert commands.read(Frame(0, int(can_id, 16), bytes.fromhex(data)), 64) == commands.Command(what, True)  # type: ignore[arg-type]
+    command = commands.read(Frame(0, int(can_id, 16), bytes.fromhex(data)), 64)
+    assert command is not None
+    good = Quantity(5.0, 1.0, Status.OK, Reason.NONE)
+    assert (command.what, commands.obey(command, (0.0, 0.0), good, 1500.0).verdict) == (what, 0)
 
 
 @pytest.mark.parametrize(
