@@ -5,6 +5,7 @@ import numpy as np
 from cylforce.commissioning.reaches import Reach
 from cylforce.commissioning.strokes import clear_range
 from cylforce.mechanics.workspace import driven, stroke_time
+from cylforce.simulation.scenario import of_joints
 from cylforce.simulation.sensing import run, sensors
 from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 from scenarios import carried, truth_of
@@ -57,7 +58,7 @@ def to_pose(machine, pose, target, least, dig):
         JointCourse(float(angle), _steady(0.1, time, float(target[j] - angle)) if j in joints else ())
         for j, angle in enumerate(pose)
     )
-    return Scene(time + 0.3, courses, JointCourse(0.0), ((0.0, Phase.AIR),), dig)
+    return of_joints(machine, Scene(time + 0.3, courses, JointCourse(0.0), ((0.0, Phase.AIR),), dig))
 
 
 def _steady(start, time, rise):

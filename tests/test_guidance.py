@@ -17,7 +17,7 @@ from obedient import commissioned
 from scenarios import CONFIG, EXCAVATOR
 from spoilt import samples, touching
 
-MACHINES = sorted(CONFIG.glob("excavator*.toml"))
+MACHINES = sorted(CONFIG.glob("*.toml"))
 LOADED = load(EXCAVATOR)
 MODEL = model_of(LOADED)
 GUIDE = Guide(MODEL, every_s=10.0)

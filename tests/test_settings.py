@@ -404,10 +404,6 @@ REFUSED = {
     ),
     "node id 0": (("node_id = 33", "node_id = 0"), "nodes.boom_pressure.node_id must be greater than or equal to 1"),
     "profile": (("profile = 410", "profile = 411"), "nodes.chassis_tilt.profile"),
-    "late payload": (
-        ("rated_payload_kg = 1500", "rated_payload_kg = 8000"),
-        "machine.rated_payload_kg is too large for payload_standard_error (UNSIGNED16)",
-    ),
     "large force": (
         ("rated_force_n = 300_000", "rated_force_n = 400_000"),
         "publication.rated_force_n is too large for force_x (INTEGER16)",

@@ -84,7 +84,7 @@ def _mover(machine: Machine, j: int) -> int:
 
 def coverage(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
     """Time (M, BINS, 2, 2) [s] per joint, bin of its angle, direction and pace of its cylinder, from samples `dt` [s]
-    apart of the joint angles `posture` (T, N) [rad] and cylinder speeds `speed` (T, C) [m/s]. The coverage of a
+    apart of the angles `posture` (T, N) [rad] of `drive` and cylinder speeds `speed` (T, C) [m/s]. The coverage of a
     recording is the sum of those of its parts; angles beyond the range count in the outermost bin."""
     found = np.zeros_like(plan.needed)
     for k, (j, c) in enumerate(zip(plan.joints, plan.cylinders, strict=True)):

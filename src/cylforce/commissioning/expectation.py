@@ -11,7 +11,7 @@ from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import REST_SECONDS, Residual, residual
 from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Machine
-from cylforce.mechanics.workspace import driven, working_range
+from cylforce.mechanics.workspace import driven, joint_angles, working_range
 from cylforce.signals.estimate import Array
 
 WEIGHED_S = 3.0  # s of motion over which a payload is weighed; chosen: a short lift
@@ -49,6 +49,7 @@ def postures(machine: Machine) -> PostureGrid:
     theta[..., -1] = low[-1] + CURLED * (high[-1] - low[-1])
     for axis, j in enumerate(driven(machine)[:2]):
         theta[..., j] = np.expand_dims(np.linspace(low[j], high[j], GRID), 1 - axis)
+    theta = joint_angles(machine, theta)
     return PostureGrid(theta, machine.tool_point(theta).place)
 
 

@@ -22,6 +22,7 @@ from cylforce.estimation.blocks import Factors, chosen, joined
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS, Observed, block_factors, observe
 from cylforce.estimation.segments import gapless
+from cylforce.mechanics.workspace import drive_angles
 from cylforce.signals.estimate import Array
 
 FIRST_S = 16.0  # s of motion before the first judgement; chosen
@@ -43,8 +44,9 @@ class Judgement(NamedTuple):
 class Collected(NamedTuple):
     """State of the guidance: last samples `tail` (T, S), not yet processed or needed to settle filters; factors `data`
     of all processed samples; coverage `covered` (M, BINS, 2, 2) [s] and `planes` (M-1, BINS, BINS) [s] of pairs of
-    joints; time of motion `moved_s` and of motion too slow to count `crept_s` [s]; present `posture` (N,) [rad];
-    `evidence` of the raw samples; `waiting`: number of samples since the last `judgement`; the `stroke` asked for."""
+    joints; time of motion `moved_s` and of motion too slow to count `crept_s` [s]; present `posture` (N,) [rad], angles
+    of `drive`; `evidence` of the raw samples; `waiting`: number of samples since the last `judgement`; the `stroke`
+    asked for."""
 
     tail: Array
     data: Factors | None
@@ -61,9 +63,9 @@ class Collected(NamedTuple):
 
 class Advice(NamedTuple):
     """Advice to the operator: `seconds` of motion so far; coverage `covered` (M, BINS, 2, 2) [s]; share `visited`
-    (0..1) of the pairs of postures; present `posture` (N,) [rad]; expected `weight_error` [kg] (NaN: not yet known);
-    the `stroke` to make next; the sentence to `say`; `refusal`: one sentence why the recording is refused, or None;
-    `done`: whether it is sufficient."""
+    (0..1) of the pairs of postures; present `posture` (N,) [rad], angles of `drive`; expected `weight_error` [kg]
+    (NaN: not yet known); the `stroke` to make next; the sentence to `say`; `refusal`: one sentence why the recording is
+    refused, or None; `done`: whether it is sufficient."""
 
     seconds: float
     covered: Array
@@ -128,14 +130,15 @@ class Guide:
     def _add(self, state: Collected, seen: Observed) -> Collected:
         dt, new = 1.0 / self.model.filters.rate_hz, block_factors(self.model, seen)
         fastest = np.max(np.abs(seen.speed), axis=1, initial=0.0)
+        posture = drive_angles(self.model.machine, seen.posture)
         creeps = np.logical_and(fastest > 0.2 * self.plan.rest, fastest <= self.plan.rest)
         return state._replace(
             data=joined([new] if state.data is None else [state.data, new], MOST_BLOCKS),
-            covered=state.covered + coverage.coverage(self.plan, seen.posture, seen.speed, dt),
-            planes=state.planes + coverage.planes(self.plan, seen.posture, seen.speed, dt),
+            covered=state.covered + coverage.coverage(self.plan, posture, seen.speed, dt),
+            planes=state.planes + coverage.planes(self.plan, posture, seen.speed, dt),
             moved_s=state.moved_s + dt * float(np.sum(fastest > self.plan.rest)),
             crept_s=state.crept_s + dt * float(np.sum(creeps)),
-            posture=seen.posture[-1],
+            posture=posture[-1],
         )
 
     def _judged(self, state: Collected) -> Collected:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cylforce.commissioning.coverage import BINS, Plan
 from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.workspace import joint_angles
 from cylforce.signals.estimate import Array
 
 VISITED_S = 0.2  # s of motion in a pair of bins of neighbouring joints, from which on the pair is visited; chosen
@@ -42,7 +43,7 @@ def postures(machine: Machine, plan: Plan) -> Postures:
     middles = (plan.edges[:, 1:] + plan.edges[:, :-1]) / 2.0
     for k, j in enumerate(plan.joints):
         theta[:, j] = middles[k, bins[:, k]]
-    height = machine.tool_point(theta).place.imag
+    height = machine.tool_point(joint_angles(machine, theta)).place.imag
     high = height >= np.quantile(height, LOW)
     pairs = np.zeros((max(len(plan.joints) - 1, 0), BINS, BINS), dtype=bool)
     for k in range(len(pairs)):
@@ -76,6 +77,7 @@ def next_reach(
 
 
 def _seconds(machine: Machine, plan: Plan, posture: Array, target: Array) -> float:
-    ends = machine.geometry(np.array([np.where(np.isnan(posture), target, posture), target])).length
+    both = np.array([np.where(np.isnan(posture), target, posture), target])
+    ends = machine.geometry(joint_angles(machine, both)).length
     way = np.abs(ends[1] - ends[0])[list(plan.cylinders)]
     return float(np.max(way / (BRISK * plan.fast), initial=1.0))

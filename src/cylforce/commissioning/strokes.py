@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.commissioning.coverage import BINS, Missing, Pace, Plan, Way, missing
 from cylforce.commissioning.reaches import Reach
 from cylforce.mechanics.machine import Machine
-from cylforce.mechanics.workspace import driven, working_range
+from cylforce.mechanics.workspace import driven, joint_angles, lifting, working_range
 from cylforce.signals.estimate import Array
 
 CLEAR = 0.5  # times its range: below it no motion of a lifting joint is asked for, as the tool might reach the ground
@@ -25,7 +25,8 @@ BEGUN, ENDED = 0.15, 0.95  # times a stroke: within the first it has begun, beyo
 
 class Stroke(NamedTuple):
     """A stroke of `joint` from angle `begin` to `end` [rad] in `seconds` [s], its cylinder in direction `way` at
-    `pace`; meanwhile the other joints stay at the posture `hold` (N,) [rad]. `begun`: whether it is under way."""
+    `pace`; meanwhile the other joints stay at the posture `hold` (N,) [rad]; all are angles of `drive`. `begun`:
+    whether it is under way."""
 
     joint: int
     way: Way
@@ -46,8 +47,8 @@ def clear_range(machine: Machine) -> Array:
     """Joint angles (N, 2) [rad] in which a commissioning moves: the working ranges, and of the joints that lift the
     stick only the upper half."""
     ranges = working_range(machine)
-    lifting = [j for j in driven(machine) if j < machine.size - 2]
-    ranges[lifting, 0] += CLEAR * (ranges[lifting, 1] - ranges[lifting, 0])
+    up = list(lifting(machine))
+    ranges[up, 0] += CLEAR * (ranges[up, 1] - ranges[up, 0])
     return ranges
 
 
@@ -92,7 +93,9 @@ def _ends(machine: Machine, plan: Plan, gap: Missing) -> Stroke:
     low, high = max(gap.low - room, edges[0]), min(gap.high + room, edges[-1])
     middle = clear_range(machine).mean(axis=1)
     middle[gap.joint] = (low + high) / 2.0
-    rising = (machine.geometry(middle).lever[plan.cylinders[k], gap.joint] > 0.0) == (gap.way is Way.EXTENDING)
+    rising = (machine.geometry(joint_angles(machine, middle)).lever[plan.cylinders[k], gap.joint] > 0.0) == (
+        gap.way is Way.EXTENDING
+    )
     begin, end = (low, high) if rising else (high, low)
     return Stroke(gap.joint, gap.way, gap.pace, float(begin), float(end), 0.0, middle)
 
@@ -118,7 +121,7 @@ def _hold(machine: Machine, stroke: Stroke) -> Array:
     for column, j in enumerate(others):
         theta[..., j] = (ranges[j, 0] + posts[:, column] * (ranges[j, 1] - ranges[j, 0]))[:, None]
     theta[..., stroke.joint] = np.linspace(stroke.begin, stroke.end, 5)
-    height = np.min(machine.tool_point(theta).place.imag, axis=1)
+    height = np.min(machine.tool_point(joint_angles(machine, theta)).place.imag, axis=1)
     return np.asarray(theta[int(np.argmax(height)), 0])
 
 
@@ -132,7 +135,7 @@ def _lengths(machine: Machine, c: int, stroke: Stroke, hold: Array) -> tuple[flo
     """Lengths [m] of cylinder `c` at start and end of the stroke."""
     theta = np.array([hold, hold])
     theta[:, stroke.joint] = stroke.begin, stroke.end
-    begin, end = machine.geometry(theta).length[:, c]
+    begin, end = machine.geometry(joint_angles(machine, theta)).length[:, c]
     return float(begin), float(end)
 
 
@@ -158,7 +161,7 @@ def _share(machine: Machine, c: int, length: float) -> str:
 
 def reach_sentence(machine: Machine, plan: Plan, reach: Reach) -> str:
     """The sentence that asks the operator for a move of all joints."""
-    lengths = machine.geometry(reach.target).length
+    lengths = machine.geometry(joint_angles(machine, reach.target)).length
     places = [
         f"the {machine.links[j].name}'s cylinder to {_share(machine, c, float(lengths[c]))}"
         for j, c in zip(plan.joints, plan.cylinders, strict=True)
@@ -167,7 +170,7 @@ def reach_sentence(machine: Machine, plan: Plan, reach: Reach) -> str:
 
 
 def _waiting(machine: Machine, plan: Plan, stroke: Stroke) -> str:
-    lengths = machine.geometry(stroke.hold).length
+    lengths = machine.geometry(joint_angles(machine, stroke.hold)).length
     others = [
         f"the {machine.links[j].name}'s at {_share(machine, c, float(lengths[c]))}"
         for j, c in zip(plan.joints, plan.cylinders, strict=True)

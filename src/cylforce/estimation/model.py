@@ -127,12 +127,14 @@ class Model:
     def scale_error(self) -> float:
         """Relative standard error of the torque computed from pressures, from the data sheet: piston areas, and the
         lever with its two pins in mid-range, at the innermost measured joint. A recording of the empty machine cannot
-        reduce it; a lift of a known weight can."""
+        reduce it; a lift of a known weight can. At a loader's arm only the lift cylinders count: the lever of the tilt
+        cylinder may vanish there, and its torque with it."""
         middle = np.array([(link.angle_low + link.angle_high) / 2.0 for link in self.machine.links])
         lever = np.abs(self.machine.geometry(middle).lever[:, self.machine.rows[0]])
-        cylinders = [self.machine.cylinders[c] for c in self.acting[0]]
+        own = [c for c in self.acting[0] if max(self.machine.spans[c]) == self.machine.rows[0]] or self.acting[0]
+        cylinders = [self.machine.cylinders[c] for c in own]
         areas = max(c.area_error for c in cylinders)
-        pins = max(c.pin_error * np.sqrt(2.0) / lever[k] for c, k in zip(cylinders, self.acting[0], strict=True))
+        pins = max(c.pin_error * np.sqrt(2.0) / lever[k] for c, k in zip(cylinders, own, strict=True))
         return float(np.hypot(areas, pins))
 
     @cached_property

@@ -46,6 +46,10 @@ class Linkage(Protocol):
         """The eye from the places (..., K) of the pins; NaN where the linkage cannot be closed."""
         ...
 
+    def places(self, at: Pose) -> dict[str, Complex]:
+        """Where everything is that a linkage turns about, (...,) [m] by name, at a pose, for a drawing."""
+        ...
+
     def stretch(self, at: Pose) -> Stretch:
         """Length, gradient and transmission at a pose; NaN where the linkage cannot be closed."""
         found = Linkages((self,)).stretch(at)
@@ -109,6 +113,11 @@ class Triangle(Linkage):
         """The second pin."""
         return Eye(pins.place[..., 1], pins.gradient[..., 1, :], 1.0)
 
+    def places(self, at: Pose) -> dict[str, Complex]:
+        """Foot and eye."""
+        place = points(at, fixed(self.pins, at.turn.shape[-1] - 1)).place
+        return {"foot": place[..., 0], "eye": place[..., 1]}
+
 
 @dataclass(frozen=True, slots=True)
 class FourBar(Linkage):
@@ -138,6 +147,14 @@ class FourBar(Linkage):
         gradient = pins.gradient[..., 1, :] + 1j * eye[..., None] * spin
         place = pins.place[..., 1] + eye
         return Eye(place, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
+
+    def places(self, at: Pose) -> dict[str, Complex]:
+        """Foot, rocker pin, link pin, rocker end, and the cylinder's eye where it is not the rocker's end."""
+        place = points(at, fixed(self.pins, at.turn.shape[-1] - 1)).place
+        arm = self._arm(place[..., 2] - place[..., 1])
+        found = {"foot": place[..., 0], "rocker pin": place[..., 1], "link pin": place[..., 2]}
+        found["rocker end"] = place[..., 1] + arm
+        return found if self.eye == 1.0 else found | {"eye": place[..., 1] + self.eye * arm}
 
     def rocker(self, at: Pose) -> Complex:
         """Derivatives (..., N) [1/rad] of the unit vector along the rocker, from its pin to its end, at a pose."""

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 import cylforce
-from cylforce.programs.commands import commission, config, demo, describe, gap, identify, replay, run, sim
+from cylforce.programs.commands import commission, config, demo, describe, gap, identify, new, replay, run, sim
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -33,6 +33,7 @@ def cylforce_command(
 
 
 # In the order of a user's day, which is the order in `cylforce --help`.
+app.command(epilog=new.EXAMPLE)(new.new)
 app.command(epilog=describe.EXAMPLE)(describe.describe)
 app.command(epilog=commission.EXAMPLE)(commission.commission)
 app.command(epilog=identify.EXAMPLE)(identify.identify)

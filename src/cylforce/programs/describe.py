@@ -1,27 +1,63 @@
-"""`cylforce describe`: what a machine file says, checked; the EDS and DBC of what the service publishes for it."""
+"""`cylforce describe`: what a machine file says: tables, a drawing of every pin, EDS and DBC of our node."""
 
 from pathlib import Path
-
-from rich.console import Console
+from typing import NamedTuple
 
 from cylforce.canopen.dictionary.dbc import dbc
 from cylforce.canopen.dictionary.eds import eds
 from cylforce.files.atomic import check_outputs, replacing
 from cylforce.programs.common.machine_file import load_machine
+from cylforce.programs.description.drawing import drawing
+from cylforce.programs.description.page import page
+from cylforce.programs.description.tables import plain, tables, warnings
 from cylforce.settings.machine_file import Loaded
 
 
-def run_describe(machine: Path, eds_file: Path | None, dbc_file: Path | None) -> None:
-    """Load, write what is asked for, tell. Raises SettingsError or RecordingError with a sentence."""
-    check_outputs((eds_file, dbc_file), (machine,))
+class DescriptionFiles(NamedTuple):
+    """Where to write (None: not): drawing, page with drawing and tables, EDS and DBC of our node, JSON schema."""
+
+    svg: Path | None = None
+    html: Path | None = None
+    eds: Path | None = None
+    dbc: Path | None = None
+    schema: Path | None = None
+
+
+def run_describe(machine: Path, outputs: DescriptionFiles) -> None:
+    """Load, write what is asked for, print. Raises SettingsError or RecordingError with a sentence."""
+    check_outputs(outputs, (machine,))
     loaded = load_machine(machine)
+    shown = tables(loaded.service)
+    if outputs.svg is not None:
+        _write(outputs.svg, drawing(loaded.service.machine))
+    if outputs.html is not None:
+        _write(outputs.html, page(loaded, shown, (*loaded.warnings, *warnings(loaded.service))))
+    if outputs.schema is not None:
+        _write(outputs.schema, _schema())
+    _write_node(loaded, outputs)
+    _show(loaded)
+    for table in shown:
+        print(f"\n{plain(table)}")
+    for sentence in warnings(loaded.service):
+        print(f"\nwarning: {sentence}")
+
+
+def _write_node(loaded: Loaded, outputs: DescriptionFiles) -> None:
     service = loaded.service
     sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0
-    if eds_file is not None:
-        _write(eds_file, eds(service.publication, round(1e3 * service.heartbeat_s), sync_us))
-    if dbc_file is not None:
-        _write(dbc_file, dbc(service.publication, service.node_id))
-    _tell(loaded, Console(highlight=False))
+    if outputs.eds is not None:
+        _write(outputs.eds, eds(service.publication, round(1e3 * service.heartbeat_s), sync_us))
+    if outputs.dbc is not None:
+        _write(outputs.dbc, dbc(service.publication, service.node_id))
+
+
+def _schema() -> str:
+    """The JSON schema of machine files, for editors."""
+    import json
+
+    from cylforce.settings.schema import machine_file_schema
+
+    return json.dumps(machine_file_schema(), indent=2) + "\n"
 
 
 def _write(path: Path, text: str) -> None:
@@ -29,12 +65,9 @@ def _write(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="")
 
 
-def _tell(loaded: Loaded, console: Console) -> None:
+def _show(loaded: Loaded) -> None:
     machine, service = loaded.service.machine, loaded.service
     links = ", ".join(f"{link.name} ({link.mass:.0f} kg)" for link in machine.links)
-    console.print(f"{machine.name}: {links}; rated payload {machine.rated_payload:.0f} kg")
+    print(f"{machine.name}: {links}; rated payload {machine.rated_payload:.0f} kg")
     rows = ", ".join(machine.links[j].name for j in machine.rows)
-    console.print(f"torque is measured at: {rows}; {len(machine.signals)} signals from {len(service.nodes)} nodes")
-    for pdo in service.publication:
-        names = ", ".join(str(field.signal) for field in pdo.fields)
-        console.print(f"TPDO {pdo.number}, {pdo.can_id:03X}h: {names}")
+    print(f"torque is measured at: {rows}; {len(machine.signals)} signals from {len(service.nodes)} nodes")

@@ -19,6 +19,7 @@ PAYLOAD_QUALITY, FORCE_QUALITY = "payload_quality", "force_quality"
 BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
 _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers, in SI
+_LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; a weight that uncertain is no weight
 
 
 def publication(node_id: int, period_s: float, rated_payload: float, rated_force: float) -> tuple[Pdo, ...]:
@@ -38,7 +39,7 @@ def publication(node_id: int, period_s: float, rated_payload: float, rated_force
             Field(DIRECTION, 0x7130, 4, "h", _DEG, 0.0, "rad", -pi, pi),
         ),
         (
-            Field(GROSS_ERROR, 0x2130, 1, "H", _KG, 0.0, "kg", 0.0, rated_payload),
+            Field(GROSS_ERROR, 0x2130, 1, "H", _KG, 0.0, "kg", 0.0, min(rated_payload, _LARGEST_ERROR)),
             Field(X_ERROR, 0x2130, 2, "H", _N, 0.0, "N", 0.0, rated_force),
             Field(Z_ERROR, 0x2130, 3, "H", _N, 0.0, "N", 0.0, rated_force),
             Field(DIRECTION_ERROR, 0x2130, 4, "H", _DEG, 0.0, "rad", 0.0, pi),

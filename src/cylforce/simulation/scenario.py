@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.mechanics.machine import Machine
-from cylforce.mechanics.workspace import driven, stroke_time, working_range
+from cylforce.mechanics.workspace import drive, driven, is_loader, stroke_time, working_range
 from cylforce.signals.estimate import Array
 from cylforce.simulation.soil import carried, draw_dig
 from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
@@ -52,6 +52,22 @@ TOOL = (
     Sweep(12.8, 14.5, 0.66),
 )
 HOME = (0.50, 0.66, 0.66)
+# A wheel loader's cycle, of the same length: arm down, bucket level; into the heap while the arm rises and the bucket
+# curls; lift; dump at height; back. Its tilt angle is measured from the chassis, and a larger one curls.
+LOADER_LIFT = (
+    Sweep(0.0, 2.4, 0.06),
+    Sweep(2.7, 6.2, 0.20),
+    Sweep(6.2, 11.0, 0.85),
+    Sweep(12.2, 14.5, 0.45),
+)
+LOADER_TOOL = (
+    Sweep(0.2, 2.4, 0.50),
+    Sweep(3.0, 6.9, 0.90),
+    Sweep(7.0, 9.3, 0.97),
+    Sweep(9.4, 12.5, 0.06),
+    Sweep(12.6, 14.5, 0.50),
+)
+LOADER_HOME = (0.45, 0.50, 0.50)
 SWING = (Sweep(6.9, 10.7, 1.0), Sweep(12.0, 14.5, 0.0))
 DIGGING = (2.6, 6.5, 11.0, 12.5)  # s: teeth in the soil from, to; material falls from, to
 PHASES = ((0.0, Phase.REACH), (2.6, Phase.DIG), (6.5, Phase.LIFT), (10.8, Phase.DUMP), (12.5, Phase.RETURN))
@@ -60,18 +76,21 @@ NOMINAL = 14.6
 
 def _role(machine: Machine, j: int) -> int:
     """0: a lifting joint, 1: the stick, 2: the tool."""
-    return max(0, 2 - (machine.size - 1 - j))
+    role = max(0, 2 - (machine.size - 1 - j))
+    return 0 if role == 1 and is_loader(machine) else role
 
 
 def _nominal(machine: Machine, j: int) -> tuple[Sweep, ...]:
     """The strokes of joint j in the nominal cycle; empty for a locked joint."""
     moved = driven(machine)
+    if is_loader(machine):
+        return (LOADER_LIFT, (), LOADER_TOOL)[_role(machine, j)] if j in moved else ()
     lifts = any(_role(machine, k) == 0 for k in moved)
     return (LIFT, STICK if lifts else STICK_ALONE, TOOL)[_role(machine, j)] if j in moved else ()
 
 
 def _begin(machine: Machine, fractions: tuple[float, float, float]) -> Array:
-    """The pose (N,) [rad] at the given fractions of the working ranges (lifting joints, stick, tool)."""
+    """The angles (N,) [rad] of `drive` at the given fractions of the working ranges (lifting joints, stick, tool)."""
     low, high = working_range(machine).T
     share = np.array([fractions[_role(machine, j)] for j in range(machine.size)])
     return np.asarray(low + share * (high - low))
@@ -82,16 +101,35 @@ def cycles(machine: Machine, rng: np.random.Generator, count: int, swing: bool) 
     pose in which the one before ended. `swing`: the house turns while the load is lifted, and back afterwards."""
     ranges = working_range(machine)
     scene = _headway(machine, ranges)
-    yield scene
+    yield of_joints(machine, scene)
     for _ in range(count):
         scene = _cycle(machine, ranges, rng, np.array([course.end for course in scene.joints]), swing)
-        yield scene
+        yield of_joints(machine, scene)
+
+
+def of_joints(machine: Machine, scene: Scene) -> Scene:
+    """The scene whose courses are those of the joints, from one whose courses are those of the angles of `drive`."""
+    D = drive(machine)
+    if np.array_equal(D, machine.identity):
+        return scene
+    begin = D @ np.array([course.begin for course in scene.joints])
+    steps = [
+        tuple(
+            Move(step.start, step.stop, float(share) * step.rise)
+            for share, course in zip(row, scene.joints, strict=True)
+            for step in course.steps
+            if share
+        )
+        for row in D
+    ]
+    return scene._replace(joints=tuple(map(JointCourse, begin.tolist(), steps)))
 
 
 def _headway(machine: Machine, ranges: Array) -> Scene:
     begin, courses = _begin(machine, (0.55, 0.5, 0.5)), []
+    home = LOADER_HOME if is_loader(machine) else HOME
     for j in range(machine.size):
-        strokes = (Sweep(0.1, HEADWAY - 0.2, HOME[_role(machine, j)]),)
+        strokes = (Sweep(0.1, HEADWAY - 0.2, home[_role(machine, j)]),)
         courses.append(_course(machine, ranges, begin, j, strokes if j in driven(machine) else ()))
     return Scene(HEADWAY, tuple(courses), JointCourse(0.0), ((0.0, Phase.AIR),))
 
@@ -149,7 +187,7 @@ def moves(
     courses = tuple(JointCourse(float(begin[j]), tuple(steps[j])) for j in range(machine.size))
     house = JointCourse(0.0, _turns(rng, ALONE * duration, duration) if turning else ())
     dig = carried(payload, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach)) if payload else None
-    return Scene(duration, courses, house, ((0.0, Phase.AIR),), dig)
+    return of_joints(machine, Scene(duration, courses, house, ((0.0, Phase.AIR),), dig))
 
 
 def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, ...]:

@@ -13,6 +13,7 @@ from cylforce.commissioning.coverage import BINS, Pace, Plan, Way, share
 from cylforce.commissioning.guidance import GOOD_ENOUGH, Guide
 from cylforce.commissioning.reaches import Reach
 from cylforce.commissioning.strokes import Stroke
+from cylforce.mechanics.workspace import joint_angles
 from cylforce.programs.live.collector import View
 from cylforce.signals.estimate import Array
 
@@ -63,7 +64,7 @@ def _joints(guide: Guide) -> list[Joint]:
     machine, plan = guide.model.machine, guide.plan
     middle = np.zeros(machine.size)
     middle[list(plan.joints)] = plan.edges.mean(axis=1)
-    lever = machine.geometry(middle).lever
+    lever = machine.geometry(joint_angles(machine, middle)).lever
     return [
         Joint(k, machine.links[j].name, bool(lever[c, j] > 0.0))
         for k, (j, c) in enumerate(zip(plan.joints, plan.cylinders, strict=True))

@@ -12,6 +12,7 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import chunks, observe
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.motion import Motion
+from cylforce.mechanics.workspace import drive_angles
 from cylforce.signals.estimate import Array
 
 MOST_POINTS = 8000
@@ -21,8 +22,8 @@ REST = 3.0  # times the speed that rounds the friction's direction: from there o
 
 class DrawnSamples(NamedTuple):
     """Samples of a stretch, all passed through the same filters: `measured` and `predicted` torque (T, R) [N m], NaN
-    where a row is not usable; joint angles `posture` (T, N) [rad]; of the cylinders `speed` (T, C) [m/s], `force` (T,
-    C) [N] and own `lever` (T, C) [m/rad] about the joint that each moves."""
+    where a row is not usable; angles `posture` (T, N) [rad] of `drive`; of the cylinders `speed` (T, C) [m/s], `force`
+    (T, C) [N] and own `lever` (T, C) [m/rad] about the joint that each moves."""
 
     measured: Array
     predicted: Array
@@ -89,7 +90,8 @@ def seen(model: Model, tares: Tares, wanted: Plan, values: Array) -> DrawnSample
     """Samples (T, S) of a gapless stretch, without the filters' start."""
     rows = observe(model, values)
     moved = drives(model, wanted.joints, wanted.cylinders, values)
-    return DrawnSamples(rows.torque, rows.columns @ tares.values, rows.posture, *moved)
+    posture = drive_angles(model.machine, rows.posture)
+    return DrawnSamples(rows.torque, rows.columns @ tares.values, posture, *moved)
 
 
 def drives(model: Model, joints: Sequence[int], cylinders: Sequence[int], values: Array) -> tuple[Array, Array, Array]:

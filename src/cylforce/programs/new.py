@@ -1,0 +1,174 @@
+"""`cylforce new`: a first machine file from the type of a machine and the figures of its data sheet."""
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from cylforce.files.atomic import RecordingError, check_outputs, replacing
+from cylforce.files.shipped import shipped
+from cylforce.mechanics.workspace import working_range
+from cylforce.settings.machine_file import SettingsError, load
+from cylforce.settings.proposal.figures import Figure, Value, figures, parsed, settings
+from cylforce.settings.proposal.scaling import proposal
+from cylforce.settings.proposal.types import TYPES, machine_type
+from cylforce.settings.proposal.writing import text
+
+Ask = Callable[[str], str]
+
+
+class GivenFigures(NamedTuple):
+    """What is given as options: type and operating mass [t] of the machine (None: asked for), figures as KEY=VALUE,
+    whether all others take their typical values without being asked for."""
+
+    type: str | None
+    tonnes: str | None
+    texts: Sequence[str]
+    yes: bool
+
+
+class Answers(NamedTuple):
+    """What is known of a machine: its type's name, operating mass [t], every figure's value, and which were given."""
+
+    type: str
+    tonnes: float
+    values: dict[str, Value]
+    given: frozenset[str]
+
+
+def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
+    """Ask for what is not given, write the machine file. Raises SettingsError or RecordingError with a sentence."""
+    if output.exists():
+        raise RecordingError(f"{output}: exists and is not replaced: choose another file with -o, or remove it first")
+    if output.suffix != ".toml":
+        raise RecordingError(f"-o {output}: must end in .toml, as which it is read again")
+    check_outputs((output,))
+    answers = gathered(given, ask)
+    warnings = write(answers, output)
+    print(
+        f"{output}: {answers.values['name']}; {len(answers.given)} figures from the data sheet, the others are typical"
+    )
+    print(
+        "Every pin is a guess: search the file for MEASURE THIS. No weight is booked until the pins are measured (then"
+    )
+    print("set pins_m to what they are measured to) or a known weight was lifted (cylforce identify --lift).")
+    for warning in warnings:
+        print(f"warning: {warning}")
+    print(f"Next: cylforce describe {output} --svg {output.with_suffix('.svg')}")
+
+
+def gathered(given: GivenFigures, ask: Ask) -> Answers:
+    """All figures, from the options, from answers, or typical."""
+    name = given.type if given.type or given.yes else _type(ask)
+    if name is None:
+        raise SettingsError(f"--type is missing: write one of {', '.join(TYPES)}")
+    tonnes = _tonnes(given, ask)
+    known = wanted(name, tonnes)
+    values = {key: figure.typical for key, figure in known.items()}
+    found = settings(given.texts, known)
+    if not given.yes:
+        print(f"{len(known) - len(found)} figures; Enter takes the value in brackets")
+        for key, figure in known.items():
+            if key not in found and (answer := _answer(figure, ask)) is not None:
+                found[key] = answer
+    values |= found
+    _check_nodes(values)
+    return Answers(name, tonnes, values, frozenset(found))
+
+
+def wanted(name: str, tonnes: float) -> dict[str, Figure]:
+    """The figures of a type by key."""
+    kind = machine_type(name)
+    return {figure.key: figure for figure in figures(kind, tomllib.loads(_example(name)), tonnes)}
+
+
+def _example(name: str) -> str:
+    return shipped(machine_type(name).example).read_text(encoding="utf-8")
+
+
+def _type(ask: Ask) -> str:
+    for name, kind in TYPES.items():
+        print(f"  {name:13} {kind.words}")
+    while True:
+        answer = _said(ask, "type of machine: ", "--type")
+        if answer in TYPES:
+            return answer
+        print(f"  {answer!r} is none of them")
+
+
+def _tonnes(given: GivenFigures, ask: Ask) -> float:
+    if given.tonnes is None and given.yes:
+        raise SettingsError("--tonnes is missing: give the operating mass from the data sheet, in tonnes")
+    answer = given.tonnes if given.tonnes is not None else _said(ask, "operating mass [t]: ", "--tonnes")
+    try:
+        return float(answer)
+    except ValueError:
+        raise SettingsError(f"--tonnes is {answer!r}: write the operating mass in tonnes, a number") from None
+
+
+def _answer(figure: Figure, ask: Ask) -> Value:
+    """What is said about a figure, asked again until it can be; None for Enter."""
+    shown = "from the rest" if figure.typical is None else _text(figure.typical)
+    while True:
+        answer = _said(ask, f"{figure.words} [{shown}]: ", f"--set {figure.key}")
+        if not answer:
+            return None
+        try:
+            return parsed(figure, answer)
+        except ValueError as error:
+            print(f"  {error}")
+
+
+def _said(ask: Ask, question: str, option: str) -> str:
+    try:
+        return ask(question).strip()
+    except EOFError:
+        print()
+        raise SettingsError(
+            f"{option} was asked for and the input ended: answer, give the option, or take typical values with --yes"
+        ) from None
+
+
+def _text(value: Value) -> str:
+    if isinstance(value, tuple):
+        return ":".join(f"{part:g}" for part in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _check_nodes(values: Mapping[str, Value]) -> None:
+    seen: dict[Value, str] = {}
+    for key, value in values.items():
+        if key.endswith(".node_id") and (other := seen.setdefault(value, key)) != key:
+            raise SettingsError(f"{key} is {value}, which is also {other}: give each node its own id, 1 to 127")
+
+
+def write(answers: Answers, output: Path) -> tuple[str, ...]:
+    """The machine file, checked before it takes its place; returns the checks' warnings."""
+    kind, example = machine_type(answers.type), _example(answers.type)
+    tables = proposal(kind, tomllib.loads(example), answers.tonnes, answers.values, answers.given)
+    made = text(kind, example, tables, answers.tonnes, answers.given)
+    with replacing(output) as temporary:
+        temporary.write_text(made, encoding="utf-8")
+        return _warnings(temporary, output)
+
+
+def _warnings(temporary: Path, output: Path) -> tuple[str, ...]:
+    """What the checks warn of, once the file can be loaded and its machine can be moved."""
+    try:
+        loaded = load(temporary)
+        working_range(loaded.service.machine)
+        return tuple(warning.replace(str(temporary), str(output)) for warning in loaded.warnings)
+    except ValueError as error:
+        problem = "; ".join(str(error).replace(str(temporary), str(output)).splitlines())
+        raise SettingsError(f"these figures give no machine ({problem}): correct them with --set") from error
+
+
+def list_figures(given: GivenFigures) -> None:
+    """What can be given with --set, with typical values and limits for a type and operating mass."""
+    if given.type is None or given.tonnes is None:
+        raise SettingsError(f"--list needs --type ({', '.join(TYPES)}) and --tonnes: typical values follow from them")
+    print(f"{'key':24} {'typical':15} {'limits':15} what")
+    for key, figure in wanted(given.type, _tonnes(given, input)).items():
+        typical = "from the rest" if figure.typical is None else _text(figure.typical)
+        limits = "" if figure.shape is str else f"{figure.low:g}:{figure.high:g}"
+        print(f"{key:24} {typical:15} {limits:15} {figure.words}")

@@ -1,0 +1,164 @@
+"""The figures of a data sheet that `cylforce new` asks for: their keys, typical values and limits."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import NamedTuple
+
+from cylforce.settings.proposal.types import MachineType, Range, Raw, size
+
+Value = str | int | float | Range | None  # None: follows from the others
+LENGTH = (0.4, 2.5)  # times the typical length: proportions within one type
+MASS = (0.2, 4.0)  # times the typical mass: quick couplers, long-reach booms, heavy tools
+BORE = (0.5, 2.0)  # times the typical bore
+PINS_MM = 20.0  # half-width within which pins of a 20 t machine are guessed right that were fitted to its cylinders
+
+
+class Figure(NamedTuple):
+    """One figure: `key`, as in the machine file where it stands there; what it is, in words with its unit; the typical
+    value (None: follows from other figures); limits of the value, or of both ends of a range."""
+
+    key: str
+    words: str
+    typical: Value
+    low: float = 0.0
+    high: float = 0.0
+    shape: type = float  # str, int, float or tuple
+
+
+def figures(kind: MachineType, raw: Raw, tonnes: float) -> tuple[Figure, ...]:
+    """The figures of a machine of this type and operating mass [t]; `raw`: the type's example. Raises ValueError."""
+    s = size(kind, tonnes)
+    share = tonnes / kind.tonnes
+    payload = _rounded(raw["machine"]["rated_payload_kg"] * share)
+    return (
+        Figure("name", "name of the machine", f"{kind.title} {tonnes:g} t", shape=str),
+        Figure("rated_payload_kg", "rated payload [kg]", payload, *_around(payload, MASS)),
+        *(figure for link in range(len(raw["links"])) for figure in _of_link(raw, link, s, share)),
+        *_of_envelope(kind, s),
+        *(figure for cylinder in raw["cylinders"] for figure in _of_cylinder(cylinder, s)),
+        Figure("pins_mm", "half-width within which the pins are right [mm]", _rounded(PINS_MM * s), 0.1, 100.0),
+        *(
+            Figure(f"{node['name']}.node_id", f"{node['name']}: CANopen node id", node["node_id"], 1, 127, int)
+            for node in raw["nodes"]
+        ),
+    )
+
+
+def _of_link(raw: Raw, k: int, s: float, share: float) -> Iterator[Figure]:
+    link, name = raw["links"][k], raw["links"][k]["name"]
+    last = k == len(raw["links"]) - 1
+    length = _rounded(s * (raw["tool"]["point_m"][0] if last else link["length_m"]))
+    ends = "from its pin to the teeth" if last else "from pin to pin"
+    yield Figure(f"{name}.length_m", f"{name}: length {ends} [m]", length, *_around(length, LENGTH))
+    mass = _rounded(link["mass_kg"] * share)
+    yield Figure(f"{name}.mass_kg", f"{name}: mass with its share of cylinders [kg]", mass, *_around(mass, MASS))
+    typical = drive_range(raw, k)
+    words = f"{name}: angle range, {_from(raw, k)} [deg]"
+    yield Figure(f"{name}.angle_range_deg", words, typical, typical[0] - 60.0, typical[1] + 60.0, tuple)
+
+
+def _from(raw: Raw, k: int) -> str:
+    if reached_over(raw, k):
+        return "from the horizontal with the chassis level"
+    return "from the horizontal" if k == 0 else f"from the {raw['links'][k - 1]['name']}'s line"
+
+
+def reached_over(raw: Raw, k: int) -> tuple[int, ...]:
+    """The joints before joint k that its cylinder reaches over (a wheel loader's tilt cylinder)."""
+    bodies = ["chassis", *(link["name"] for link in raw["links"])]
+    for cylinder in raw["cylinders"]:
+        pins = [bodies.index(p["body"]) for p in cylinder["linkage"].values() if isinstance(p, Mapping)]
+        if max(pins) == k + 1:
+            return tuple(range(min(pins), k))
+    return ()
+
+
+def drive_range(raw: Raw, k: int) -> Range:
+    """Range [deg] of the angle that the cylinder at joint k sets: of its joint, or from the chassis."""
+    low, high = raw["links"][k]["angle_range_deg"]
+    others = [raw["links"][i]["angle_range_deg"] for i in reached_over(raw, k)]
+    return float(low + sum(h for _, h in others)), float(high + sum(o for o, _ in others))
+
+
+def _of_envelope(kind: MachineType, s: float) -> Iterator[Figure]:
+    for key, words in kind.envelope:
+        typical = _rounded(kind.pin_height * s) if key == "pin_height_m" else None
+        yield Figure(key, words, typical, *(_around(typical, LENGTH) if typical else (0.1, 30.0)))
+
+
+def _of_cylinder(cylinder: Raw, s: float) -> Iterator[Figure]:
+    name = cylinder["name"]
+    yield Figure(f"{name}.count", f"{name}: cylinders side by side", cylinder.get("count", 1), 1, 4, int)
+    bore, rod = (_standard(s * cylinder[key]) for key in ("bore_mm", "rod_mm"))
+    yield Figure(f"{name}.bore_mm", f"{name} cylinder: bore [mm]", bore, *_around(bore, BORE))
+    yield Figure(f"{name}.rod_mm", f"{name} cylinder: rod [mm]", rod, *_around(rod, BORE))
+    closed, opened = (1e3 * s * length for length in cylinder["length_range_m"])
+    yield Figure(f"{name}.stroke_mm", f"{name} cylinder: stroke [mm]", None, *_around(opened - closed, LENGTH))
+    words = f"{name} cylinder: length pin to pin, closed [mm]"
+    yield Figure(f"{name}.closed_mm", words, None, *_around(closed, LENGTH))
+
+
+def _around(typical: float, factors: Range) -> Range:
+    return _rounded(typical * factors[0]), _rounded(typical * factors[1])
+
+
+def _rounded(value: float) -> float:
+    """Three digits."""
+    return float(f"{value:.3g}")
+
+
+def _standard(mm: float) -> float:
+    """A diameter as they are made: in steps of 5 mm."""
+    return max(5.0 * round(mm / 5.0), 20.0)
+
+
+def parsed(figure: Figure, text: str) -> Value:
+    """The value that a text gives a figure. Raises ValueError with a sentence that names key, value, limit and cure."""
+    if figure.shape is str:
+        return text
+    try:
+        if figure.shape is tuple:
+            low, high = (float(part) for part in text.strip("[] ").replace(",", ":").split(":"))
+            return _checked_range(figure, (low, high))
+        number: int | float = figure.shape(text)
+    except ValueError as error:
+        if str(error).startswith(figure.key):
+            raise
+        wanted = {int: "a whole number", float: "a number", tuple: "a range LOW:HIGH"}[figure.shape]
+        raise ValueError(f"{figure.key} is {text!r}: write {wanted}") from None
+    return _checked(figure, number)
+
+
+def _checked(figure: Figure, number: float) -> float:
+    if not figure.low <= number <= figure.high:
+        raise ValueError(
+            f"{figure.key} is {number:g}, machines of this type and size have {figure.low:g} to {figure.high:g}: "
+            "check the unit, or give the operating mass of a machine of that size"
+        )
+    return number
+
+
+def _checked_range(figure: Figure, given: Range) -> Range:
+    if not figure.low <= given[0] < given[1] <= figure.high:
+        raise ValueError(
+            f"{figure.key} is {given[0]:g}:{given[1]:g}, it must rise and lie within {figure.low:g}:{figure.high:g}: "
+            "check the order, the sign and what the angle is measured from"
+        )
+    return given
+
+
+def settings(texts: Iterable[str], known: Mapping[str, Figure]) -> dict[str, Value]:
+    """Values by key from texts KEY=VALUE. Raises ValueError with a sentence."""
+    found: dict[str, Value] = {}
+    for text in texts:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise ValueError(f"--set {text}: has no value: write KEY=VALUE")
+        if key not in known:
+            close = get_close_matches(key, known, 1)
+            cure = f"did you mean {close[0]}" if close else "`cylforce new --list` shows all"
+            raise ValueError(f"--set {key}: is no figure of this type of machine: {cure}")
+        if key in found:
+            raise ValueError(f"--set {key}: is given twice: give it once")
+        found[key] = parsed(known[key], value)
+    return found

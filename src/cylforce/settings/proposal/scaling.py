@@ -1,0 +1,144 @@
+"""From figures of a data sheet to the tables of a machine file: the example's proportions scaled to them."""
+
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any
+
+from cylforce.settings.proposal.envelope import first_range
+from cylforce.settings.proposal.figures import Value, reached_over
+from cylforce.settings.proposal.pins import fit_pins
+from cylforce.settings.proposal.types import MachineType, Raw, size
+
+Tables = dict[str, Any]
+Values = Mapping[str, Any]
+UNKNOWN_MASS, UNKNOWN_INERTIA = 30.0, 50.0  # per cent by which such machines of one size class differ
+UNKNOWN_BORE = 0.05  # of the bore: cylinders of one size class differ by a step of 5 mm or two
+MOST_BORE = 10.0  # mm: bores are made in steps of 5 to 20 mm
+CENTRE = 0.1  # of the link's length, within which a scaled centre of gravity is right
+NEAR_END = 0.2  # of a link's length: a pin nearer to an end keeps its scaled distance from that end
+SENSOR_ROOM = 5.0  # deg beyond the joint's range in which an angle is believed
+
+
+def proposal(kind: MachineType, raw: Raw, tonnes: float, values: Mapping[str, Value], given: frozenset[str]) -> Tables:
+    """The tables of a machine file, from the `raw` ones of the type's example.
+
+    `values`: by key of `figures`, None where a value follows from the others; `given`: keys that came from the data
+    sheet and are not typical. Raises ValueError, in a sentence, for figures that do not fit together."""
+    s = size(kind, tonnes)
+    tables: Tables = deepcopy(dict(raw))
+    _set_machine(tables, values, s)
+    for k in range(len(tables["links"])):
+        _set_link(tables, raw, k, values, given, s)
+    _set_ranges(kind, tables, raw, values, s)
+    for k in range(len(tables["cylinders"])):
+        _set_cylinder(tables, raw, k, values, given, s)
+        fit_pins(tables, k, _wanted(values, raw["cylinders"][k], s))
+    _set_bus(tables, values)
+    force = raw["publication"]["rated_force_n"]
+    tables["publication"]["rated_force_n"] = min(force, round(force * s**3, -3))  # its object holds little more
+    return tables
+
+
+def _set_machine(tables: Tables, values: Values, s: float) -> None:
+    machine = tables["machine"]
+    machine |= {"name": values["name"], "rated_payload_kg": values["rated_payload_kg"]}
+    for key in ("payload_reach_m", "slew_axis_m"):
+        if key in machine:
+            machine[key] = round(s * machine[key], 2)
+
+
+def _length(tables: Raw, k: int) -> float:
+    """From a link's inner pin to its outer one, or to the teeth [m]."""
+    return float(tables["links"][k].get("length_m", tables["tool"]["point_m"][0]))
+
+
+def _set_link(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset[str], s: float) -> None:
+    link, name = tables["links"][k], tables["links"][k]["name"]
+    length, mass = values[f"{name}.length_m"], values[f"{name}.mass_kg"]
+    longer, heavier = length / _length(raw, k), mass / link["mass_kg"]
+    if "length_m" in link:
+        link["length_m"] = length
+    else:
+        tables["tool"]["point_m"] = [length, round(s * tables["tool"]["point_m"][1], 3)]
+    x, z = link["centre_m"]
+    link |= {"mass_kg": mass, "centre_m": [round(longer * x, 3), round(s * z, 3)]}
+    link["inertia_kg_m2"] = float(f"{link['inertia_kg_m2'] * heavier * longer**2:.3g}")
+    link["tolerance"] = {
+        "mass_percent": link["tolerance"]["mass_percent"] if f"{name}.mass_kg" in given else UNKNOWN_MASS,
+        "centre_m": round(CENTRE * length, 3),
+        "inertia_percent": UNKNOWN_INERTIA,
+    }
+
+
+def _set_ranges(kind: MachineType, tables: Tables, raw: Raw, values: Values, s: float) -> None:
+    """Joint angle ranges [deg]; those of a link whose cylinder reaches over other joints are given from the chassis."""
+    lengths = [_length(tables, k) for k in range(len(tables["links"]))]
+    wanted = [values[f"{link['name']}.angle_range_deg"] for link in tables["links"]]
+    wanted[0] = first_range(kind, lengths, wanted, values, s)
+    for k, link in enumerate(tables["links"]):
+        others = [wanted[i] for i in reached_over(raw, k)]
+        low, high = wanted[k][0] - sum(o[1] for o in others), wanted[k][1] - sum(o[0] for o in others)
+        link["angle_range_deg"] = [round(low, 1), round(high, 1)]
+
+
+def _set_cylinder(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset[str], s: float) -> None:
+    cylinder, name = tables["cylinders"][k], tables["cylinders"][k]["name"]
+    count, bore, rod = (values[f"{name}.{key}"] for key in ("count", "bore_mm", "rod_mm"))
+    if rod >= bore:
+        raise ValueError(f"{name}.rod_mm is {rod:g}, its bore {bore:g}: a rod is thinner; exchange or correct them")
+    if count > 1 or "count" in cylinder:
+        cylinder["count"] = count
+    cylinder |= {"bore_mm": bore, "rod_mm": rod}
+    error = 0.1 if f"{name}.bore_mm" in given else min(round(UNKNOWN_BORE * bore, 1), MOST_BORE)
+    cylinder["tolerance"] = {"bore_mm": error, "pins_m": round(values["pins_mm"] / 1e3, 4)}
+    linkage = cylinder["linkage"]
+    outer = linkage.get("rocker_pin", {}).get("body")
+    for key, part in linkage.items():
+        if isinstance(part, Mapping):
+            linkage[key] = {"body": part["body"], "at_m": _moved(tables, raw, part, s, part["body"] == outer)}
+        elif key.endswith("_m"):
+            linkage[key] = [s * p for p in part] if isinstance(part, list) else s * part
+
+
+def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[float]:
+    """A pin of the example on the new machine [m]: as far, times the size, from the nearer end of its link; in the
+    middle of a link as far along it in proportion. `outer`: as far from the outer end, where the link has a rocker: one
+    linkage goes with longer and shorter links."""
+    x, z = pin["at_m"]
+    names = [link["name"] for link in raw["links"]]
+    if pin["body"] not in names[:-1]:
+        return [s * x, s * z]
+    k = names.index(pin["body"])
+    before, after = _length(raw, k), _length(tables, k)
+    if outer or x > (1.0 - NEAR_END) * before:
+        return [after - s * (before - x), s * z]
+    return [s * x if x < NEAR_END * before else x * after / before, s * z]
+
+
+def _wanted(values: Values, cylinder: Raw, s: float) -> tuple[float, float] | None:
+    """Closed and open length [m] from the data sheet; None where neither stroke nor closed length is given. The one
+    that is missing is the example's, scaled: of the length, what is not stroke."""
+    stroke, closed = (values[f"{cylinder['name']}.{key}"] for key in ("stroke_mm", "closed_mm"))
+    if stroke is None and closed is None:
+        return None
+    low, high = cylinder["length_range_m"]
+    dead = 1e3 * s * (2.0 * low - high)  # closed length less stroke
+    stroke = closed - dead if stroke is None else stroke
+    closed = stroke + dead if closed is None else closed
+    if not 0.0 < stroke < closed:
+        raise ValueError(
+            f"{cylinder['name']}.closed_mm is {closed:g}, its stroke {stroke:g}: pin to pin, a cylinder is longer than "
+            "its stroke; correct one of them"
+        )
+    return closed / 1e3, (closed + stroke) / 1e3
+
+
+def _set_bus(tables: Tables, values: Values) -> None:
+    for node in tables["nodes"]:
+        node["node_id"] = values[f"{node['name']}.node_id"]
+        node.pop("identity", None)  # the example's sensors are others
+    ranges = {link["name"]: link["angle_range_deg"] for link in tables["links"]}
+    for sensor in tables["sensors"]:
+        if sensor["kind"] == "joint_angle":
+            low, high = ranges[sensor["at"]]
+            sensor["range_deg"] = [low - SENSOR_ROOM, high + SENSOR_ROOM]

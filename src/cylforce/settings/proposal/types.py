@@ -1,0 +1,71 @@
+"""The types of machine that `cylforce new` knows: which shipped machine file has their typical proportions."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+Raw = Mapping[str, Any]  # a machine file as TOML gives it
+Range = tuple[float, float]
+
+
+class MachineType(NamedTuple):
+    """A type of machine: `example`, the shipped file with typical proportions, is one of `tonnes` operating mass.
+
+    `pin_height` [m] of the first joint's pin above the ground; `envelope`: figures of the working envelope from which
+    the first joint's range follows: key and what it is. Frames are those of the example."""
+
+    words: str
+    title: str
+    example: str
+    tonnes: float
+    pin_height: float = 0.0
+    envelope: tuple[tuple[str, str], ...] = ()
+
+
+PIN_HEIGHT = ("pin_height_m", "height of the first joint's pin above the ground [m]")
+TYPES = {
+    "excavator": MachineType(
+        "excavator with boom, stick and bucket, three cylinders",
+        "Excavator",
+        "excavator_20t.toml",
+        20.0,
+        1.8,
+        (
+            PIN_HEIGHT,
+            ("dig_depth_m", "maximum digging depth [m]"),
+            ("cut_height_m", "maximum cutting height [m]"),
+        ),
+    ),
+    "stick_bucket": MachineType(
+        "excavator of which stick and bucket are measured; the boom stands still",
+        "Excavator, stick and bucket",
+        "excavator_stick_bucket.toml",
+        20.0,
+    ),
+    "wheel_loader": MachineType(
+        "wheel loader with Z-bar, lift and tilt cylinders",
+        "Wheel loader",
+        "wheel_loader.toml",
+        15.0,
+        1.95,
+        (PIN_HEIGHT, ("hinge_height_m", "height of the bucket's pin, arm raised [m]")),
+    ),
+}
+ENVELOPE = tuple(key for kind in TYPES.values() for key, _ in kind.envelope if key != PIN_HEIGHT[0])
+LIGHTEST, HEAVIEST = 0.8, 100.0  # t: mini excavators to the largest that come in one piece
+
+
+def machine_type(name: str) -> MachineType:
+    """The type of this name. Raises ValueError with a sentence."""
+    if name not in TYPES:
+        raise ValueError(f"--type is {name!r}, which is no type of machine: write one of {', '.join(TYPES)}")
+    return TYPES[name]
+
+
+def size(kind: MachineType, tonnes: float) -> float:
+    """How many times as long as the example a machine of this operating mass [t] is: masses grow with lengths cubed.
+
+    Raises ValueError with a sentence."""
+    if not LIGHTEST <= tonnes <= HEAVIEST:
+        limits = f"it must be {LIGHTEST:g} to {HEAVIEST:g}"
+        raise ValueError(f"operating_mass_t is {tonnes:g}, {limits}: give the operating mass in tonnes")
+    return float((tonnes / kind.tonnes) ** (1.0 / 3.0))

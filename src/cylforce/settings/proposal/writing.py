@@ -1,0 +1,126 @@
+"""A proposed machine as the text of a machine file: the example's text with other values, and comments that say where
+each comes from and what is still to be measured."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import tomlkit
+from tomlkit.items import AoT, InlineTable, Item, Table
+
+from cylforce.settings.proposal.types import ENVELOPE, MachineType, Raw
+
+MEASURE = "MEASURE THIS"
+HEAD = """\
+# {title} of {tonnes:g} t, proposed by `cylforce new` from its data sheet.
+#
+# Figures marked "data sheet" were given. Figures marked "typical" are those of a machine of this size: replace them.
+# Pins marked "{measure}" are the nearest to typical ones with which each cylinder's stroke covers its joint's angle
+# range. The tolerances are as large as such guesses are wrong: until the pins are measured (then set pins_m, for
+# example to 0.002) or a known weight was lifted (cylforce identify --lift), no weight is good enough to be booked.
+# `cylforce describe FILE --svg arm.svg` draws every pin.
+"""
+PINS = ("foot", "eye", "rocker_pin", "link_pin", "inner_pin", "outer_pin")
+
+
+def text(kind: MachineType, example: str, tables: Raw, tonnes: float, given: frozenset[str]) -> str:
+    """The file. `example`: the text of the type's example; `tables` as of `scaling.proposal`; `given`: keys of
+    `figures` that came from the data sheet."""
+    made = tomlkit.parse(example[example.index("\n#\n") + 1 :])  # without what it says of itself
+    _update(made, tables)
+    for key, words in _comments(tables, given):
+        _comment(made, key, words)
+    head = HEAD.format(title=kind.title, tonnes=tonnes, measure=MEASURE)
+    return head + made.as_string()
+
+
+def _update(made: Any, tables: Mapping[str, Any]) -> None:  # noqa: ANN401 - any table of tomlkit
+    """Write the values of `tables` over those of a document; comments of values that change go with them."""
+    for key in [key for key in made if key not in tables]:
+        del made[key]
+    for key, value in tables.items():
+        old = made.get(key)
+        if isinstance(old, Table) or (
+            isinstance(value, Mapping) and old is not None and not isinstance(old, InlineTable)
+        ):
+            _update(old, value)
+        elif isinstance(old, AoT):
+            for part, new in zip(old, value, strict=True):
+                _update(part, new)
+        elif old != value:
+            made[key] = _item(value)
+
+
+def _item(value: object) -> Item:
+    """Numbers as short as they can be, tables in one line."""
+    if isinstance(value, Mapping):
+        inline = tomlkit.inline_table()
+        inline.update({key: _item(part) for key, part in value.items()})
+        return inline
+    if isinstance(value, list | tuple):
+        array = tomlkit.array()
+        array.extend([_item(part) for part in value])
+        return array
+    return tomlkit.item(int(value) if isinstance(value, float) and value.is_integer() else value)
+
+
+def _comments(tables: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Keys of the file and what is to be said of them."""
+    yield ("machine", "rated_payload_kg"), _source("rated_payload_kg" in given, "data sheet, load chart")
+    if "payload_reach_m" in tables["machine"]:
+        words = "from the last pin to the middle of the material, at most"
+        yield ("machine", "payload_reach_m"), f"{words}: typical; {MEASURE}"
+    if "slew_axis_m" in tables["machine"]:
+        yield ("machine", "slew_axis_m"), f"the boom pin lies so far before the slew axis: typical; {MEASURE}"
+    for k, link in enumerate(tables["links"]):
+        yield from _of_link(k, link, given)
+    last = tables["links"][-1]["name"]
+    yield ("tool", "point_m"), f"the line of the teeth; {_source(f'{last}.length_m' in given, MEASURE)}"
+    for k, cylinder in enumerate(tables["cylinders"]):
+        yield from _of_cylinder(k, cylinder, given)
+
+
+def _of_link(k: int, link: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    name = link["name"]
+    if "length_m" in link:
+        yield ("links", k, "length_m"), _source(f"{name}.length_m" in given, f"{MEASURE}, from pin to pin")
+    yield ("links", k, "mass_kg"), _source(f"{name}.mass_kg" in given, "weigh it or ask the maker")
+    yield ("links", k, "centre_m"), "typical, scaled: identify corrects it"
+    yield ("links", k, "inertia_kg_m2"), "typical, scaled: identify corrects it"
+    if k == 0 and given & set(ENVELOPE):
+        yield ("links", k, "angle_range_deg"), "from the working envelope of the data sheet"
+    else:
+        known = f"{name}.angle_range_deg" in given
+        yield ("links", k, "angle_range_deg"), _source(known, f"{MEASURE}, at both end stops")
+
+
+def _of_cylinder(k: int, cylinder: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    name = cylinder["name"]
+    for key in ("count", "bore_mm", "rod_mm"):
+        if key in cylinder:
+            yield ("cylinders", k, key), _source(f"{name}.{key}" in given, f"{MEASURE} or see the parts list")
+    known = [f"{name}.{key}" in given for key in ("stroke_mm", "closed_mm")]
+    words = (
+        f"the {'stroke' if known[0] else 'closed length'} from the data sheet; {MEASURE}"
+        if any(known)
+        else f"typical; {MEASURE}"
+    )
+    yield ("cylinders", k, "length_range_m"), "data sheet" if all(known) else f"{words}, pin to pin, closed and open"
+    for key in PINS:
+        if key in cylinder["linkage"]:
+            yield ("cylinders", k, "linkage", key), MEASURE
+    for key in ("rocker_m", "link_m"):
+        if key in cylinder["linkage"]:
+            yield ("cylinders", k, "linkage", key), f"{MEASURE}, from pin to pin"
+    if "eye_m" in cylinder["linkage"]:
+        yield ("cylinders", k, "linkage", "eye_m"), f"{MEASURE}: x from rocker pin to rocker end, z to its left"
+
+
+def _source(is_given: bool, cure: str) -> str:
+    return "data sheet" if is_given else f"typical; {cure}"
+
+
+def _comment(made: Any, key: tuple[str | int, ...], words: str) -> None:  # noqa: ANN401 - any table of tomlkit
+    *way, last = key
+    for part in way:
+        made = made[part]
+    made.item(last).comment(words)
