@@ -14,7 +14,7 @@ from cylforce.settings.model import MachineFile
 from cylforce.settings.units import SUFFIXES, WORDS
 
 # what pydantic says -> what somebody reads who knows TOML but no Python
-PLAIN = {
+WORDING = {
     "Input should be": "must be",
     "Input should have": "must have",
     "Tuple should have": "must have",
@@ -93,8 +93,8 @@ def _wrong_value(error: ErrorDetails, key: Key) -> FaultError:
         return FaultError(key, f"must be a table of keys, not {given}: write {_header(key)}")
     if kind == "tuple_type":
         return FaultError(key, f"must be a list, not {given}: write {_header(key, '[[', ']]')}")
-    for said, plain in PLAIN.items():
-        problem = re.sub(said, plain, problem)
+    for said, words in WORDING.items():
+        problem = re.sub(said, words, problem)
     return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {given}: correct the value{unit_of(key)}")
 
 
