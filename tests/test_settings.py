@@ -392,7 +392,7 @@ REFUSED = {
     "no type": (('object = "6020h"\ntype = "i16"\n', 'object = "6020h"\n'), "sensors.roll lacks the key type"),
     "too fine": (
         ("scale_bar = 0.02", "scale_bar = 0.01"),
-        "sensors.boom_head_pressure.range_bar exceeds what INTEGER16 with this scale can say",
+        "sensors.boom_head_pressure.range_bar exceeds what INTEGER16 with this scale can express",
     ),
     "unsigned": (("offset_deg = -180\n", ""), "sensors.boom_angle.range_deg exceeds what UNSIGNED32"),
     "float without error": (
@@ -476,7 +476,10 @@ range_kn = [-500, 500]
 
 
 def test_rod_pressure_alone_says_nothing(refused):
-    assert "sensors.stick_rod_pressure is alone: add a head_pressure sensor at stick" in refused((STICK_HEAD, ""))
+    assert (
+        "sensors.stick_rod_pressure gives no force without the head side: add a head_pressure sensor at stick"
+        in refused((STICK_HEAD, ""))
+    )
 
 
 def test_one_unit_for_all_keys_of_a_sensor(refused):
@@ -525,7 +528,7 @@ scale_mm = 0.1
 range_mm = [1700, 4000]
 """
     wide = ("angle_range_deg = [-150, -35]", "angle_range_deg = [-250, -35]")
-    assert "sensors.length gives no one angle: stick has a dead point" in refused(
+    assert "sensors.length gives no unique angle: stick has a dead point" in refused(
         wide, (STICK_HEAD, length + STICK_HEAD)
     )
 

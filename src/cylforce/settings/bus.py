@@ -166,7 +166,7 @@ def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Fie
         name = TYPE_NAMES[field.code]
         raise FaultError(
             ("sensors", n, "range"),
-            f"exceeds what {name} with this scale can say: take a wider type or a larger scale",
+            f"exceeds what {name} with this scale can express: use a wider type or a larger scale",
         )
     before, after = ([_gap(n, skipped, eds) for skipped in some] for some in (sensor.skip_before, sensor.skip_after))
     return [*before, field, *after]
@@ -202,7 +202,7 @@ def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
         shown = ", ".join(f"{i:04X}h:{s}" for i, s, _ in mapped) or "nothing"
         raise FaultError(
             key,
-            f"maps {shown} into TPDO {pdo.number} for good: describe the sensors in that order",
+            f"maps {shown} into TPDO {pdo.number} and cannot be changed: list the sensors in that order",
         )
 
 

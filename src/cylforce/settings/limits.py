@@ -50,7 +50,7 @@ Bar = Annotated[float, Field(ge=0.02, le=10), Typical(0.05, 3)]
 CylinderLength = Annotated[float, Field(ge=0.05, le=20), Typical(0.2, 10)]
 # m l^2 of the largest mass and length above is of no use as a limit: `plausibility` compares with the link's own.
 Inertia = Annotated[float, Field(gt=0, lt=HUGE)]
-# A joint that turns further than once cannot be moved by a cylinder; -180 to 180 is where one counts from.
+# A joint that a cylinder moves turns less than once; its zero may lie anywhere, so angles may be as large as a turn.
 Angle = Annotated[float, Field(ge=-360, le=360), Typical(-270, 270)]
 # The boom foot lies within the undercarriage's length of the slew axis: 3 m on machines of 100 t.
 Offset = Annotated[float, Field(ge=-10, le=10), Typical(-3, 3)]
@@ -58,7 +58,7 @@ Reach = Annotated[float, Field(gt=0, le=20), Typical(0.1, 6)]
 # Return lines of mobile hydraulics stay below 30 bar, hoses of the return line are rated for about 100.
 ReturnPressure = Annotated[float, Field(ge=0, le=500), Typical(0, 50)]
 
-# Half-widths. A maker's mass is good to some per cent; 0 says "exact", and nothing can then be learned of it.
+# Half-widths. A maker's mass is right to some per cent; 0 says "exact": a recording then corrects nothing.
 MassTolerance = Annotated[float, Field(ge=0, le=100), Typical(0.5, 60)]
 InertiaTolerance = Annotated[float, Field(ge=0, le=300), Typical(1, 100)]
 CentreTolerance = Annotated[float, Field(ge=0, le=5), Typical(0.001, 1)]
@@ -68,7 +68,7 @@ BoreTolerance = Annotated[float, Field(ge=0, le=50), Typical(0, 10)]
 # A tape finds a pin to about 3 mm, a pin that is worn out has 2 mm of play.
 PinTolerance = Annotated[float, Field(ge=0, le=0.5), Typical(0, 0.05)]
 
-# A first-order filter faster than 20 Hz or slower than 0.2 Hz passes pump ripple or loses the digging.
+# Above 20 Hz a low-pass lets pump ripple pass, below 0.2 Hz it removes the digging force.
 Cutoff = Annotated[float, Field(gt=0, lt=HUGE), Typical(0.2, 30)]
 # Cylinders move at up to 0.6 m/s; speeds are measured to about 1 mm/s.
 SlowSpeed = Annotated[float, Field(gt=0, le=1), Typical(0.0001, 0.02)]

@@ -43,7 +43,7 @@ class Loaded(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """What could be made of a file; None: not, because of an error."""
+    """Parts of the settings made from a file; None where an error prevents it."""
 
     machine: Machine | None = None
     nodes: tuple[SensorNode, ...] = ()

@@ -13,7 +13,7 @@ from cylforce.settings.error import TAGS, FaultError, Inspection, Key, shown, un
 from cylforce.settings.model import MachineFile
 from cylforce.settings.units import SUFFIXES, WORDS
 
-# what pydantic says -> what somebody reads who knows TOML but no Python
+# words of pydantic -> words for a reader who knows TOML but not Python
 WORDING = {
     "Input should be": "must be",
     "Input should have": "must have",
@@ -99,7 +99,7 @@ def _wrong_value(error: ErrorDetails, key: Key) -> FaultError:
 
 
 def _other_kind(error: ErrorDetails, key: Key) -> FaultError:
-    """A linkage whose kind is missing or none of those that there are."""
+    """A linkage whose kind is missing or unknown."""
     kinds = ", ".join(TAGS)
     if error["type"] == "union_tag_not_found":
         return FaultError(key, f"lacks the key kind: write one of {kinds}", ("kind",))

@@ -101,7 +101,7 @@ class SensorNodes:
         return EVENT_POLL_S if self._free else HEARTBEAT_POLL_S
 
     def boot(self) -> None:
-        """Say that they are there."""
+        """Send the boot-up messages."""
         for _, node in self._sensors:
             node.boot()
 
