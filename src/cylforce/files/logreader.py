@@ -45,7 +45,8 @@ def _as_event(frame: Frame, own: frozenset[int]) -> Frame | Sent:
 
 
 def with_ticks(frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn) -> Iterator[Event | Sent]:
-    """The frames, and a tick at each multiple of `period_us` after the first one, until the last one."""
+    """The frames, and a tick at each multiple of `period_us` after the first frame, up to one tick behind the last
+    frame. Where the recording's clock jumps, `tell` is called and ticks begin anew."""
     due: int | None = None
     for frame in frames:
         if due is None or not due - GAP_US < frame.t_us <= due + GAP_US:

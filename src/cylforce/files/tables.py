@@ -146,7 +146,8 @@ def _widest(rate_hz: float) -> float:
 
 
 def _at(table: Table, t_s: Array, rate_hz: float) -> Table:
-    """The table at times within it."""
+    """The table at times `t_s` (K,) [s] within it: linear between its rows, NaN in gaps of more than GAP_PERIODS
+    periods of `rate_hz`."""
     values = np.stack([np.interp(t_s, table.t_s, column) for column in table.values.T], axis=-1)
     if len(table.t_s) > 1:
         steps = np.diff(table.t_s)

@@ -44,7 +44,7 @@ class Order(NamedTuple):
 
     @property
     def lift_log(self) -> Path:
-        """The log of the lift."""
+        """The log of the lift: beside the log of the motion, NAME.lift.log."""
         return self.log.with_name(f"{self.log.stem}.lift{self.log.suffix}")
 
 

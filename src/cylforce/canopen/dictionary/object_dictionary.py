@@ -100,7 +100,8 @@ def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
 
 
 def channels(fields: Iterable[Field]) -> dict[int, Field]:
-    """CiA 404's channels: number -> the field that carries the process value."""
+    """CiA 404's channels: number, which is the sub-index of all its objects -> the field that carries the process
+    value."""
     return {field.sub: field for field in fields if field.index in (INT16, INT32)}
 
 

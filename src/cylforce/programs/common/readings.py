@@ -41,7 +41,7 @@ def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
 
 
 def model_of(loaded: Loaded) -> Model:
-    """The model of a machine file."""
+    """The estimator's model of a machine file's machine, with all friction laws that the file allows."""
     service = loaded.service
     return Model(service.machine, service.filters, service.effects)
 

@@ -60,7 +60,8 @@ def meaning(name: str) -> str:
 
 
 def middle(expected: Expected) -> float:
-    """The standard error [kg] at the median posture; infinite when nothing can be weighed there."""
+    """The median over all postures of a weight's standard error [kg], which is infinite where nothing can be
+    weighed."""
     return float(np.median(np.nan_to_num(expected.standard_error, nan=np.inf)))
 
 
