@@ -302,7 +302,7 @@ REFUSED = {
     ),
     "own node id": (
         ("node_id = 33", "node_id = 64"),
-        "nodes.boom_pressure.node_id is 64, which is also that of our own node",
+        "nodes.boom_pressure.node_id is 64, which is also that of cylforce's own node",
     ),
     "unknown cylinder": (
         ('at = "boom"\nnode = "boom_pressure"', 'at = "bom"\nnode = "boom_pressure"'),
@@ -370,7 +370,7 @@ REFUSED = {
     ),
     "our COB-ID": (
         ("node_id = 34\n", "node_id = 34\npdos = [{ number = 1, cob_id = 0x2C0 }]\n"),
-        "the COB-ID 2C0h of our own publication",
+        "the COB-ID 2C0h of cylforce's own publication",
     ),
     "COB-ID of others": (
         ("node_id = 34\n", "node_id = 34\npdos = [{ number = 1, cob_id = 0x601 }]\n"),
@@ -387,7 +387,7 @@ REFUSED = {
     ),
     "other period": (
         ("node_id = 34\n", "node_id = 34\nperiod_ms = 20\n"),
-        "follows our SYNC every 10 ms, not every 20 ms",
+        "follows the SYNC of cylforce every 10 ms, not every 20 ms",
     ),
     "no type": (('object = "6020h"\ntype = "i16"\n', 'object = "6020h"\n'), "sensors.roll lacks the key type"),
     "too fine": (

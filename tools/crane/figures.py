@@ -132,7 +132,7 @@ def weight_table(found: Figures) -> Table:
         title="Weight of the empty crane, in kg (while OK, then while DEGRADED; error: published)", box=SIMPLE
     )
     table.add_column("", no_wrap=True)
-    for name in ("OK", "mean", "std", "s.e.", "degr.", "mean", "std", "s.e."):
+    for name in ("OK", "mean", "std", "s.e.", "DEG.", "mean", "std", "s.e."):
         table.add_column(name, justify="right")
     for name, w in found.weight.items():
         good = (number(w.mean_kg, 1), number(w.standard_deviation_kg, 1), number(w.published_kg, 1))

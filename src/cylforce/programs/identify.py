@@ -74,7 +74,7 @@ def show(found: Identification, console: Console) -> None:
     left = ", ".join(f"{n} {e:.0f} N m" for n, e in zip(names, found.tares.row_error, strict=True))
     console.print(f"unexplained torque (rms): {left}")
     shares = (f"{n} {_percent(share)}" for n, share in zip(names, found.explained, strict=True))
-    console.print(f"explained of the torque about its mean: {', '.join(shares)}")
+    console.print(f"explained share of the variance of the torque: {', '.join(shares)}")
     tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
     console.print(f"friction: {', '.join(model.friction)} (mean squared error in data left out of the fit: {tried})")
     if found.tares.scale != 1.0:

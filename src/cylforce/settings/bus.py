@@ -46,7 +46,7 @@ def nodes(file: MachineFile, folder: Path, own: Iterable[Pdo], findings: Inspect
 
 
 def _same_cob_ids(made: Iterable[SensorNode | None], own: Iterable[Pdo]) -> Iterator[FaultError]:
-    owner: dict[int, str] = {pdo.can_id: "our own publication" for pdo in own}
+    owner: dict[int, str] = {pdo.can_id: "cylforce's own publication" for pdo in own}
     for k, node in enumerate(made):
         for pdo in node.pdos if node else ():
             if pdo.can_id in owner:
@@ -127,7 +127,9 @@ def _timing(file: MachineFile, node: NodeTable, number: int) -> tuple[bool, int,
     if period_ms is None:
         return True, every, own
     if file.publication.sync_producer and abs(period_ms * MILLISECOND - own) > 1e-6:
-        raise FaultError(key, f"follows our SYNC every {1e3 * own:g} ms, not every {period_ms} ms: remove period_ms")
+        raise FaultError(
+            key, f"follows the SYNC of cylforce every {1e3 * own:g} ms, not every {period_ms} ms: remove period_ms"
+        )
     return True, every, period_ms * MILLISECOND
 
 

@@ -72,7 +72,7 @@ def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
 def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
     own = raw.get("publication")
     number = own.get("node_id", OWN_NODE) if isinstance(own, dict) else OWN_NODE
-    seen = {number: "our own node"} if isinstance(number, int) else {}
+    seen = {number: "cylforce's own node"} if isinstance(number, int) else {}
     for entry in entries(raw, "nodes"):
         number = entry.table.get("node_id")
         if not isinstance(number, int):
