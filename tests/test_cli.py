@@ -126,7 +126,7 @@ MENDABLE = [
     ("sim @/broken.toml", r"broken\.toml:1: .* is not TOML"),
     ("sim M --mass-error nan", "is not a fraction"),
     ("sim M --scenario moves --duration nan", "nothing to simulate"),
-    ("sim M", "nothing would come of this run: give --bus"),
+    ("sim M", "this run would write nothing: give --bus"),
     ("sim M --cycles 1 --table @/t.txt", r"t\.txt: must end in \.csv or \.parquet"),
     ("sim M --cycles 1 --log @/t.log --truth @/t.log", r"t\.log: would replace another file"),
     ("sim M --cycles 1 --truth @/t.csv --log @/absent/t.log", r"absent/t\.log: cannot be written"),

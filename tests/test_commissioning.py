@@ -196,7 +196,9 @@ def test_a_fixed_mapping_that_differs_is_refused():
     swapped = wanted.pdos[0]._replace(fields=wanted.pdos[0].fields[::-1])
     world = World([wanted], [wanted._replace(pdos=(swapped,))])
     play(world, lambda world: until(world.stages))
-    assert "TPDO 1 of node 11 maps 7130h:2, 7130h:1 for good, not 7130h:1, 7130h:2" in world.outcomes[0].reason
+    assert (
+        "TPDO 1 of node 11 maps 7130h:2, 7130h:1 and cannot be changed to 7130h:1, 7130h:2" in world.outcomes[0].reason
+    )
 
 
 def test_an_object_that_cannot_be_mapped_is_told_and_tried_again():
@@ -265,7 +267,7 @@ def test_a_node_that_does_not_start_is_told():
         await until(lambda: world.stages() == {11: Stage.FAILED})
 
     play(world, scenario)
-    assert world.outcomes[0].reason == "pressures11: node 11 does not start: no heartbeat says so"
+    assert world.outcomes[0].reason == "pressures11: node 11 does not start: its heartbeat does not show operational"
     assert [data for can_id, data in world.frames if can_id == 0][:3] == [b"\x01\x0b"] * 3
 
 

@@ -165,7 +165,7 @@ def test_the_verdict_says_of_what_it_is_a_function():
     size = {"fixed": 900.0, "floor": 100.0}
     told = {"at": "stick", "of": "periodic", "detail": "16 a turn", "share": 0.62, "alternatives": []}
     said = sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": told})
-    assert "at the stick, mostly periodic in the joint's angle (16 a turn), 62 % of it" in said
+    assert "at the stick, mostly periodic in the joint's angle (16 a turn): 62 % of its energy" in said
     assert "what is left" not in sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": None})
 
 

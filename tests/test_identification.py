@@ -400,7 +400,7 @@ def test_a_cut_file_is_refused_wherever_it_ends(written, loaded):
 
 
 def test_the_first_law_of_friction_is_always_coulomb(tmp_path, loaded):
-    """Without it a weight at rest would have no honest error."""
+    """Without it a weight at rest would have too small a standard error."""
     path = tmp_path / "machine.toml"
     line = next(line for line in loaded.text.splitlines() if line.startswith("effects = "))
     for laws in ("[]", '["viscous"]'):

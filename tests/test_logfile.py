@@ -251,7 +251,7 @@ def test_a_foreign_log_gets_ticks_and_our_own_frames_are_told_apart(tmp_path):
     path, told = tmp_path / "candump.log", []
     path.write_text(FOREIGN)
     assert read(path, own=frozenset({0x18A}), tell=told.append) == (None, FOREIGN_EVENTS)
-    assert told == [f"{path}: 2 CAN FD or XL frames were passed over"]
+    assert told == [f"{path}: 2 CAN FD or XL frames were skipped"]
 
 
 def test_a_last_line_without_its_end_is_taken_if_it_is_whole(tmp_path):
@@ -383,7 +383,7 @@ def test_fd_frames_are_passed_over_and_error_frames_marked(tmp_path, suffix):
     frames = [e for e in read(path, tell=told.append)[1] if isinstance(e, Frame)]
     assert len(frames) == 2
     assert frames[1].can_id & ERROR
-    assert told == [f"{path}: 1 CAN FD frames were passed over"]
+    assert told == [f"{path}: 1 CAN FD frames were skipped"]
 
 
 def test_a_cut_blf_is_read_as_far_as_it_goes(tmp_path):

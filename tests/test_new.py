@@ -235,7 +235,7 @@ REFUSED = [
     ("--set dig_depth_m=12", "dig_depth_m is 12, which links of these lengths do not reach"),
     ("--set cut_height_m=25", "cut_height_m is 25, links of these lengths and ranges reach"),
     ("--set boom_pressure.node_id=34", "stick_pressure.node_id is 34, which is also boom_pressure.node_id"),
-    ("--set boom_pressure.node_id=64", "also that of our own node"),
+    ("--set boom_pressure.node_id=64", "also that of cylforce's own node"),
     ("--set boom_pressure.node_id=0", "boom_pressure.node_id is 0"),
 ]
 

@@ -26,7 +26,7 @@ from pages import Page, check_one_file
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 MACHINES = sorted(CONFIG.glob("excavator*.toml"))
-SECTIONS = ("next", "torques", "residuals", "coverage", "weighing", "parameters", "laws", "untold", "provenance")
+SECTIONS = ("next", "torques", "residuals", "coverage", "weighing", "parameters", "laws", "undetermined", "provenance")
 FIGURES = ("torques", "residuals", "coverage", "weighing", "parameters", "laws")
 
 
@@ -83,7 +83,7 @@ def test_it_says_what_was_found(made, tmp_path):
     for error in found.tares.row_error:
         assert f"{error:.0f} N m" in text["torques"]
     for name in found.not_identified:
-        assert name in text["untold"]
+        assert name in text["undetermined"]
     for law in found.held_out:
         assert law.replace("_", " ") in text["laws"]
 
@@ -100,10 +100,10 @@ def still(tmp_path_factory):
 def test_a_joint_that_never_moved_is_named_with_its_cure(still):
     _, found, shown = still
     told = findings(found, shown)
-    lost = {u.name: u for u in told.untold}
+    lost = {u.name: u for u in told.undetermined}
     assert {"boom.X", "boom.coulomb"} <= lost.keys()
     assert lost["boom.coulomb"].cure == "move the boom cylinder slowly, both ways"
-    assert told.untold[0].name == "boom.coulomb"  # the costliest first
+    assert told.undetermined[0].name == "boom.coulomb"  # the costliest first
     assert any("boom.coulomb" in line for step in told.steps for line in step.details)
     assert any(gap.startswith("boom from") and "extending (0.0 of 6.0 s)" in gap for gap in told.gaps)
     assert not told.cards[0].good

@@ -302,7 +302,7 @@ REFUSED = {
     ),
     "own node id": (
         ("node_id = 33", "node_id = 64"),
-        "nodes.boom_pressure.node_id is 64, which is also that of our own node",
+        "nodes.boom_pressure.node_id is 64, which is also that of cylforce's own node",
     ),
     "unknown cylinder": (
         ('at = "boom"\nnode = "boom_pressure"', 'at = "bom"\nnode = "boom_pressure"'),
@@ -370,7 +370,7 @@ REFUSED = {
     ),
     "our COB-ID": (
         ("node_id = 34\n", "node_id = 34\npdos = [{ number = 1, cob_id = 0x2C0 }]\n"),
-        "the COB-ID 2C0h of our own publication",
+        "the COB-ID 2C0h of cylforce's own publication",
     ),
     "COB-ID of others": (
         ("node_id = 34\n", "node_id = 34\npdos = [{ number = 1, cob_id = 0x601 }]\n"),
@@ -387,12 +387,12 @@ REFUSED = {
     ),
     "other period": (
         ("node_id = 34\n", "node_id = 34\nperiod_ms = 20\n"),
-        "follows our SYNC every 10 ms, not every 20 ms",
+        "follows the SYNC of cylforce every 10 ms, not every 20 ms",
     ),
     "no type": (('object = "6020h"\ntype = "i16"\n', 'object = "6020h"\n'), "sensors.roll lacks the key type"),
     "too fine": (
         ("scale_bar = 0.02", "scale_bar = 0.01"),
-        "sensors.boom_head_pressure.range_bar exceeds what INTEGER16 with this scale can say",
+        "sensors.boom_head_pressure.range_bar exceeds what INTEGER16 with this scale can express",
     ),
     "unsigned": (("offset_deg = -180\n", ""), "sensors.boom_angle.range_deg exceeds what UNSIGNED32"),
     "float without error": (
@@ -476,7 +476,10 @@ range_kn = [-500, 500]
 
 
 def test_rod_pressure_alone_says_nothing(refused):
-    assert "sensors.stick_rod_pressure is alone: add a head_pressure sensor at stick" in refused((STICK_HEAD, ""))
+    assert (
+        "sensors.stick_rod_pressure gives no force without the head side: add a head_pressure sensor at stick"
+        in refused((STICK_HEAD, ""))
+    )
 
 
 def test_one_unit_for_all_keys_of_a_sensor(refused):
@@ -525,7 +528,7 @@ scale_mm = 0.1
 range_mm = [1700, 4000]
 """
     wide = ("angle_range_deg = [-150, -35]", "angle_range_deg = [-250, -35]")
-    assert "sensors.length gives no one angle: stick has a dead point" in refused(
+    assert "sensors.length gives no unique angle: stick has a dead point" in refused(
         wide, (STICK_HEAD, length + STICK_HEAD)
     )
 

@@ -157,9 +157,9 @@ def test_usual_slips_are_mended(vendor):
         ("ParameterName=x", "is no EDS file"),
         ("\0\xff\xfe", "is no EDS file"),
         (GOOD + "[7130]\nParameterName=again\n", "is no EDS file"),
-        (GOOD.replace("DataType=0x0003\n", "DataType=none\n"), "is not to be understood"),
-        (GOOD.replace("ParameterName=Hidden\n", ""), "is not to be understood"),
-        (GOOD.replace("[7130]", "[7131]"), "is not to be understood"),
+        (GOOD.replace("DataType=0x0003\n", "DataType=none\n"), "cannot be interpreted"),
+        (GOOD.replace("ParameterName=Hidden\n", ""), "cannot be interpreted"),
+        (GOOD.replace("[7130]", "[7131]"), "cannot be interpreted"),
         (GOOD.replace("[1000]", "[100X]"), "lacks object 1000h"),
     ],
 )
@@ -241,7 +241,7 @@ def test_a_fixed_mapping_must_be_described_in_its_order(machine_with_eds, vendor
     fixed = [(EDS_NODE, EDS_NODE + "\nwritable_mapping = false")]
     assert not load(machine_with_eds(*fixed)).service.nodes[0].writable_mapping
     swapped = [*fixed, ('"7130h:1"', '"7130h:X"'), ('"7130h:2"', '"7130h:1"'), ('"7130h:X"', '"7130h:2"')]
-    with pytest.raises(SettingsError, match=r"maps 7130h:1, 7130h:2 into TPDO 1 for good"):
+    with pytest.raises(SettingsError, match=r"maps 7130h:1, 7130h:2 into TPDO 1 and cannot be changed"):
         load(machine_with_eds(*swapped))
 
 
@@ -261,5 +261,7 @@ def test_real_device_as_sensor(folder, machine_with_eds, tmp_path):
         ("boom_rod_pressure", "h"),
         (None, "h"),
     ]
-    with pytest.raises(SettingsError, match=r"maps 2100h:0, 7130h:1, 7130h:2, 7130h:3 into TPDO 1 for good"):
+    with pytest.raises(
+        SettingsError, match=r"maps 2100h:0, 7130h:1, 7130h:2, 7130h:3 into TPDO 1 and cannot be changed"
+    ):
         load(machine_with_eds(*edits[:2]))

@@ -21,7 +21,7 @@ Schema = dict[str, Any]
 def keys_table() -> str:
     """The table in Markdown: a line for each section, then its keys, nested ones dotted."""
     schema = machine_file_schema()
-    lines = ["| key | meaning | values (usual) | default |", "|---|---|---|---|"]
+    lines = ["| key | meaning | values (typical) | default |", "|---|---|---|---|"]
     for name, of_key in schema["properties"].items():
         header = f"[[{name}]]" if of_key.get("type") == "array" else f"[{name}]"
         (table,) = _tables(of_key, schema)
@@ -85,8 +85,8 @@ def _limits(of_number: Schema) -> str:
     most = [text.format(_number(of_number[k])) for k, text in MOST.items() if abs(of_number.get(k, 1e12)) < NO_LIMIT]
     if "minimum" in of_number and "maximum" in of_number and least and most:
         least, most = [f"{_number(of_number['minimum'])} to {_number(of_number['maximum'])}"], []
-    usual = of_number.get("x-usual")
-    said = f" ({_number(usual[0])} to {_number(usual[1])})" if usual else ""
+    typical = of_number.get("x-typical")
+    said = f" ({_number(typical[0])} to {_number(typical[1])})" if typical else ""
     return ", ".join(least + most) + said
 
 

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
@@ -127,9 +128,11 @@ def torque_table(found: Figures) -> Table:
 
 def weight_table(found: Figures) -> Table:
     """The weight read on the empty crane."""
-    table = Table(title="Weight of the empty crane, in kg (while OK, then while DEGRADED; error: published)")
+    table = Table(
+        title="Weight of the empty crane, in kg (while OK, then while DEGRADED; error: published)", box=SIMPLE
+    )
     table.add_column("", no_wrap=True)
-    for name in ("OK", "mean", "std", "error", "degr.", "mean", "std", "error"):
+    for name in ("OK", "mean", "std", "s.e.", "DEG.", "mean", "std", "s.e."):
         table.add_column(name, justify="right")
     for name, w in found.weight.items():
         good = (number(w.mean_kg, 1), number(w.standard_deviation_kg, 1), number(w.published_kg, 1))

@@ -45,5 +45,5 @@ def _traffic(service: Service) -> Iterator[Traffic]:
         if node.heartbeat_s > 0.0:
             yield Traffic(f"{node.name} heartbeat", 0x700 + node.node_id, 1, 1.0 / node.heartbeat_s)
     for pdo in service.publication:
-        yield Traffic(f"our TPDO {pdo.number}", pdo.can_id, pdo.length, 1.0 / pdo.period_s)
-    yield Traffic("our heartbeat", 0x700 + service.node_id, 1, 1.0 / service.heartbeat_s)
+        yield Traffic(f"cylforce TPDO {pdo.number}", pdo.can_id, pdo.length, 1.0 / pdo.period_s)
+    yield Traffic("cylforce heartbeat", 0x700 + service.node_id, 1, 1.0 / service.heartbeat_s)

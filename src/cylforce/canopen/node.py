@@ -146,7 +146,8 @@ class Node(Objects):
             self._watch()
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """See Objects; PDO parameters have rules of their own, 1003h is cleared."""
+        """See Objects. PDO parameters must pass `Tpdo.check`; 0 written to 1003h clears the list of errors, which takes
+        no other value."""
         if 0x1800 <= index < 0x1C00:
             self._tpdos[(index & 0x1FF) + 1].check(index, sub, int.from_bytes(data, "little"))
         if index != 0x1003:

@@ -52,11 +52,11 @@ class Client:
         self._network.unsubscribe(0x580 + self._node_id, self._on_answer)
 
     async def upload(self, index: int, sub: int) -> bytes:
-        """Read an object."""
+        """Read an object of the node: its bytes as sent."""
         return await self._transfer(index, sub, self._upload)
 
     async def download(self, index: int, sub: int, data: bytes) -> None:
-        """Write an object."""
+        """Write the bytes of an object of the node."""
         await self._transfer(index, sub, lambda index, sub: self._download(index, sub, data))
 
     async def read(self, index: int, sub: int, code: str) -> int:

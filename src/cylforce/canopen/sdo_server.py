@@ -120,7 +120,8 @@ class SdoServer(server.SdoServer):
             self._buffer = self._buffer or None
 
     def _take(self, buffer: bytearray, request: bytearray) -> None:
-        """One segment of a download; the last one is written."""
+        """Append one segment of a download; after the last one write the whole to the object. Raises SdoAbortedError
+        when it has another length than announced, or more than _LARGEST bytes."""
         buffer += request[1 : 8 - (request[0] >> 1 & 7)]
         if len(buffer) > (_LARGEST if self._size is None else self._size):
             raise SdoAbortedError(MEMORY if self._size is None else LENGTH)

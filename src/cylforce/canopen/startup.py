@@ -61,7 +61,7 @@ class Commissioner:
         self._nodes = {node.node_id: node for node in nodes}
         self._network, self._state_of, self._tell = network, state_of, tell
         self._tasks: dict[int, asyncio.Task[None]] = {}
-        self._told: dict[int, Outcome] = {}
+        self._outcomes: dict[int, Outcome] = {}
         self._lost: set[int] = set()
 
     def start(self) -> None:
@@ -82,15 +82,15 @@ class Commissioner:
     def on_peer(self, node_id: int, state: int | None) -> None:
         """Called by Heartbeats. A node that has booted is commissioned again, and so is one whose boot-up message may
         have been missed: it was silent, or fell back to pre-operational (unless it has been refused)."""
-        told, task = self._told.get(node_id), self._tasks.get(node_id)
+        outcome, task = self._outcomes.get(node_id), self._tasks.get(node_id)
         if state is None:
             self._lost.add(node_id)
             return
-        idle = (task is None or task.done()) and (told is None or told.stage is not Stage.REFUSED)
+        idle = (task is None or task.done()) and (outcome is None or outcome.stage is not Stage.REFUSED)
         fell_back = state in (PRE_OPERATIONAL, STOPPED) and idle
         if state == BOOTED or node_id in self._lost or fell_back:
             self._lost.discard(node_id)
-            self._told.pop(node_id, None)
+            self._outcomes.pop(node_id, None)
             self.begin(node_id)
 
     async def close(self) -> None:
@@ -104,8 +104,8 @@ class Commissioner:
         delay_s = FIRST_DELAY_S
         while True:
             outcome = await self._attempt(node)
-            if outcome != self._told.get(node.node_id):
-                self._told[node.node_id] = outcome
+            if outcome != self._outcomes.get(node.node_id):
+                self._outcomes[node.node_id] = outcome
                 self._tell(outcome)
             if outcome.stage in (Stage.OPERATIONAL, Stage.REFUSED):
                 return
@@ -143,7 +143,11 @@ class Commissioner:
                 if self._state_of(node.node_id) == OPERATIONAL:
                     return Outcome(node, Stage.OPERATIONAL, "")
                 await asyncio.sleep(min(0.02, node.heartbeat_s))
-        return Outcome(node, Stage.FAILED, f"{node.name}: node {node.node_id} does not start: no heartbeat says so")
+        return Outcome(
+            node,
+            Stage.FAILED,
+            f"{node.name}: node {node.node_id} does not start: its heartbeat does not show operational",
+        )
 
 
 async def commission(node: SensorNode, client: Client) -> None:
@@ -185,8 +189,8 @@ async def _settle_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
     wanted = [field.index << 16 | field.sub << 8 | 8 * CODES[field.code] for field in pdo.fields]
     if mapped != wanted and not node.writable_mapping:
         raise ForeignNodeError(
-            f"{node.name}: TPDO {pdo.number} of node {node.node_id} maps {_shown(mapped)} for good, not "
-            f"{_shown(wanted)}: describe its sensors in that order"
+            f"{node.name}: TPDO {pdo.number} of node {node.node_id} maps {_shown(mapped)} and cannot be changed to "
+            f"{_shown(wanted)}: list its sensors in the order that it maps"
         )
     trigger = await _trigger(pdo, client)
     settled = cob_id & ~_NO_REMOTE == pdo.can_id

@@ -12,8 +12,8 @@ from cylforce.estimation.model import Model
 from cylforce.signals.estimate import Array
 
 NOTHING = 0.0  # share explained below which a constant torque would explain the recording better: refused
-LITTLE = 0.98  # share explained below which there is a warning: four times what the worst machine in order (a real
-# crane, 0.9946; simulated ones 0.9990) leaves unexplained
+LITTLE = 0.98  # share explained below which there is a warning: six times what the worst machine in order (a real
+# crane, 0.9969; simulated ones 0.9992) leaves unexplained
 FAR = 5.0  # squared distance from the data sheet per base parameter, in its variances: machines in order stay below 3
 MOVED = np.radians(5.0)  # of a joint between two blocks: from there on its torque should have been seen
 

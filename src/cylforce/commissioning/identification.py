@@ -30,9 +30,9 @@ DETERMINED = 0.5  # times the prior's standard error: above it the recording doe
 
 class Identification(NamedTuple):
     """The `model` with the friction laws that were chosen, its `tares`, the fit, names of what the recording does not
-    tell, seconds of usable motion, and per friction law tried the mean squared prediction error held out (1: the
-    row's own noise); sentences for the physical laws that the fit breaks; share of each joint's torque that is
-    `explained` (R,), NaN where a joint was not seen; `warnings` that go with the tares into service."""
+    determine, seconds of usable motion, and per friction law tried the mean squared prediction error in data left out
+    of the fit (1: the row's own noise); sentences for the physical laws that the fit violates; share of each joint's
+    torque that is `explained` (R,), NaN where a joint was not seen; `warnings` that go with the tares into service."""
 
     model: Model
     tares: Tares
@@ -57,20 +57,20 @@ def identify(
     is refused, or when a joint's torque stays unexplained (`soundness`)."""
     evidence = [nothing(model.machine)]
     whole = observed_factors(model, _watched(model, segments, evidence))
-    held = chosen(whole, list(range(len(model.parameters))))
-    seconds = _enough(model, held)
-    noise = row_noise(held, model.prior)
+    factors = chosen(whole, list(range(len(model.parameters))))
+    seconds = _enough(model, factors)
+    noise = row_noise(factors, model.prior)
     if refuse:
-        sentence = doubt(model, whole, noise, least_squares(held, noise, model.prior), evidence[0])
+        sentence = doubt(model, whole, noise, least_squares(factors, noise, model.prior), evidence[0])
         if sentence is not None:
             raise ValueError(sentence)
-    laws, errors = _choose(model, held, noise)
+    laws, errors = _choose(model, factors, noise)
     best = Model(model.machine, model.filters, laws)
-    fewer = chosen(held, _of(model, best))
+    fewer = chosen(factors, _of(model, best))
     fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
     fit = as_usual(best, fit)
     names = tuple(p.name for p in best.parameters)
-    seen = np.sum(held.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
+    seen = np.sum(factors.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
     left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
     covariance = under_load(best, fit.covariance)
     tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error)
@@ -116,25 +116,25 @@ def _watched(model: Model, segments: Iterable[Array], evidence: list[SignalHisto
         yield segment
 
 
-def _enough(model: Model, held: Factors) -> float:
+def _enough(model: Model, factors: Factors) -> float:
     """Time of usable motion [s]. Raises ValueError, in one sentence, when it is too short or in one direction only."""
-    seconds = float(np.max(np.sum(held.samples + held.others, axis=0)) / model.filters.rate_hz)
+    seconds = float(np.max(np.sum(factors.samples + factors.others, axis=0)) / model.filters.rate_hz)
     if seconds == 0.0:
         raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
     if seconds < MIN_SECONDS:
         raise ValueError(
             f"only {seconds:.0f} s of usable motion; move the empty machine for at least {MIN_SECONDS:.0f} s"
         )
-    _check_both_ways(model, held)
+    _check_both_ways(model, factors)
     return seconds
 
 
-def _check_both_ways(model: Model, held: Factors) -> None:
+def _check_both_ways(model: Model, factors: Factors) -> None:
     """Raises ValueError, in one sentence, when a cylinder moves in one direction only: its friction cannot then be
     distinguished from weight."""
     n, c = model.machine.size, len(model.machine.cylinders)
-    weight = np.max(held.samples, axis=1) / model.filters.rate_hz
-    ways = weight @ held.mark[:, n + c : n + 3 * c]
+    weight = np.max(factors.samples, axis=1) / model.filters.rate_hz
+    ways = weight @ factors.mark[:, n + c : n + 3 * c]
     for cylinder, out, into in zip(model.machine.cylinders, ways[:c], ways[c:], strict=True):
         if max(out, into) > ONE_WAY_SECONDS and min(out, into) < ONE_WAY * (out + into):
             raise ValueError(
@@ -143,17 +143,17 @@ def _check_both_ways(model: Model, held: Factors) -> None:
             )
 
 
-def _two_steps(model: Model, held: Factors, noise: Array) -> Fit:
+def _two_steps(model: Model, factors: Factors, noise: Array) -> Fit:
     """Fit in two steps (paper, section 6): static parameters from the slower half of the blocks, with inertia and
     viscous friction fixed at the prior means; then inertia and viscous friction from all blocks, with the static
     parameters fixed. The covariance between both groups is set to zero."""
     dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
     static = [k for k in range(len(model.parameters)) if k not in dynamic]
     n = model.machine.size
-    speed = held.mark[:, n : n + len(model.machine.cylinders)].max(axis=1)
-    slow = Factors(*(part[speed <= np.median(speed)] for part in held))
+    speed = factors.mark[:, n : n + len(model.machine.cylinders)].max(axis=1)
+    slow = Factors(*(part[speed <= np.median(speed)] for part in factors))
     first = least_squares(settled(slow, dynamic, model.prior.mean[dynamic]), noise, _marginal(model.prior, static))
-    second = least_squares(settled(held, static, first.values), noise, _marginal(model.prior, dynamic))
+    second = least_squares(settled(factors, static, first.values), noise, _marginal(model.prior, dynamic))
     values, covariance = np.zeros(len(model.parameters)), np.zeros((len(model.parameters),) * 2)
     excited = np.zeros(len(model.parameters), dtype=bool)
     for part, fit in ((static, first), (dynamic, second)):
@@ -166,16 +166,16 @@ def _marginal(prior: Prior, part: list[int]) -> Prior:
     return Prior(prior.mean[part], prior.covariance[np.ix_(part, part)])
 
 
-def row_noise(held: Factors, prior: Prior) -> Array:
+def row_noise(factors: Factors, prior: Prior) -> Array:
     """Rms residual (R,) [N m] of each measured torque fitted alone, used as the rows' standard errors. Residuals of the
     common fit are not used: a row that fits well would get a larger weight, then fit still better, and dominate."""
-    rows = range(held.samples.shape[1])
-    alone = [_alone(held, prior, r) if np.any(held.samples[:, r]) else np.nan for r in rows]
+    rows = range(factors.samples.shape[1])
+    alone = [_alone(factors, prior, r) if np.any(factors.samples[:, r]) else np.nan for r in rows]
     return np.asarray(np.where(np.isnan(alone), np.nanmax(alone), alone))
 
 
-def _alone(held: Factors, prior: Prior, r: int) -> float:
-    one = of_row(held, r)
+def _alone(factors: Factors, prior: Prior, r: int) -> float:
+    one = of_row(factors, r)
     size = np.sqrt(np.sum(one.triangle[..., -1] ** 2) / np.sum(one.samples))
     return float(least_squares(one, np.array([size + 1e-9]), prior).row_error[0] + 1e-6 * size + 1e-9)
 
@@ -186,29 +186,29 @@ def _of(model: Model, part: Model) -> list[int]:
     return [place[p.name] for p in part.parameters]
 
 
-def _choose(model: Model, held: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
+def _choose(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
     """(Chosen friction laws, mean squared prediction error of each law tried), by cross-validation: blocks of similar
     posture form a fold, so that postures are predicted which the fit did not contain. A law is added when it improves
     the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in: Coulomb friction;
     the delay, because every sensor lags, and viscous friction would take its place with too small a standard error;
     load-dependent friction, which the empty machine may not show but the loaded machine has."""
-    folds = _folds(model, held)
+    folds = _folds(model, factors)
     laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]
-    best = _errors(model, laws, held, noise, folds)
-    told = {laws[0]: float(np.mean(best))}
+    best = _errors(model, laws, factors, noise, folds)
+    errors = {laws[0]: float(np.mean(best))}
     for law in [law for law in model.friction if law not in laws]:
-        error = _errors(model, (*laws, law), held, noise, folds)
-        told[law] = float(np.mean(error))
+        error = _errors(model, (*laws, law), factors, noise, folds)
+        errors[law] = float(np.mean(error))
         gain = best - error
         if np.mean(gain) > 2.0 * np.std(gain) / np.sqrt(max(len(gain) - 1, 1)):
             laws, best = (*laws, law), error
-    return tuple(sorted(laws, key=FRICTION.index)), told
+    return tuple(sorted(laws, key=FRICTION.index)), errors
 
 
-def _folds(model: Model, held: Factors) -> Array:
+def _folds(model: Model, factors: Factors) -> Array:
     """Number of the fold (B,) of each block: blocks are sorted along the direction in which the postures differ most,
     and divided into FOLDS equal parts."""
-    posture = held.mark[:, : model.machine.size]
+    posture = factors.mark[:, : model.machine.size]
     _, _, axes = np.linalg.svd(posture - posture.mean(axis=0), full_matrices=False)
     order = np.argsort(posture @ axes[0], kind="stable")
     fold = np.empty(len(order))
@@ -216,10 +216,10 @@ def _folds(model: Model, held: Factors) -> Array:
     return fold
 
 
-def _errors(model: Model, laws: tuple[str, ...], held: Factors, noise: Array, folds: Array) -> Array:
+def _errors(model: Model, laws: tuple[str, ...], factors: Factors, noise: Array, folds: Array) -> Array:
     """Mean squared prediction error of every fold by a fit of the other folds."""
     part = Model(model.machine, model.filters, laws)
-    fewer = chosen(held, _of(model, part))
+    fewer = chosen(factors, _of(model, part))
     memory = least_squares(fewer, noise, part.prior).memory
     each = (predicted(fewer, noise, part.prior, memory, folds == k) for k in np.unique(folds))
     return np.array([np.mean(error) for error in each])

@@ -52,8 +52,8 @@ def postures(machine: Machine, plan: Plan) -> Postures:
 
 
 def visited(places: Postures, seconds: Array) -> float:
-    """Share (0..1) of the pairs in `places` that were visited, by the `seconds` (M-1, BINS, BINS) of
-    `coverage.planes`."""
+    """Share (0..1) of the pairs of angles in `places` in which the machine was for VISITED_S or longer, by the
+    `seconds` (M-1, BINS, BINS) of `coverage.planes`; 1 without any pair."""
     return float(np.mean(seconds[places.pairs] >= VISITED_S)) if np.any(places.pairs) else 1.0
 
 

@@ -87,7 +87,8 @@ def _far(found: Quality) -> tuple[str, ...]:
 
 
 def _what_to_check(case: Case, which: Which) -> str:
-    """The corrections that make the recording fit; else what to check, the likeliest first."""
+    """The end of a sentence about the joints `which` (R,), all if none is chosen: the corrections of the machine file
+    that make the recording fit; without any, what to check, the likeliest first."""
     model = case.model
     rows = [r for r, chosen in enumerate(which) if chosen] or list(range(len(which)))
     cylinders = sorted({c for r in rows for c in model.acting[r]})

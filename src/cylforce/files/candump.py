@@ -67,7 +67,7 @@ def parsed(text: str) -> Line | None:
     """A line of candump text, ours or another program's, parsed; None when it is not such a line.
 
     Fractions of other lengths than six digits are cut or filled to microseconds; python-can's trailing R or T
-    is passed over."""
+    is ignored."""
     found = _LINE.fullmatch(text)
     if found is None:
         return None

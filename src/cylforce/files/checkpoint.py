@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class PackedArray(BaseModel):
-    """An array: its elements' type in numpy's words, its shape, its bytes in base 64. `by_columns`: the order of its
+    """An array: its elements' type in numpy's notation, its shape, its bytes in base 64. `by_columns`: the order of its
     elements in memory, because linear algebra may round differently in the other order."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

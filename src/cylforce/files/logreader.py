@@ -25,7 +25,7 @@ def read_events(
 
     Our own logs contain their ticks. For all others ticks are made at each multiple of `period_us` after the first
     frame, behind the frames up to that moment; frames with an identifier in `own` come as `Sent`. `channel` chooses one
-    bus of several. CAN FD and XL frames are passed over.
+    bus of several. CAN FD and XL frames are skipped.
 
     Raises
     ------
@@ -37,15 +37,16 @@ def read_events(
         return header, (own_event(said) for said in _candump(path, tell, ours=True) if said.channel != HEAD)
     said = _one_channel(path, _lines(path, tell), channel)
     frames = (Frame(s.t_us, s.can_id, s.data) for s in said)
-    return None, with_ticks((_told_apart(f, own) for f in frames), period_us, tell)
+    return None, with_ticks((_as_event(f, own) for f in frames), period_us, tell)
 
 
-def _told_apart(frame: Frame, own: frozenset[int]) -> Frame | Sent:
+def _as_event(frame: Frame, own: frozenset[int]) -> Frame | Sent:
     return Sent(*frame) if frame.can_id in own else frame
 
 
 def with_ticks(frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn) -> Iterator[Event | Sent]:
-    """The frames, and a tick at each multiple of `period_us` after the first until none is left."""
+    """The frames, and a tick at each multiple of `period_us` after the first frame, up to one tick behind the last
+    frame. Where the recording's clock jumps, `tell` is called and ticks begin anew."""
     due: int | None = None
     for frame in frames:
         if due is None or not due - GAP_US < frame.t_us <= due + GAP_US:
@@ -95,7 +96,7 @@ def _but(seen: set[str]) -> str:
 
 
 def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Line]:
-    passed_over = 0
+    skipped = 0
     try:
         with path.open(encoding="latin-1", newline="\n") as file:
             for number, text in enumerate(file, 1):
@@ -105,10 +106,10 @@ def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Line]:
                 elif said is not None:
                     yield said
                 elif is_newer_frame(text):
-                    passed_over += 1
+                    skipped += 1
                 elif text[0] not in "#\r\n":
                     raise RecordingError(f"{path}, line {number}: is no frame of candump text: {text[:60]!r}")
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if passed_over:
-        tell(f"{path}: {passed_over} CAN FD or XL frames were passed over")
+    if skipped:
+        tell(f"{path}: {skipped} CAN FD or XL frames were skipped")

@@ -37,17 +37,17 @@ def messages(path: Path, tell: Tell) -> Iterator[Line]:
     RecordingError
         When it cannot be read. An unfinished end, which a killed program leaves, is left out with a warning instead.
     """
-    passed_over = 0
+    skipped = 0
     try:
         with path.open("rb") as file:
             for message in _asc(path, file) if path.suffix.lower() == ".asc" else _blf(path, file, tell):
-                passed_over += message.is_fd
+                skipped += message.is_fd
                 if not message.is_fd:
                     yield _line(message)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if passed_over:
-        tell(f"{path}: {passed_over} CAN FD frames were passed over")
+    if skipped:
+        tell(f"{path}: {skipped} CAN FD frames were skipped")
 
 
 def _line(message: Message) -> Line:

@@ -84,7 +84,7 @@ def own_ids(service: Service) -> frozenset[int]:
 
 
 def sensor_frames(recording: Events | Table, service: Service) -> Iterator[Frame]:
-    """What the sensors would send (PDOs, heartbeats, emergencies) for the recording to happen again."""
+    """The frames (PDOs, heartbeats, emergencies) that the sensors would send if the recording took place again."""
     pdos = [pdo for node in service.nodes for pdo in node.pdos]
     if isinstance(recording, Table):
         return as_frames(recording, pdos)

@@ -85,7 +85,8 @@ def _columns(signals: Sequence[str], mapping: TableMap | None) -> list[ColumnMap
 
 
 def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
-    """Of a piece that follows the time `last`."""
+    """Raises RecordingError for an infinite value in a piece, or a time that does not follow `last`, the one before
+    it."""
     infinite = np.argwhere(np.isinf(cells.numbers))
     if len(infinite):
         row, column = infinite[0]
@@ -116,20 +117,20 @@ def resample(table: Table, rate_hz: float) -> Table:
 
 def resampled(pieces: Iterable[Table], rate_hz: float) -> Iterator[Table]:
     """The same of a table in pieces; its own rate is that of its first piece."""
-    held: Table | None = None
+    recent: Table | None = None
     start, done = 0.0, 0
     for piece in pieces:
-        if held is None:
+        if recent is None:
             _check_rate(piece, rate_hz)
-            held, start = piece, float(piece.t_s[0])
+            recent, start = piece, float(piece.t_s[0])
         else:
-            held = joined([held._replace(t_s=held.t_s[-1:], values=held.values[-1:]), piece])
-        count = int((held.t_s[-1] - start) * rate_hz) + 1
-        yield _at(held, start + np.arange(done, count) / rate_hz, rate_hz)
+            recent = joined([recent._replace(t_s=recent.t_s[-1:], values=recent.values[-1:]), piece])
+        count = int((recent.t_s[-1] - start) * rate_hz) + 1
+        yield _at(recent, start + np.arange(done, count) / rate_hz, rate_hz)
         done = max(done, count)
-    if held is not None:
-        count = int((held.t_s[-1] - start) * rate_hz + 1e-6) + 1
-        yield _at(held, start + np.arange(done, count) / rate_hz, rate_hz)
+    if recent is not None:
+        count = int((recent.t_s[-1] - start) * rate_hz + 1e-6) + 1
+        yield _at(recent, start + np.arange(done, count) / rate_hz, rate_hz)
 
 
 def _check_rate(table: Table, rate_hz: float) -> None:
@@ -145,7 +146,8 @@ def _widest(rate_hz: float) -> float:
 
 
 def _at(table: Table, t_s: Array, rate_hz: float) -> Table:
-    """The table at times within it."""
+    """The table at times `t_s` (K,) [s] within it: linear between its rows, NaN in gaps of more than GAP_PERIODS
+    periods of `rate_hz`."""
     values = np.stack([np.interp(t_s, table.t_s, column) for column in table.values.T], axis=-1)
     if len(table.t_s) > 1:
         steps = np.diff(table.t_s)

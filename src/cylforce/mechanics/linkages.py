@@ -174,8 +174,8 @@ class FourBar(Linkage):
         return arm, _dot(bar[..., None], apart) / sine[..., None], sine
 
     def _arm(self, base: Complex) -> Complex:
-        """Vector from rocker pin to rocker end, from the vector `base` from rocker pin to link pin; NaN where the two
-        circles do not meet."""
+        """Vector from rocker pin to rocker end, on the given `side` of the vector `base` from rocker pin to link pin;
+        NaN where the circles of rocker and bar do not meet."""
         span = np.abs(base)
         along = (span * span + (self.rocker_length**2 - self.link_length**2)) / (2.0 * span)
         height = np.sqrt(self.rocker_length**2 - along * along)

@@ -44,7 +44,7 @@ class Order(NamedTuple):
 
     @property
     def lift_log(self) -> Path:
-        """The log of the lift."""
+        """The log of the lift: beside the log of the motion, NAME.lift.log."""
         return self.log.with_name(f"{self.log.stem}.lift{self.log.suffix}")
 
 
@@ -69,7 +69,9 @@ def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
 def _check(machine: Path, order: Order) -> None:
     """Check first what would otherwise fail after minutes of motion. Raises RecordingError or ValueError."""
     if order.log.suffix != ".log":
-        raise RecordingError(f"{order.log}: the log must end in .log, as which `cylforce identify` reads it")
+        raise RecordingError(
+            f"{order.log}: the log must end in .log: by that ending `cylforce identify` knows its format"
+        )
     check_outputs((order.output, order.log), (machine,))
     if order.known_kg is not None and not 0.0 < order.known_kg < float("inf"):
         raise ValueError(
@@ -99,7 +101,7 @@ async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, co
             collector.think()
             view = collector.view()
             screen.show(picture(guide, view), summary(guide, view), view.say)
-            _check_hope(guide, view)
+            _check_outcome(guide, view)
             if view.advice.done:
                 until.set()
 
@@ -112,7 +114,7 @@ async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, co
     return collector.view()
 
 
-def _check_hope(guide: Guide, view: View) -> None:
+def _check_outcome(guide: Guide, view: View) -> None:
     """Raises ValueError when the recording is refused or not enough after a long time, BusError when the sensors have
     sent nothing."""
     if view.advice.refusal is not None:

@@ -9,7 +9,7 @@ from cylforce.files.atomic import check_outputs, replacing
 from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.description.drawing import drawing
 from cylforce.programs.description.page import page
-from cylforce.programs.description.tables import plain, tables, warnings
+from cylforce.programs.description.tables import as_text, tables, warnings
 from cylforce.settings.machine_file import Loaded
 
 
@@ -37,7 +37,7 @@ def run_describe(machine: Path, outputs: DescriptionFiles) -> None:
     _write_node(loaded, outputs)
     _show(loaded)
     for table in shown:
-        print(f"\n{plain(table)}")
+        print(f"\n{as_text(table)}")
     for sentence in warnings(loaded.service):
         print(f"\nwarning: {sentence}")
 

@@ -46,7 +46,7 @@ class Question(NamedTuple):
 
 
 class Diagnosed(NamedTuple):
-    """The search, the verdict, the gap's size, and the whole answer as plain values."""
+    """The search, the verdict, the gap's size, and the whole answer as JSON has it."""
 
     search: Search | None
     judged: Judged
@@ -79,7 +79,7 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     if nothing:
         return _nothing(warning)
-    watch("where it lies, how far it shrinks", None)
+    watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
     whole = answer(found, verdict, size, ends(found), where(found, size.nominal, rng), forward(found, size))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
@@ -96,7 +96,8 @@ def _nothing(reason: str) -> Diagnosed:
 
 
 def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
-    """Whether clean recordings on one clock tell how the faulty ones would be."""
+    """Whether the clean recordings are on one clock, so that they show what the faulty ones are like without the
+    delay."""
     return bool(clean) and {slip.name for slip in late}.isdisjoint(each.name for each in clean)
 
 
@@ -106,8 +107,8 @@ def _by_clock(judged: Judged) -> bool:
 
 
 def _off_clock(late: Sequence[Slip]) -> Diagnosed:
-    verdict, told = off_clock(late)
-    return Diagnosed(None, Judged(verdict, (), late[0].closed), None, told)
+    verdict, whole = off_clock(late)
+    return Diagnosed(None, Judged(verdict, (), late[0].closed), None, whole)
 
 
 def known_loads(words: Sequence[str]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What `cylforce gap` tells: JSON, patch file, text."""
+"""What `cylforce gap` writes and prints: JSON, patch file, text."""
 
 import json
 from collections.abc import Sequence
@@ -17,10 +17,12 @@ from cylforce.programs.common.tables import print_table
 from cylforce.programs.gap import Diagnosed
 from cylforce.signals.estimate import Array
 
-BESIDE = "\n# Too small or too uncertain to be named; but these and the sizes above were found together.\n\n"
+BESIDE = (
+    "\n# Too small or too uncertain to be named as causes, but found together with them: keep both, or neither.\n\n"
+)
 MOSTLY = 0.5  # of what is left
 SHAPES = {
-    "constant": "always the same",
+    "constant": "constant",
     "speed": "a function of the cylinder's speed",
     "position": "a function of the joint's angle",
     "load": "a function of load",
@@ -28,10 +30,10 @@ SHAPES = {
     "time": "a function of time since the start",
     "reversal": "a function of time since the motion turned back",
     "periodic": "periodic in the joint's angle",
-    "swinging": "swinging with time",
-    "moments": "in a tenth of all moments",
+    "swinging": "oscillating in time",
+    "moments": "within a tenth of the time",
 }
-MOST_OF = 0.9  # of a recording: to look at less is worth a line
+MOST_OF = 0.9  # of a recording: where less was examined, a line says so
 
 
 class Outputs(NamedTuple):
@@ -66,8 +68,8 @@ def _residuals(found: Diagnosed) -> dict[str, Array]:
 
 def _answer_text(found: Diagnosed) -> str:
     """JSON has no NaN: what has no value is null."""
-    plain = json.loads(json.dumps(found.answer, default=float), parse_constant=lambda _: None)
-    return json.dumps(plain, indent=1, allow_nan=False) + "\n"
+    finite = json.loads(json.dumps(found.answer, default=float), parse_constant=lambda _: None)
+    return json.dumps(finite, indent=1, allow_nan=False) + "\n"
 
 
 def _patch_text(found: Diagnosed) -> str:
@@ -111,9 +113,9 @@ def show_effects(effects: Sequence[dict[str, Any]], console: Console) -> None:
 
 
 def looked(part: dict[str, Any]) -> str:
-    """How much of a recording was looked at, in words."""
+    """How much of a recording was examined, in words."""
     many = f", in {part['stretches']} stretches" if part["stretches"] > 1 else ""
-    return f"{part['seconds'] / 60.0:.1f} of {part['of_seconds'] / 60.0:.1f} min looked at{many}"
+    return f"{part['seconds'] / 60.0:.1f} of {part['of_seconds'] / 60.0:.1f} min examined{many}"
 
 
 def sentence(answer: dict[str, Any]) -> str:
@@ -123,7 +125,7 @@ def sentence(answer: dict[str, Any]) -> str:
         return f"{'Nothing else' if answer['effects'] else 'Nothing'} can be concluded: {answer['reason']}."
     gap_nm = f"{size['fixed']:.0f} N m (noise floor {size['floor']:.0f} N m)"
     if verdict == Verdict.NO_GAP:
-        return f"No gap: what the model leaves, {gap_nm}, is what it always left."
+        return f"No gap: what the model leaves, {gap_nm}, is normal for this machine."
     if verdict == Verdict.UNKNOWN:
         return f"There is a gap, {gap_nm}, and none of the known effects explains it{shape_words(answer)}."
     if verdict == Verdict.NOT_OBSERVABLE:
@@ -141,10 +143,10 @@ def sentence(answer: dict[str, Any]) -> str:
 
 
 def shape_words(answer: dict[str, Any]) -> str:
-    """Where what nothing explains lies, and of what it is a function."""
+    """At which joint the unexplained torque is, and of what it is a function."""
     shape = answer.get("unknown")
     if shape is None or shape["of"] == "none":
         return ""
     amount = "mostly" if shape["share"] >= MOSTLY else "in part"
     words = SHAPES[shape["of"]] + (f" ({shape['detail']})" if shape["detail"] else "")
-    return f"; what is left is at the {shape['at']}, {amount} {words}, {100 * shape['share']:.0f} % of it"
+    return f"; what is left is at the {shape['at']}, {amount} {words}: {100 * shape['share']:.0f} % of its energy"

@@ -21,7 +21,8 @@ from cylforce.signals.estimate import Array
 
 class How(NamedTuple):
     """How to identify: in the paper's two steps, with physical laws enforced, with a lift of a known weight [kg];
-    `refuse`: recordings that are not of the empty, free and well-wired machine."""
+    `refuse`: end with a sentence when the machine was loaded, in contact or wired wrongly, or a joint stays
+    unexplained."""
 
     two_steps: bool = False
     enforce: bool = False
@@ -59,7 +60,7 @@ def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch) -> Itera
 
 
 def show(found: Identification, console: Console) -> None:
-    """A table of the parameters, the prior beside them, and what the recording does not tell."""
+    """A table of the parameters, the prior beside them, and what the recording does not determine."""
     model = found.model
     error = np.sqrt(np.diag(found.tares.covariance))
     rows = []
@@ -73,9 +74,9 @@ def show(found: Identification, console: Console) -> None:
     left = ", ".join(f"{n} {e:.0f} N m" for n, e in zip(names, found.tares.row_error, strict=True))
     console.print(f"unexplained torque (rms): {left}")
     shares = (f"{n} {_percent(share)}" for n, share in zip(names, found.explained, strict=True))
-    console.print(f"explained of the torque about its mean: {', '.join(shares)}")
+    console.print(f"explained share of the variance of the torque: {', '.join(shares)}")
     tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
-    console.print(f"friction: {', '.join(model.friction)} (mean squared error held out: {tried})")
+    console.print(f"friction: {', '.join(model.friction)} (mean squared error in data left out of the fit: {tried})")
     if found.tares.scale != 1.0:
         console.print(f"scale from the known weight: {found.tares.scale:.4f} +- {found.tares.scale_error:.4f}")
     for sentence in found.violations:

@@ -41,7 +41,7 @@ def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
     if output.exists():
         raise RecordingError(f"{output}: exists and is not replaced: choose another file with -o, or remove it first")
     if output.suffix != ".toml":
-        raise RecordingError(f"-o {output}: must end in .toml, as which it is read again")
+        raise RecordingError(f"-o {output}: must end in .toml: by that ending it is read again")
     check_outputs((output,))
     answers = gathered(given, ask)
     warnings = write(answers, output)
@@ -51,7 +51,7 @@ def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
     print(
         "Every pin is a guess: search the file for MEASURE THIS. No weight is booked until the pins are measured (then"
     )
-    print("set pins_m to what they are measured to) or a known weight was lifted (cylforce identify --lift).")
+    print("set pins_m to the accuracy of the measurement) or a known weight was lifted (cylforce identify --lift).")
     for warning in warnings:
         print(f"warning: {warning}")
     print(f"Next: cylforce describe {output} --svg {output.with_suffix('.svg')}")

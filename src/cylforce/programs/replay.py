@@ -1,4 +1,4 @@
-"""`cylforce replay`: a recording through the very core of the daemon; with a bus, as if its sensors sent it."""
+"""`cylforce replay`: a recording through the core of the service; with a bus, played as if its sensors sent it."""
 
 import csv
 from collections.abc import Callable, Iterable, Iterator

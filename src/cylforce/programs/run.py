@@ -155,7 +155,7 @@ def show_status(daemon: Daemon) -> None:
 
 def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
     if log.suffix.lower() != ".log":
-        raise RecordingError(f"--log {log}: must end in .log, as which it is read again")
+        raise RecordingError(f"--log {log}: must end in .log: by that ending it is read again")
     return LogWriter(log, header, now_us(), header.bus.partition(":")[2], rotation=rotation)
 
 

@@ -109,10 +109,12 @@ def _check_moves(scenario: str, payload: float, turning: bool) -> None:
 
 def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: Path | None) -> None:
     if bus is None and truth is log is table is None:
-        raise SettingsError("nothing would come of this run: give --bus, or files to write (--log, --table, --truth)")
+        raise SettingsError("this run would write nothing: give --bus, or files to write (--log, --table, --truth)")
     for option, path, suffixes in (("--log", log, (".log",)), ("--table", table, SUFFIXES)):
         if path is not None and path.suffix.lower() not in suffixes:
-            raise SettingsError(f"{option} {path}: must end in {' or '.join(suffixes)}, as which it is read again")
+            raise SettingsError(
+                f"{option} {path}: must end in {' or '.join(suffixes)}: by that ending it is read again"
+            )
 
 
 def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | None) -> None:

@@ -61,7 +61,7 @@ class MachineTable(SettingsTable):
     rated_payload_kg: Payload = Field(
         description="Rated payload. It scales the published values and the limits of validity."
     )
-    slew_axis_m: Offset = Field(default=0.0, description="x of the first pin, seen from the slew axis.")
+    slew_axis_m: Offset = Field(default=0.0, description="x of the first pin, from the slew axis forwards.")
     payload_reach_m: Reach | None = Field(
         default=None,
         description="How far from the last pin the middle of a load may lie. Default: as far as the tooth line.",
@@ -81,7 +81,7 @@ class LinkTable(SettingsTable):
     """A link of the arm, with all that is fixed to it; from the house outwards. Its frame begins at its inner pin; x
     points to its outer pin (the last link's: to where its angle is measured to), z is x turned from forward to up."""
 
-    name: Name = Field(description="Name, to be referred to. Letters, digits and _, at most 40.")
+    name: Name = Field(description="Name, by which other tables refer to it. Letters, digits and _, at most 40.")
     length_m: Length | None = Field(
         default=None, description="From inner to outer pin. Required, except for the last link."
     )
@@ -165,13 +165,13 @@ class CylinderTolerance(SettingsTable):
 class CylinderTable(SettingsTable):
     """A cylinder, or several alike side by side."""
 
-    name: Name = Field(description="Name, to be referred to.")
+    name: Name = Field(description="Name, by which other tables refer to it.")
     bore_mm: Bore = Field(description="Diameter of the piston.")
     rod_mm: Rod = Field(description="Diameter of the rod; smaller than the bore.")
     count: int = Field(default=1, ge=1, le=8, description="How many of them work side by side.")
     length_range_m: LengthRange = Field(description="Length from pin to pin: [retracted, extended].")
     rod_pressure_bar: ReturnPressure | None = Field(
-        default=None, description="Return pressure to count on where no sensor measures the rod side."
+        default=None, description="Pressure to assume on the rod side if no sensor measures it."
     )
     linkage: TriangleTable | FourBarTable | DogboneTable = Field(
         discriminator="kind", description="How the cylinder moves its joint."

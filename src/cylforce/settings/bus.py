@@ -11,19 +11,20 @@ from cylforce.settings.error import FaultError, Inspection, Key
 from cylforce.settings.model import MachineFile, NodeTable, PdoTable, SensorTable, Skipped
 from cylforce.signals.kinds import UNIT
 from cylforce.signals.layout import CODES, TYPE_NAMES, Field, Pdo
-from cylforce.signals.units import MILLIMETRE
+from cylforce.signals.units import MILLISECOND
 
 TYPES = {"i8": "b", "u8": "B", "i16": "h", "u16": "H", "i32": "i", "u32": "I", "f32": "f"}
 Entry = tuple[int, SensorTable]  # number of the sensor in the file
 
 
 def own_pdos(file: MachineFile, findings: Inspection) -> tuple[Pdo, ...]:
-    """What we publish; a value that would not fit into its object goes to `findings`."""
+    """The TPDOs that cylforce sends. A period below one step, and rated values too large for their objects, go to
+    `findings`."""
     own = file.publication
     if own.period_ms * file.filter.rate_hz < 1000.0:
         problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
         findings.errors.append(FaultError(("publication", "period_ms"), f"{problem}: publish no faster than that"))
-    pdos = publication(own.node_id, own.period_ms * MILLIMETRE, file.machine.rated_payload_kg, own.rated_force_n)
+    pdos = publication(own.node_id, own.period_ms * MILLISECOND, file.machine.rated_payload_kg, own.rated_force_n)
     rated: tuple[tuple[str, Key], ...] = (
         ("N", ("publication", "rated_force_n")),
         ("kg", ("machine", "rated_payload_kg")),
@@ -45,7 +46,7 @@ def nodes(file: MachineFile, folder: Path, own: Iterable[Pdo], findings: Inspect
 
 
 def _same_cob_ids(made: Iterable[SensorNode | None], own: Iterable[Pdo]) -> Iterator[FaultError]:
-    owner: dict[int, str] = {pdo.can_id: "our own publication" for pdo in own}
+    owner: dict[int, str] = {pdo.can_id: "cylforce's own publication" for pdo in own}
     for k, node in enumerate(made):
         for pdo in node.pdos if node else ():
             if pdo.can_id in owner:
@@ -83,7 +84,7 @@ def _node(file: MachineFile, k: int, folder: Path) -> SensorNode:
             table.identity.revision,
             table.identity.serial,
         ),
-        heartbeat_s=table.heartbeat_ms * MILLIMETRE,
+        heartbeat_s=table.heartbeat_ms * MILLISECOND,
         pdos=pdos,
         writable_mapping=table.writable_mapping,
     )
@@ -120,14 +121,16 @@ def _timing(file: MachineFile, node: NodeTable, number: int) -> tuple[bool, int,
     if (special.transmission or node.transmission) == "event_timer":
         if period_ms is None:
             raise FaultError(key, "sends by its event timer: add period_ms")
-        return False, 0, period_ms * MILLIMETRE
+        return False, 0, period_ms * MILLISECOND
     every = special.sync_every or node.sync_every
     own = every / file.filter.rate_hz
     if period_ms is None:
         return True, every, own
-    if file.publication.sync_producer and abs(period_ms * MILLIMETRE - own) > 1e-6:
-        raise FaultError(key, f"follows our SYNC every {1e3 * own:g} ms, not every {period_ms} ms: remove period_ms")
-    return True, every, period_ms * MILLIMETRE
+    if file.publication.sync_producer and abs(period_ms * MILLISECOND - own) > 1e-6:
+        raise FaultError(
+            key, f"follows the SYNC of cylforce every {1e3 * own:g} ms, not every {period_ms} ms: remove period_ms"
+        )
+    return True, every, period_ms * MILLISECOND
 
 
 def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vendor_eds.Eds | None) -> Pdo:
@@ -166,7 +169,7 @@ def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Fie
         name = TYPE_NAMES[field.code]
         raise FaultError(
             ("sensors", n, "range"),
-            f"exceeds what {name} with this scale can say: take a wider type or a larger scale",
+            f"exceeds what {name} with this scale can express: use a wider type or a larger scale",
         )
     before, after = ([_gap(n, skipped, eds) for skipped in some] for some in (sensor.skip_before, sensor.skip_after))
     return [*before, field, *after]
@@ -202,7 +205,7 @@ def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
         shown = ", ".join(f"{i:04X}h:{s}" for i, s, _ in mapped) or "nothing"
         raise FaultError(
             key,
-            f"maps {shown} into TPDO {pdo.number} for good: describe the sensors in that order",
+            f"maps {shown} into TPDO {pdo.number} and cannot be changed: list the sensors in that order",
         )
 
 

@@ -1,4 +1,5 @@
-"""identified.toml: the tares of one machine, generated, with where they come from; loaded only for its own machine."""
+"""identified.toml: the tares (identified parameters) of one machine and where they come from. Written by `cylforce
+identify`, accepted only with the machine file that it was identified with."""
 
 import tomllib
 from collections.abc import Sequence
@@ -157,7 +158,9 @@ def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
     if len(file.unexplained_torque_n_m) != rows or min(file.unexplained_torque_n_m) <= 0.0:
         raise SettingsError(f"{path}: unexplained_torque_n_m: must be {rows} positive numbers; identify again")
     if not SOUND_SCALE[0] <= file.scale <= SOUND_SCALE[1] or not 0.0 <= file.scale_standard_error < 0.1:
-        raise SettingsError(f"{path}: scale: {file.scale:g} is no scale of a sound machine; identify again")
+        raise SettingsError(
+            f"{path}: scale: {file.scale:g} is outside {SOUND_SCALE[0]:g} to {SOUND_SCALE[1]:g}; identify again"
+        )
     if len(file.covariance) != size or any(len(row) != size for row in file.covariance):
         raise SettingsError(f"{path}: covariance: is not {size} x {size}; identify again")
     if not _is_covariance(np.array(file.covariance)):

@@ -69,7 +69,7 @@ def _length(file: MachineFile, k: int) -> float:
     if k + 1 < len(file.links):
         problem = "lacks the key length_m: add the distance from its inner to its outer pin"
         raise FaultError(("links", k), problem, ("length_m",))
-    return abs(complex(*file.tool.point_m))  # beyond the last link nothing hangs: its length is a name for its size
+    return abs(complex(*file.tool.point_m))  # nothing is joined to the last link's end: only a measure of its size
 
 
 def _cylinder(file: MachineFile, k: int) -> Cylinder:

@@ -21,7 +21,7 @@ from cylforce.settings.sections import read_sections
 from cylforce.settings.signals import columns, enough_faults, signals
 from cylforce.settings.units import file_in_si
 from cylforce.signals.layout import Pdo
-from cylforce.signals.units import DEGREE, MILLIMETRE
+from cylforce.signals.units import DEGREE, MILLISECOND
 
 __all__ = ["Loaded", "SettingsError", "default_filters", "load"]
 
@@ -43,7 +43,7 @@ class Loaded(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """What could be made of a file; None: not, because of an error."""
+    """Parts of the settings made from a file; None where an error prevents it."""
 
     machine: Machine | None = None
     nodes: tuple[SensorNode, ...] = ()
@@ -161,7 +161,7 @@ def _service(file: MachineFile, built: Machine, parts: Parts) -> Service:
         publication=parts.publication,
         node_id=file.publication.node_id,
         sync_producer=file.publication.sync_producer,
-        heartbeat_s=file.publication.heartbeat_ms * MILLIMETRE,
+        heartbeat_s=file.publication.heartbeat_ms * MILLISECOND,
         filters=_filters(file.filter),
         health=_health(file.health),
         effects=tuple(sorted(set(file.friction.effects), key=FRICTION.index)),
@@ -181,9 +181,9 @@ def _filters(table: FilterTable) -> Filters:
 
 def _health(table: HealthTable) -> Health:
     return Health(
-        hold_s=table.hold_ms * MILLIMETRE,
+        hold_s=table.hold_ms * MILLISECOND,
         good_frames=table.good_frames,
         frozen_samples=table.frozen_samples,
         max_tilt=table.max_tilt_deg * DEGREE,
-        max_step_s=table.max_step_ms * MILLIMETRE,
+        max_step_s=table.max_step_ms * MILLISECOND,
     )

@@ -71,7 +71,7 @@ class PdoTable(SettingsTable):
 class NodeTable(SettingsTable):
     """A sensor node on the bus."""
 
-    name: Name = Field(description="Name, to be referred to.")
+    name: Name = Field(description="Name, by which other tables refer to it.")
     node_id: NodeId = Field(description="Its CANopen node-ID.")
     profile: Literal[0, 404, 406, 410] | None = Field(
         default=None,
@@ -89,14 +89,14 @@ class NodeTable(SettingsTable):
     sync_every: SyncEvery = Field(default=1, description="After how many SYNCs it sends.")
     period_ms: Period | None = Field(
         default=None,
-        description="Period of its event timer. With sync: how often it sends, where another node makes SYNC.",
+        description="Period of its event timer. With sync: how often it sends, if another node produces SYNC.",
     )
     eds: str | None = Field(default=None, description="The vendor's EDS file, in the machine file's folder.")
     writable_mapping: bool = Field(
-        default=True, description="false: the node's PDO mapping is fixed; it is compared, not written."
+        default=True, description="false: the node's PDO mapping cannot be changed; it is only compared."
     )
     pdos: tuple[PdoTable, ...] = Field(
-        default=(), strict=False, description="TPDOs that differ from what is said above."
+        default=(), strict=False, description="TPDOs whose settings differ from those of the node."
     )
 
 
@@ -117,7 +117,7 @@ class SensorTable(SettingsTable):
     at: str | None = Field(
         default=None,
         description="The cylinder (pressures, force pin, length) or link (joint angle, inclination) that it is "
-        "mounted on; not for what belongs to the chassis.",
+        "mounted on; not for sensors of the chassis and the oil.",
     )
     node: str = Field(description="Name of the node that sends it.")
     pdo: PdoNumber = Field(default=1, description="Number of the TPDO that carries it.")
@@ -127,7 +127,7 @@ class SensorTable(SettingsTable):
     )
     scale: Scale = Field(default=1.0, description="Size of one digit; negative where the sensor counts backwards.")
     offset: float = Field(default=0.0, description="Value at digit 0.")
-    range: Range = Field(description="[least, greatest] value that can be true; beyond, the sensor counts as failed.")
+    range: Range = Field(description="[least, greatest] value that is possible; outside, the sensor counts as failed.")
     standard_error: Positive | None = Field(
         default=None,
         description="Standard error of one value, noise only. Default: that of rounding to a digit; required for f32.",
@@ -146,7 +146,9 @@ class FilterTable(SettingsTable):
     rate_hz: float = Field(default=100.0, ge=10.0, le=1000.0, description="Steps a second; also SYNC's rate.")
     channel_hz: Cutoff = Field(default=5.0, description="Low-pass of angles and forces, before anything is computed.")
     regressor_hz: Cutoff = Field(default=2.0, description="First-order low-pass of the dynamic terms and the torque.")
-    smoothing_hz: Cutoff = Field(default=2.0, description="Low-pass after it, of both alike.")
+    smoothing_hz: Cutoff = Field(
+        default=2.0, description="Second low-pass, after `regressor_hz`, of the same terms and torque."
+    )
     direction_speed_m_s: SlowSpeed = Field(
         default=0.002, description="Cylinder speed below which the direction of friction is not known."
     )
@@ -165,12 +167,12 @@ class HealthTable(SettingsTable):
 
 
 class PublicationTable(SettingsTable):
-    """Our own node on the bus."""
+    """cylforce's own node on the bus."""
 
-    node_id: NodeId = Field(default=64, description="Our own node-ID.")
+    node_id: NodeId = Field(default=64, description="Its node-ID.")
     period_ms: Period = Field(default=100, description="How often results are published.")
-    sync_producer: bool = Field(default=True, description="Whether we make SYNC, at `filter.rate_hz`.")
-    heartbeat_ms: int = Field(default=500, ge=1, le=32767, description="Our own heartbeat.")
+    sync_producer: bool = Field(default=True, description="Whether it produces SYNC, at `filter.rate_hz`.")
+    heartbeat_ms: int = Field(default=500, ge=1, le=32767, description="Its heartbeat.")
     rated_force_n: Force = Field(default=300_000.0, description="Greatest tool force; scales what is published.")
 
 
@@ -183,7 +185,8 @@ class FrictionTable(SettingsTable):
         description="Names of the laws; `coulomb` must be among them.",
     )
     adapt: bool = Field(
-        default=True, description="Whether friction and zero of identified parameters follow temperature and wear."
+        default=True,
+        description="Whether the service adjusts friction and pressure zeros as temperature and wear change them.",
     )
 
 
@@ -226,7 +229,7 @@ class MachineFile(SettingsTable):
     sensors: tuple[SensorTable, ...] = Field(min_length=1, strict=False, description="What is measured.")
     filter: FilterTable = Field(default=FilterTable(), description="Rate and cut-off frequencies of the estimator.")
     health: HealthTable = Field(default=HealthTable(), description="When a signal counts as failed.")
-    publication: PublicationTable = Field(default=PublicationTable(), description="Our own node on the bus.")
+    publication: PublicationTable = Field(default=PublicationTable(), description="cylforce's own node on the bus.")
     friction: FrictionTable = Field(default=FrictionTable(), description="The friction laws to choose from.")
     table: RecordingTable | None = Field(
         default=None, description="Where this machine's CSV and Parquet files have time and signals."

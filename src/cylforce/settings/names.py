@@ -1,5 +1,5 @@
-"""Names and numbers in a machine file that must differ, and references that must lead somewhere. Works on what TOML
-gave, so that a wrong value elsewhere in the file hides nothing here."""
+"""Names and numbers in a machine file that must differ, and references that must exist. Works on the parsed TOML,
+before values are checked, so that a wrong value elsewhere does not hide these errors."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ class RawTable(NamedTuple):
 
 
 def name_faults(raw: Raw) -> Iterator[FaultError]:
-    """Everything that is wrong with names, node-IDs, references, and sensors on one place."""
+    """Everything that is wrong with names, node-IDs, references, and several sensors at one place."""
     for table in ("links", "cylinders", "nodes", "sensors"):
         yield from _taken_names(raw, table)
     yield from _taken_node_ids(raw)
@@ -48,7 +48,8 @@ def entries(raw: Raw, table: str) -> list[RawTable]:
 
 
 def _names(raw: Raw, table: str) -> list[str]:
-    """All names of an array's tables; none when one is missing or wrong: it may be the one that is looked for."""
+    """All names of an array's tables; none when one is missing or wrong, because it may be the one that is referred
+    to."""
     found = [entry.table.get("name") for entry in entries(raw, table)]
     names = [name for name in found if isinstance(name, str) and re.match(NAME, name)]
     return names if len(set(names) - _reserved(table)) == len(found) else []
@@ -71,7 +72,7 @@ def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
 def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
     own = raw.get("publication")
     number = own.get("node_id", OWN_NODE) if isinstance(own, dict) else OWN_NODE
-    seen = {number: "our own node"} if isinstance(number, int) else {}
+    seen = {number: "cylforce's own node"} if isinstance(number, int) else {}
     for entry in entries(raw, "nodes"):
         number = entry.table.get("node_id")
         if not isinstance(number, int):
@@ -85,7 +86,7 @@ def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
 def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
     used, names = [entry.table.get("node") for entry in entries(raw, "sensors")], _names(raw, "nodes")
     if not all(node in names for node in used):
-        return  # the wrong one may mean any node
+        return  # a wrong reference may mean any node
     for entry in entries(raw, "nodes"):
         name = entry.table.get("name")
         if isinstance(name, str) and name not in used:
@@ -150,7 +151,9 @@ def _laws(raw: Raw) -> Iterator[FaultError]:
         if isinstance(law, str) and law not in FRICTION:
             yield FaultError(("friction", "effects"), f"name {shown(law)}: choose among {', '.join(FRICTION)}")
     if FRICTION[0] not in laws:
-        problem = f"lack {FRICTION[0]!r}, without which a weight at rest has no honest error: add it"
+        problem = (
+            f"lack {FRICTION[0]!r}, without which the standard error of a weight at rest would be too small: add it"
+        )
         yield FaultError(("friction", "effects"), problem)
 
 

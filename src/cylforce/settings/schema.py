@@ -12,8 +12,8 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def machine_file_schema() -> Schema:
-    """The schema (draft 2020-12), made from the models that check a file. What needs several tables at once (names,
-    references, geometry) it does not know."""
+    """The schema (draft 2020-12), made from the models that check a file. It does not check what needs several tables
+    at once (names, references, geometry)."""
     schema = MachineFile.model_json_schema(mode="validation")
     tables: dict[str, Schema] = schema["$defs"]
     tables["SignalColumn"] = SignalColumn.model_json_schema()

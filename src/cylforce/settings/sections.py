@@ -13,8 +13,8 @@ from cylforce.settings.error import TAGS, FaultError, Inspection, Key, shown, un
 from cylforce.settings.model import MachineFile
 from cylforce.settings.units import SUFFIXES, WORDS
 
-# what pydantic says -> what somebody reads who knows TOML but no Python
-PLAIN = {
+# words of pydantic -> words for a reader who knows TOML but not Python
+WORDING = {
     "Input should be": "must be",
     "Input should have": "must have",
     "Tuple should have": "must have",
@@ -93,13 +93,13 @@ def _wrong_value(error: ErrorDetails, key: Key) -> FaultError:
         return FaultError(key, f"must be a table of keys, not {given}: write {_header(key)}")
     if kind == "tuple_type":
         return FaultError(key, f"must be a list, not {given}: write {_header(key, '[[', ']]')}")
-    for said, plain in PLAIN.items():
-        problem = re.sub(said, plain, problem)
+    for said, words in WORDING.items():
+        problem = re.sub(said, words, problem)
     return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {given}: correct the value{unit_of(key)}")
 
 
 def _other_kind(error: ErrorDetails, key: Key) -> FaultError:
-    """A linkage whose kind is missing or none of those that there are."""
+    """A linkage whose kind is missing or unknown."""
     kinds = ", ".join(TAGS)
     if error["type"] == "union_tag_not_found":
         return FaultError(key, f"lacks the key kind: write one of {kinds}", ("kind",))

@@ -1,4 +1,5 @@
-"""The sensors of the file as signals: where each belongs, whether they are enough, a recording's columns."""
+"""The sensors of the file as signals: where each is mounted, whether they suffice, which columns of a recording are
+theirs."""
 
 from collections.abc import Iterator
 from math import sqrt
@@ -80,7 +81,7 @@ def _inverse_faults(machine: Machine, c: int) -> Iterator[FaultError]:
         joint = machine.links[machine.spans[c][0]].name
         yield FaultError(
             ("sensors", k),
-            f"gives no one angle: {cylinder.name} has a dead point in {joint}'s angle_range_deg; narrow it",
+            f"gives no unique angle: {cylinder.name} has a dead point in {joint}'s angle_range_deg; narrow it",
         )
 
 
@@ -90,7 +91,9 @@ def _force_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
         head, rod = (Kind.HEAD_PRESSURE, c) in seen, (Kind.ROD_PRESSURE, c) in seen
         if rod and not head:
             k = next(n for n, s in enumerate(machine.signals) if (s.kind, s.index) == (Kind.ROD_PRESSURE, c))
-            yield FaultError(("sensors", k), f"is alone: add a head_pressure sensor at {cylinder.name}")
+            yield FaultError(
+                ("sensors", k), f"gives no force without the head side: add a head_pressure sensor at {cylinder.name}"
+            )
         if head and (Kind.FORCE_PIN, c) in seen:
             yield FaultError(("cylinders", c), "has a force pin and pressure sensors: keep one of them")
         if rod and cylinder.rod_pressure_bar is not None:

@@ -6,7 +6,7 @@ from typing import Any
 from cylforce.settings.error import FaultError, Inspection, Key, shown
 from cylforce.settings.limits import HUGE
 from cylforce.signals.kinds import UNIT, Kind
-from cylforce.signals.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, ZERO_CELSIUS
+from cylforce.signals.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, MILLISECOND, ZERO_CELSIUS
 
 # SI unit -> suffix of the key -> size in SI; the zero of each lies at 0 SI, but for degrees Celsius
 SUFFIXES: dict[str, dict[str, float]] = {
@@ -16,7 +16,7 @@ SUFFIXES: dict[str, dict[str, float]] = {
     "m": {"mm": MILLIMETRE, "m": 1.0},
     "rad/s": {"deg_s": DEGREE, "rad_s": 1.0},
     "K": {"degc": 1.0, "k": 1.0},
-    "s": {"s": 1.0, "ms": MILLIMETRE, "us": MICROSECOND},
+    "s": {"s": 1.0, "ms": MILLISECOND, "us": MICROSECOND},
 }
 ZERO = {"degc": ZERO_CELSIUS}
 WORDS = ("scale", "offset", "range", "standard_error")

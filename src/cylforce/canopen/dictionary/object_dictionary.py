@@ -27,7 +27,7 @@ from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
 
 CONSUMERS = 16  # entries of 1016h
-PRODUCT, REVISION = 1, 1  # in 1018h; vendor 0: nobody has given us a number
+PRODUCT, REVISION = 1, 1  # in 1018h; vendor 0: cylforce has no vendor-ID
 ZERO, TARE = 0x6125, 0x6139  # commands, at sub-index 1
 UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
 INT16, INT32 = 0x7130, 0x9130  # process values
@@ -100,7 +100,8 @@ def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
 
 
 def channels(fields: Iterable[Field]) -> dict[int, Field]:
-    """CiA 404's channels: number -> the field that carries the process value."""
+    """CiA 404's channels: number, which is the sub-index of all its objects -> the field that carries the process
+    value."""
     return {field.sub: field for field in fields if field.index in (INT16, INT32)}
 
 

@@ -45,12 +45,12 @@ def read(path: Path) -> Eds:
     _mend(parser)
     text = io.StringIO()
     parser.write(text)
-    text.name = f"{path.stem}.eds"  # the library goes by the name's ending
+    text.name = f"{path.stem}.eds"  # the library decides by the ending of the name
     text.seek(0)
     try:
         dictionary = import_od(text)
     except (ValueError, KeyError, IndexError, AttributeError, TypeError, ConfigError) as error:
-        raise EdsError(f"{path.name} is not to be understood ({error}): have it checked by its vendor") from error
+        raise EdsError(f"{path.name} cannot be interpreted ({error}): ask its vendor for a correct one") from error
     if 0x1000 not in dictionary:
         raise EdsError(f"{path.name} lacks object 1000h, the device type: ask its vendor for a complete EDS")
     return Eds(path.name, dictionary)
@@ -65,7 +65,7 @@ def _parsed(path: Path) -> RawConfigParser:
         raise EdsError(f"{path} cannot be read ({error.strerror}): correct the path") from error
     except ConfigError as error:
         reason = str(error).replace("\n", " ").replace("'<string>'", path.name)
-        raise EdsError(f"{path.name} is no EDS file ({reason}): have it checked by its vendor") from error
+        raise EdsError(f"{path.name} is no EDS file ({reason}): ask its vendor for a correct one") from error
     return parser
 
 

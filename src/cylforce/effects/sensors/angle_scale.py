@@ -37,7 +37,7 @@ class AngleScale:
 
 
 def _range(machine: Machine, where: int) -> tuple[float, float]:
-    """Lowest and highest reading of a sensor on this machine."""
+    """Lowest and highest value of an angle sensor: of its joint's or cylinder's range, else of its own range."""
     signal = machine.signals[where]
     if signal.kind is Kind.JOINT_ANGLE:
         return machine.links[signal.index].angle_low, machine.links[signal.index].angle_high

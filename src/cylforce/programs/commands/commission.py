@@ -13,9 +13,13 @@ EXAMPLE = example("cylforce commission machine.toml --bus socketcan:can0 -o iden
 def commission(
     machine: MachineFile,
     bus: Bus,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write: identified tares.")],
-    log: Annotated[Path | None, typer.Option(help="Record there (candump text); without, beside the output.")] = None,
-    known_kg: Annotated[float | None, typer.Option(help="A weight that is lifted afterwards: the scale.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write, for `run --identified`.")],
+    log: Annotated[
+        Path | None, typer.Option(help="The recording to write (candump text). Default: the output's name with .log.")
+    ] = None,
+    known_kg: Annotated[
+        float | None, typer.Option(help="A known weight, to be lifted afterwards for the scale.")
+    ] = None,
 ) -> None:
     """Guide the moves of the empty machine, then identify.
 

@@ -15,11 +15,11 @@ def demo(
         Path | None, typer.Option(help="The machine file. Without it, the shipped 20 t excavator.")
     ] = None,
     bus: Bus = "virtual:demo",
-    clock: Annotated[
-        str, typer.Option(help="Which clock this machine has; printed and written, nothing else.")
-    ] = "real",
+    clock: Annotated[str, typer.Option(help="Name of this computer's clock; it is only printed and written.")] = "real",
     cycles: Annotated[int, typer.Option(min=1, help="How many digging cycles.")] = 3,
-    seed: Annotated[int | None, typer.Option(min=0, help="Without one, one is drawn and printed.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the random numbers. Without it, one is drawn and printed.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the figures there.")] = None,
 ) -> None:
     """Show the main job on the simulated machine.

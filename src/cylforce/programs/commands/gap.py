@@ -13,16 +13,20 @@ EXAMPLE = example("cylforce gap machine.toml today.log --reference in_order.log 
 def gap(
     machine: MachineFile,
     field: Annotated[list[Path], typer.Argument(metavar="FIELD...", help="Recordings that differ from the model.")],
-    reference: Annotated[list[Path] | None, typer.Option(help="A recording of the machine in order.")] = None,
+    reference: Annotated[
+        list[Path] | None, typer.Option(help="A recording of the machine in order. May be repeated.")
+    ] = None,
     identified: IdentifiedFile = None,
     load: Annotated[
-        list[str] | None, typer.Option(metavar="FILE=KG", help="A recording was made with this known load.")
+        list[str] | None, typer.Option(metavar="FILE=KG", help="The known load in one recording. May be repeated.")
     ] = None,
     only: Annotated[str | None, typer.Option(metavar="NAME@AT", help="Fit the size of this effect alone.")] = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
-    residuals: Annotated[Path | None, typer.Option(help="Write what is left before and after there (npz).")] = None,
+    residuals: Annotated[
+        Path | None, typer.Option(help="Write the unexplained torques before and after there (npz).")
+    ] = None,
 ) -> None:
     """Say why recordings differ from the model.
 

@@ -14,11 +14,11 @@ def identify(
     files: Annotated[list[Path], typer.Argument(metavar="[MACHINE.toml] RECORDING...")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The file to write.")],
     two_steps: Annotated[
-        bool, typer.Option(help="Static parameters from slow moves first, then dynamic ones.")
+        bool, typer.Option(help="Identify static parameters from slow moves first, then dynamic ones.")
     ] = False,
-    enforce: Annotated[bool, typer.Option(help="The nearest physically consistent tares.")] = False,
-    lift: Annotated[Path | None, typer.Option(help="A recording of a lift of a known weight: the scale.")] = None,
-    known_kg: Annotated[float | None, typer.Option(help="That weight.")] = None,
+    enforce: Annotated[bool, typer.Option(help="Find the nearest physically possible tares.")] = False,
+    lift: Annotated[Path | None, typer.Option(help="A recording of a lift of a known weight, for the scale.")] = None,
+    known_kg: Annotated[float | None, typer.Option(help="The known weight.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     refuse: Annotated[
         bool,
@@ -28,8 +28,9 @@ def identify(
         ),
     ] = True,
 ) -> None:
-    """Identify the empty machine's dynamic tares from recordings.
+    """Identify the empty machine's tares: weight, inertia, friction.
 
+    Needs recordings of the empty machine, every joint both ways, slowly and fast.
     A log of cylforce names its machine file itself; for other recordings name it first."""
     from rich.console import Console
 

@@ -15,17 +15,19 @@ def sim(
     bus: Annotated[str | None, typer.Option(metavar="INTERFACE:CHANNEL", help="Be the sensors on this bus.")] = None,
     scenario: Annotated[str, typer.Option(help="moves (for commissioning) or cycles (digging).")] = "cycles",
     cycles: Annotated[int, typer.Option(min=1, help="How many digging cycles.")] = 3,
-    duration: Annotated[float, typer.Option(help="Of the moves, in seconds.")] = 120.0,
-    seed: Annotated[int | None, typer.Option(min=0, help="Without one, one is drawn and printed.")] = None,
+    duration: Annotated[float, typer.Option(help="Length of the moves, in seconds.")] = 120.0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the random numbers. Without it, one is drawn and printed.")
+    ] = None,
     mass_error: Annotated[
         float, typer.Option(help="How far the true masses are off the machine file's, as a fraction.")
     ] = 0.1,
     effects: Annotated[
         Path | None, typer.Option(help="A TOML file of effects, as `cylforce gap --patch` writes it.")
     ] = None,
-    payload_kg: Annotated[float, typer.Option(help="In the bucket during the moves.")] = 0.0,
+    payload_kg: Annotated[float, typer.Option(help="Load in the bucket during the moves.")] = 0.0,
     turning: Annotated[bool, typer.Option(help="The house turns to and fro during the moves.")] = False,
-    truth: Annotated[Path | None, typer.Option(help="Write the truth there.")] = None,
+    truth: Annotated[Path | None, typer.Option(help="Write what is true of the simulated machine there (CSV).")] = None,
     log: Annotated[Path | None, typer.Option(help="Without a bus: write the events there.")] = None,
     table: Annotated[Path | None, typer.Option(help="Without a bus: write the samples there.")] = None,
 ) -> None:

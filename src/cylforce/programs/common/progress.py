@@ -46,7 +46,8 @@ def watched(path: Path, events: Iterable[Event], watch: Watch) -> Iterator[Event
 
 
 def _expected(path: Path) -> float | None:
-    """About how many lines a text has, judged by its beginning; None where lines say nothing."""
+    """About how many lines a .log file has, estimated from its beginning; None for other files, whose lines are no
+    events."""
     if path.suffix.lower() != ".log":
         return None
     with path.open("rb") as file:

@@ -41,7 +41,7 @@ def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
 
 
 def model_of(loaded: Loaded) -> Model:
-    """The model of a machine file."""
+    """The estimator's model of a machine file's machine, with all friction laws that the file allows."""
     service = loaded.service
     return Model(service.machine, service.filters, service.effects)
 
@@ -85,7 +85,8 @@ def make_core(loaded: Loaded, identified: Path | None, tell: Tell = warn) -> Cor
 
 
 def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
-    """The same with what a lift of a known weight tells. Raises RecordingError when the weight is not seen to hang."""
+    """The identification with the scale from a lift of a known weight. Raises RecordingError when the weight is not
+    seen to hang."""
     try:
         return with_known_load(found, recorded_segments(loaded, lift), known_kg, hanging)
     except ValueError as error:
@@ -111,8 +112,8 @@ def continued(header: Header, state: State) -> Header:
 
 
 def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Tell) -> State:
-    """The service's state at the begin of a log. A state of other tares or of another version does not fit: then only
-    zero and tare are taken over, the estimators start anew, and `tell` says so."""
+    """The service's state at the beginning of a log. A state of other tares or of another version does not fit: then
+    only zero and tare are taken over, the estimators start anew, and `tell` says so."""
     said = recorded.state
     known = Scale(**{name: float(str(said.get(name, 0.0))) for name in Scale._fields})
     if "service" not in said:

@@ -20,12 +20,12 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame, Tick
 
 SHORTEST_S = 20.0  # of a stretch
-PART_S = 60.0  # of what is kept or given up together
-MOST = 20  # such parts of all recordings together: their rows are what fills the memory
+PART_S = 60.0  # of a part, which is examined or left out as a whole
+MOST = 20  # parts of all recordings together, because their rows fill the memory
 
 
 class LookedAt(NamedTuple):
-    """How much of a recording is looked at: `seconds` in so many `stretches`, of `of_seconds`."""
+    """How much of a recording is examined: `seconds` in so many `stretches`, of `of_seconds`."""
 
     name: str
     seconds: float
@@ -34,7 +34,7 @@ class LookedAt(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """The stretches of some recordings that are looked at, and how much that is of each recording."""
+    """The stretches of some recordings that are examined, and how much that is of each recording."""
 
     stretches: list[Recorded]
     looked_at: list[LookedAt]

@@ -85,7 +85,7 @@ def postures(machine: Machine) -> Array:
 
 
 def extent(machine: Machine) -> Extent:
-    """Over all joint ranges, chassis level; the ground is not looked at."""
+    """Over all joint ranges, chassis level; without regard to the ground."""
     grids = (np.linspace(low, high, GRID) for low, high in set_ranges(machine))
     places = machine.tool_point(joint_angles(machine, np.array(list(product(*grids))))).place
     return Extent(float(places.real.max()), float(places.imag.max()), -float(places.imag.min()))

@@ -36,7 +36,7 @@ def tables(service: Service) -> tuple[TextTable, ...]:
     )
 
 
-def plain(table: TextTable) -> str:
+def as_text(table: TextTable) -> str:
     """A table as text; first column to the left, the others to the right when they are numbers."""
     lines = [table.head, *table.rows]
     widths = [max(len(line[k]) for line in lines) for k in range(len(table.head))]
@@ -132,14 +132,14 @@ def _nodes(service: Service) -> TextTable:
         )
         for node in service.nodes
     ]
-    own = ("our own", str(service.node_id), "404", f"{1e3 * service.heartbeat_s:.0f}", "payload and force")
+    own = ("cylforce", str(service.node_id), "404", f"{1e3 * service.heartbeat_s:.0f}", "payload and force")
     return TextTable("Nodes", head, [*rows, own])
 
 
 def _pdos(service: Service) -> TextTable:
     head = ("TPDO of", "no.", "COB-ID", "sent", "byte", "object", "type", "value")
     each = [(node.name, pdo) for node in service.nodes for pdo in node.pdos]
-    each += [("our own", pdo) for pdo in service.publication]
+    each += [("cylforce", pdo) for pdo in service.publication]
     return TextTable("PDOs", head, [row for owner, pdo in each for row in _pdo(owner, pdo)])
 
 
@@ -148,7 +148,7 @@ def _pdo(owner: str, pdo: Pdo) -> Iterator[tuple[str, ...]]:
     sent = nth if pdo.synchronous else f"every {1e3 * pdo.period_s:g} ms"
     first, byte = (owner, str(pdo.number), f"{pdo.can_id:03X}h", sent), 0
     for field in pdo.fields:
-        place, name = f"{field.index:04X}h:{field.sub}", field.signal or "(read by nobody)"
+        place, name = f"{field.index:04X}h:{field.sub}", field.signal or "(not used)"
         yield *first, str(byte), place, TYPE_NAMES[field.code], name
         first, byte = ("", "", "", ""), byte + CODES[field.code]
 
@@ -159,7 +159,7 @@ def _bus(service: Service) -> TextTable:
     shares = ", ".join(f"{100 * total / rate:.0f} % of {rate // 1000} kbit/s" for rate in BIT_RATES)
     notes = [f"in all {total:.0f} bit/s with the most stuff bits: {shares}"]
     if not service.sync_producer:
-        notes.append("without the SYNC, which another node makes")
+        notes.append("without SYNC, which another node produces")
     return TextTable("Bus load", ("frames", "COB-ID", "bytes", "per second", "bit/s at most"), rows, notes)
 
 

@@ -61,7 +61,7 @@ class TablePlayer:
         self._store(dict.fromkeys(table.signals, np.nan))
 
     def boot(self) -> None:
-        """Say that the sensors are there."""
+        """Send the sensors' boot-up messages."""
         for _, node in self._sensors:
             node.boot()
 

@@ -101,7 +101,7 @@ class SensorNodes:
         return EVENT_POLL_S if self._free else HEARTBEAT_POLL_S
 
     def boot(self) -> None:
-        """Say that they are there."""
+        """Send the boot-up messages."""
         for _, node in self._sensors:
             node.boot()
 
@@ -127,7 +127,8 @@ class SensorNodes:
         return end is not None and self._seconds(t_us) > end + LINGER_S
 
     def _seconds(self, t_us: int) -> float:
-        """Time of the run [s]: it begins a little after all sensors are operational."""
+        """Time of the run [s] at the time `t_us`. The first call with all sensors operational sets its zero to
+        `STILL_S` later: before that call it is 0, until the zero negative; the machine is at rest."""
         if self._start_us is None and all(node.operational for _, node in self._sensors):
             self._start_us = t_us + round(1e6 * STILL_S)
         return 0.0 if self._start_us is None else 1e-6 * (t_us - self._start_us)

@@ -11,9 +11,11 @@ from cylforce.commissioning.identification import Identification
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.mechanics.machine import Machine
 
-MATTERS = 0.001  # of the rated payload: what costs the weight less is not worth a sentence among the next steps
-ENOUGH = 0.9  # of what coverage asks for, of the working range
-NOISY = 0.8  # share of the standard error from which on better tares would not help
+MATTERS = (
+    0.001  # of the rated payload: a parameter that adds less to the weight's error is not among the next steps; chosen
+)
+ENOUGH = 0.9  # of the motion that coverage needs, and of the working range; chosen
+NOISY = 0.8  # share of noise in the standard error, from which on better tares would not help; chosen
 MOST = 5  # details of a step
 
 
@@ -24,7 +26,7 @@ class Advised(NamedTuple):
     details: tuple[str, ...] = ()
 
 
-class Untold(NamedTuple):
+class Undetermined(NamedTuple):
     """A parameter that the recording does not determine: its name, what it is, its contribution to the weight's
     standard error [kg], the cure."""
 
@@ -44,9 +46,12 @@ MEANING = {
     "coulomb": ("dry friction", "move the {0} cylinder slowly, both ways"),
     "viscous": ("friction with speed", "move the {0} cylinder both slowly and fast"),
     "load_dependent": ("friction with load", "move the {0} cylinder with the arm out and in"),
-    "directional": ("difference of the directions", "move the {0} cylinder slowly, both ways, in the same postures"),
+    "directional": (
+        "friction larger one way than the other",
+        "move the {0} cylinder slowly, both ways, in the same postures",
+    ),
 }
-UNKNOWN = ("of the model", "move every joint both ways, slowly and fast, through its whole range")
+UNKNOWN = ("parameter of the model", "move every joint both ways, slowly and fast, through its whole range")
 
 
 def meaning(name: str) -> str:
@@ -55,7 +60,8 @@ def meaning(name: str) -> str:
 
 
 def middle(expected: Expected) -> float:
-    """The standard error [kg] at the median posture; infinite when nothing can be weighed there."""
+    """The median over all postures of a weight's standard error [kg], which is infinite where nothing can be
+    weighed."""
     return float(np.median(np.nan_to_num(expected.standard_error, nan=np.inf)))
 
 
@@ -80,30 +86,39 @@ def usable_share(machine: Machine, expected: Expected) -> float:
     return float(np.mean(np.nan_to_num(expected.standard_error, nan=np.inf) <= GOOD_ENOUGH * machine.rated_payload))
 
 
-def untold(found: Identification, expected: Expected) -> tuple[Untold, ...]:
+def undetermined(found: Identification, expected: Expected) -> tuple[Undetermined, ...]:
     """What the recording does not determine, the largest contribution first."""
     each = dict(zip(found.tares.names, cost(found.tares, expected), strict=True))
     lost = []
     for name in found.not_identified:
         owner, _, end = name.rpartition(".")
         cure = MEANING.get(end, UNKNOWN)[1].format(owner)
-        lost.append(Untold(name, meaning(name), float(each[name]), cure))
+        lost.append(Undetermined(name, meaning(name), float(each[name]), cure))
     return tuple(sorted(lost, key=lambda u: -u.mass))
 
 
 def next_steps(
-    found: Identification, expected: Expected, lost: tuple[Untold, ...], gaps: tuple[str, ...], covered: float
+    found: Identification, expected: Expected, lost: tuple[Undetermined, ...], gaps: tuple[str, ...], covered: float
 ) -> tuple[Advised, ...]:
     """What to do next, the gravest first."""
     machine = found.model.machine
     matter = tuple(f"{u.name} ({u.meaning}, {u.mass:.1f} kg): {u.cure}" for u in lost if matters(machine, u))
     steps = []
     if found.violations:
-        steps.append(Advised("Identify again with --enforce, and check the data sheet; broken are:", found.violations))
+        steps.append(
+            Advised(
+                "Identify again with --enforce, and check the data sheet; these physical laws are violated:",
+                found.violations,
+            )
+        )
     if usable_share(machine, expected) < ENOUGH:
         steps.append(Advised(_where_weak(found, expected)))
     if matter:
-        steps.append(Advised("Record also what this recording does not tell, identify from both:", matter[:MOST]))
+        steps.append(
+            Advised(
+                "Record also what this recording does not determine, and identify from both recordings:", matter[:MOST]
+            )
+        )
     if covered < ENOUGH:
         steps.append(Advised("To be sure in every posture, record also:", gaps[:MOST]))
     if found.tares.scale_error == 0.0:
@@ -111,20 +126,17 @@ def next_steps(
     return tuple(steps)
 
 
-def matters(machine: Machine, lost: Untold) -> bool:
+def matters(machine: Machine, lost: Undetermined) -> bool:
     """Whether it is worth a sentence."""
     return not lost.mass <= MATTERS * machine.rated_payload
 
 
 def _where_weak(found: Identification, expected: Expected) -> str:
     """Why the weight is not good enough everywhere: the rows' noise or the tares."""
-    told = np.isfinite(expected.standard_error)
-    if not np.any(told):
-        return "These tares weigh nothing anywhere: see below what the recording does not tell."
-    if np.median(expected.noise[told]) > NOISY * np.median(expected.standard_error[told]):
-        return (
-            "Three seconds of motion do not suffice to weigh everywhere (map below): weigh longer, or where the map is "
-            "green."
-        )
+    known = np.isfinite(expected.standard_error)
+    if not np.any(known):
+        return "With these tares no weight is good enough anywhere: see below what the recording does not determine."
+    if np.median(expected.noise[known]) > NOISY * np.median(expected.standard_error[known]):
+        return "Three seconds are too short to weigh in all postures: weigh longer, or where the map below is green."
     worst = ", ".join(found.tares.names[k] for k in np.argsort(-cost(found.tares, expected))[:3])
-    return f"The tares are not known well enough to weigh everywhere (map below), above all {worst}."
+    return f"The tares are not known well enough to weigh in all postures (map below), above all {worst}."

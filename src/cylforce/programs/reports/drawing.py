@@ -60,13 +60,14 @@ def canvas(height: float) -> Figure:
     return Figure(figsize=(WIDTH, height), layout="constrained")
 
 
-def svg(figure: Figure, told: str) -> str:
-    """The figure as an element of HTML, with `told` as its description for screen readers; it contains no address."""
+def svg(figure: Figure, description: str) -> str:
+    """The figure as an element of HTML, with `description` as its description for screen readers; it contains no
+    address."""
     out = io.StringIO()
     figure.savefig(out, format="svg", dpi=130, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     _, tag, rest = re.split(r"<svg([^>]*)>", out.getvalue(), maxsplit=1)
     tag = _SIZE.sub("", _SPACES.sub("", tag))
-    return f'<svg role="img" aria-label="{escape(told)}"{tag}>' + _METADATA.sub("", rest)
+    return f'<svg role="img" aria-label="{escape(description)}"{tag}>' + _METADATA.sub("", rest)
 
 
 def nothing(axes: Axes) -> None:
@@ -83,10 +84,10 @@ def noted(axes: Axes, x: float, y: float, text: str) -> None:
 def banded(axes: Axes, x: Array, y: Array, edges: Array, colour: str) -> None:
     """Mean and standard deviation of y (T,) within bins of x (T,), drawn over a cloud of points."""
     part = np.digitize(x, edges) - 1
-    held = [y[np.logical_and(part == k, np.isfinite(y))] for k in range(len(edges) - 1)]
-    kept = [k for k, values in enumerate(held) if len(values) >= 20]
+    within = [y[np.logical_and(part == k, np.isfinite(y))] for k in range(len(edges) - 1)]
+    kept = [k for k, values in enumerate(within) if len(values) >= 20]
     middle = (edges[:-1] + edges[1:])[kept] / 2.0
-    mean, spread = (np.array([f(held[k]) for k in kept]) for f in (np.mean, np.std))
+    mean, spread = (np.array([f(within[k]) for k in kept]) for f in (np.mean, np.std))
     axes.errorbar(middle, mean, spread, color=colour, fmt="o", markersize=3.5, linewidth=1.1, zorder=4)
 
 

@@ -66,19 +66,19 @@ def evidence(model: Model, tares: Tares, segments: Iterable[tuple[str, Array]]) 
 
     Raises ValueError when no stretch is long enough."""
     wanted = plan(model.machine, REST * model.filters.direction_speed)
-    held: list[DrawnSamples] = []
+    kept: list[DrawnSamples] = []
     total: _Sum | None = None
     best: DrawnMinute | None = None
     step, most = 1, 0.0
     for name, values in _pieces(model, segments):
         part = seen(model, tares, wanted, values)
         total = _added(total, wanted, part, model.channels.dt)
-        held, step = _thinned([*held, _every(part, step)], step)
+        kept, step = _thinned([*kept, _every(part, step)], step)
         if best is None or _worth(wanted, part) > most:
             most, best = _worth(wanted, part), _stretch(name, part, model.filters)
     if best is None or total is None:
         raise ValueError("the recording has no stretch that is long enough to be shown")
-    points = DrawnSamples(*(np.concatenate(column) for column in zip(*held, strict=True)))
+    points = DrawnSamples(*(np.concatenate(column) for column in zip(*kept, strict=True)))
     return Drawn(points, best, wanted, *total)
 
 
@@ -124,11 +124,11 @@ def _every(part: DrawnSamples, step: int) -> DrawnSamples:
     return DrawnSamples(*(column[::step] for column in part))
 
 
-def _thinned(held: list[DrawnSamples], step: int) -> tuple[list[DrawnSamples], int]:
+def _thinned(kept: list[DrawnSamples], step: int) -> tuple[list[DrawnSamples], int]:
     """No more than MOST_POINTS in all, evenly over the recording."""
-    while sum(len(part.speed) for part in held) > MOST_POINTS:
-        held, step = [_every(part, 2) for part in held], 2 * step
-    return held, step
+    while sum(len(part.speed) for part in kept) > MOST_POINTS:
+        kept, step = [_every(part, 2) for part in kept], 2 * step
+    return kept, step
 
 
 def _worth(wanted: Plan, part: DrawnSamples) -> float:

@@ -13,12 +13,12 @@ from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.programs.reports.advice import (
     ENOUGH,
     Advised,
-    Untold,
+    Undetermined,
     gap_sentences,
     matters,
     middle,
     next_steps,
-    untold,
+    undetermined,
     usable_share,
 )
 from cylforce.programs.reports.evidence import Drawn
@@ -54,7 +54,7 @@ class Row(NamedTuple):
 
 
 class ParameterLine(NamedTuple):
-    """A line of the table: data sheet and identified, each with its standard error; `told`: determined by the
+    """A line of the table: data sheet and identified, each with its standard error; `determined`: determined by the
     recording."""
 
     name: str
@@ -63,7 +63,7 @@ class ParameterLine(NamedTuple):
     sheet_error: float
     value: float
     error: float
-    told: bool
+    determined: bool
 
 
 class Findings(NamedTuple):
@@ -73,7 +73,7 @@ class Findings(NamedTuple):
     cards: tuple[Card, ...]
     steps: tuple[Advised, ...]
     rows: tuple[Row, ...]
-    untold: tuple[Untold, ...]
+    undetermined: tuple[Undetermined, ...]
     gaps: tuple[str, ...]
     parameters: tuple[ParameterLine, ...]
     grid: PostureGrid
@@ -87,13 +87,13 @@ def findings(found: Identification, shown: Drawn) -> Findings:
     grid = postures(found.model.machine)
     expected = expected_error(found.model, found.tares, grid.theta)
     sheet = expected_error(found.model, found.model.data_sheet, grid.theta)
-    lost = untold(found, expected)
+    lost = undetermined(found, expected)
     gaps = gap_sentences(found.model.machine, missing(shown.plan, shown.seconds))
     return Findings(
         cards=_cards(found, shown, expected, lost),
         steps=next_steps(found, expected, lost, gaps, share(shown.plan, shown.seconds)),
         rows=_rows(found, shown, grid),
-        untold=lost,
+        undetermined=lost,
         gaps=gaps,
         parameters=_parameters(found),
         grid=grid,
@@ -103,11 +103,14 @@ def findings(found: Identification, shown: Drawn) -> Findings:
     )
 
 
-def _cards(found: Identification, shown: Drawn, expected: Expected, lost: tuple[Untold, ...]) -> tuple[Card, ...]:
+def _cards(found: Identification, shown: Drawn, expected: Expected, lost: tuple[Undetermined, ...]) -> tuple[Card, ...]:
     rated, within = found.model.machine.rated_payload, usable_share(found.model.machine, expected)
     typical, covered, explained = middle(expected), share(shown.plan, shown.seconds), _explained(found)
     matter = [u for u in lost if matters(found.model.machine, u)]
-    count, kept = len(found.tares.names), "the others hardly matter" if lost and not matter else "by the recording"
+    count, kept = (
+        len(found.tares.names),
+        "the others hardly affect the weight" if lost and not matter else "by the recording",
+    )
     weight = f"{typical:.1f} kg" if np.isfinite(typical) else "no weight"
     return (
         Card(
@@ -120,29 +123,30 @@ def _cards(found: Identification, shown: Drawn, expected: Expected, lost: tuple[
         Card(
             "Torque explained",
             f"{100 * explained:.1f} %",
-            "of the worst joint's",
+            "at the worst joint",
             explained > EXPLAINED,
             explained < LITTLE,
         ),
         Card(
             "Postures covered", f"{100 * covered:.0f} %", f"{found.seconds:.0f} s of usable motion", covered >= ENOUGH
         ),
-        Card("Parameters told", f"{count - len(lost)} of {count}", kept, not matter),
+        Card("Parameters determined", f"{count - len(lost)} of {count}", kept, not matter),
     )
 
 
 def _explained(found: Identification) -> float:
-    """The share that is explained of the worst joint's torque; nothing of one never seen."""
+    """The share of the worst joint's torque that is explained; 0 for a joint that was never seen."""
     return float(np.min(np.nan_to_num(found.explained, nan=0.0)))
 
 
 def _limits(found: Identification, expected: Expected) -> tuple[tuple[str, float], ...]:
-    """What limits the weight: what no row explains, the scale, single tares."""
-    told = np.isfinite(expected.noise)
-    if not np.any(told):
+    """What limits the weight, the largest first: unexplained torque, scale, single tares, each with its part of the
+    standard error [kg]."""
+    known = np.isfinite(expected.noise)
+    if not np.any(known):
         return ()
     each = dict(zip(found.tares.names, map(float, cost(found.tares, expected)), strict=True))
-    each |= {"unexplained torque": float(np.median(expected.noise[told]))}
+    each |= {"unexplained torque": float(np.median(expected.noise[known]))}
     each |= {"scale": found.tares.scale_error * found.model.machine.rated_payload}
     return tuple(sorted(each.items(), key=lambda item: -item[1])[:MOST_LIMITS])
 

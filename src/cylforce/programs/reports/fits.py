@@ -117,7 +117,7 @@ def _left(axes: Axes, speed: Array, left: Array) -> None:
 
 
 def laws(found: Identification) -> Figure:
-    """Held-out error of every friction law tried, in units of the rows' own noise."""
+    """Error of every friction law tried, in postures left out of its fit, in units of the noise of each joint."""
     names = list(found.held_out)
     error = np.sqrt([found.held_out[name] for name in names])
     kept = [name in found.model.friction for name in names]
@@ -131,5 +131,5 @@ def laws(found: Identification) -> Figure:
     axes.set_xlim(0.0, 1.35 * float(np.max(error)))
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("error in postures held out, in units of each row's own noise")
+    axes.set_xlabel("error in postures left out of the fit, in units of the noise of each joint")
     return figure

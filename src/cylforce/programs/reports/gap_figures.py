@@ -25,11 +25,11 @@ from cylforce.programs.reports.drawing import (
     nothing,
 )
 from cylforce.programs.reports.evidence import DrawnSamples, push
-from cylforce.programs.reports.gap_shown import Heat, Overlay, Shown, excess, movers, plain
+from cylforce.programs.reports.gap_shown import Heat, Overlay, Shown, excess, movers, readable
 from cylforce.signals.estimate import Array
 
 MOST_BARS = 12
-WORST = 5.0  # times the usual residual: from here on a cell is as dark as can be
+WORST = 5.0  # times the normal residual: from here on a cell is as dark as can be
 SPEED_BINS = 16
 
 
@@ -43,20 +43,20 @@ def bars(search: Search, judged: Judged) -> Figure:
     colours = [BLUE if r.key in named else AMBER if r.key in confused else GRID for r in shown]
     axes.barh(range(len(shown)), [r.score for r in shown], color=colours, height=0.66)
     for k, r in enumerate(shown):
-        word = ": named" if r.key in named else ": cannot be told apart" if r.key in confused else ""
+        word = ": named" if r.key in named else ": cannot be distinguished" if r.key in confused else ""
         noted(axes, r.score, k, f"{r.score:.0f}{word}")
-    axes.set_yticks(range(len(shown)), [plain(r.key) for r in shown])
+    axes.set_yticks(range(len(shown)), [readable(r.key) for r in shown])
     axes.set_xlim(0.0, 1.25 * max([r.score for r in shown] or [1.0]))
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("evidence [nats] of each candidate by itself, all parameters left free")
+    axes.set_xlabel("evidence [nats] of each candidate by itself, all parameters refitted")
     if not shown:
         axes.text(0.5, 0.5, "no candidate has any", ha="center", color=PALE, transform=axes.transAxes)
     return figure
 
 
 def heat(shown: Heat, found: set[tuple[str, str]], *, taken: bool) -> Figure:
-    """Joint by regime, before and after, in units of the usual residual; (joint, regime) in `found` framed; `taken`:
+    """Joint by regime, before and after, in units of the normal residual; (joint, regime) in `found` framed; `taken`:
     effects were taken out."""
     figure = canvas(1.1 + 0.82 * len(shown.joints))
     axes = figure.subplots(2, 1, sharex=True)
@@ -64,11 +64,11 @@ def heat(shown: Heat, found: set[tuple[str, str]], *, taken: bool) -> Figure:
     _cells(axes[1], shown, shown.after)
     axes[0].set_title("before: parameters fixed [N m]")
     how = "effects taken out" if taken else "no effect found, parameters refitted"
-    axes[1].set_title(f"after: {how}, held-out stretches [N m]")
+    axes[1].set_title(f"after: {how}, stretches not fitted [N m]")
     for joint, regime in found:
         _framed(axes[0], shown.regimes.index(regime), shown.joints.index(joint))
     axes[1].set_xticks(range(len(shown.regimes)), [name.replace(" ", "\n") for name in shown.regimes])
-    figure.colorbar(image, ax=axes, label="times the usual residual", extend="max", aspect=30, pad=0.01)
+    figure.colorbar(image, ax=axes, label="times the residual in order", extend="max", aspect=30, pad=0.01)
     return figure
 
 

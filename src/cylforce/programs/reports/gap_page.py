@@ -24,12 +24,12 @@ def gap_page(
 ) -> str:
     """The HTML. `found`: None where nothing could be concluded; `sentence`: the verdict in words; `origin`: machine,
     files with their hashes and loads, date, version."""
-    told = NOTHING if found is None else _told(*found, dict(answer))
+    content = NOTHING if found is None else _content(*found, dict(answer))
     units = [(si, name, f"{factor:.6g}") for si, (name, factor) in SHOWN.items()]
-    return rendered("gap.html.j2", answer=answer, sentence=sentence, origin=origin, units=units, **told)
+    return rendered("gap.html.j2", answer=answer, sentence=sentence, origin=origin, units=units, **content)
 
 
-def _told(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> dict[str, Any]:
+def _content(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> dict[str, Any]:
     machine = search.original.model.machine
     return {
         "cards": cards(answer),

@@ -20,18 +20,19 @@ STRETCH_S = 30.0
 
 
 class Heat(NamedTuple):
-    """Residual [N m, rms] of R joints in G regimes (R, G): `before`, `after`, and as clean recordings have it."""
+    """Residual [N m, rms] of R joints in G regimes (R, G): `before`, `after`, and `normal` in recordings of the machine
+    in order."""
 
     joints: tuple[str, ...]
     regimes: tuple[str, ...]
     before: Array
     after: Array
-    usual: Array
+    normal: Array
 
 
 class Overlay(NamedTuple):
-    """The stretch in which an effect shows most: title, recording, times (T,) [s], residual (T,) [N m] with the effect
-    denied and all else refitted, what admitting it explains of that (T,) [N m]."""
+    """The stretch in which an effect shows most: title, recording, times (T,) [s], residual (T,) [N m] without
+    the effect, all else refitted, and the torque (T,) [N m] of it that the effect explains."""
 
     title: str
     recording: str
@@ -67,8 +68,8 @@ def _heat(search: Search, clean: list[Array], before: list[Array], after: list[A
     machine = problem.model.machine
     groups = ((problem.faulty, before), (problem.faulty, after), (problem.clean, clean))
     tables = [np.array([_row(problem, *g, r) for r in range(len(machine.rows))]) for g in groups]
-    usual = np.where(np.isfinite(tables[2]), tables[2], search.floor.rms[:, None])
-    return Heat(tuple(machine.links[j].name for j in machine.rows), tuple(REGIMES), tables[0], tables[1], usual)
+    normal = np.where(np.isfinite(tables[2]), tables[2], search.floor.rms[:, None])
+    return Heat(tuple(machine.links[j].name for j in machine.rows), tuple(REGIMES), tables[0], tables[1], normal)
 
 
 def _row(problem: Problem, seen: tuple[Seen, ...], residuals: list[Array], r: int) -> list[float]:
@@ -102,7 +103,7 @@ def movers(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 
 def _overlays(search: Search, named: tuple[Named, ...]) -> tuple[Overlay, ...]:
-    """Each named effect denied and admitted, all else refitted: the difference is what it explains."""
+    """Fits without and with each named effect: the difference of their residuals is what it explains."""
     problem, terms = search.original, [c.ranked.option.term for c in search.causes]
     blocks = problem.blocks(search.floor)
     admitted = _left(problem, blocks, terms)
@@ -117,7 +118,7 @@ def _overlay(search: Search, named: Named, denied: list[Array], admitted: list[A
     machine, own = search.original.model.machine, [a - b for a, b in zip(denied, admitted, strict=True)]
     k, r, span = _most(search, own)
     seen = search.original.faulty[k]
-    title = f"{plain(named.cause.ranked.key)}: {machine.links[machine.rows[r]].name} torque"
+    title = f"{readable(named.cause.ranked.key)}: {machine.links[machine.rows[r]].name} torque"
     return Overlay(title, seen.recorded.name, seen.rows.t[span], denied[k][span, r], own[k][span, r])
 
 
@@ -131,8 +132,8 @@ def _left(problem: Problem, blocks: Blocks, terms: list[Term]) -> list[Array]:
     ]
 
 
-def plain(key: tuple[str, str]) -> str:
-    """Name and place for the reader."""
+def readable(key: tuple[str, str]) -> str:
+    """Name and place of an effect in words."""
     return f"{key[0].replace('_', ' ')} at {key[1]}"
 
 
@@ -154,8 +155,8 @@ def _most(search: Search, own: list[Array]) -> tuple[int, int, slice]:
 def _steps(search: Search, judged: Judged, gap: Gap) -> tuple[tuple[str, Array], ...]:
     """The gap as effect after effect is simulated, with the sizes that they have together."""
     named, all_of = judged.named, written(search, judged)
-    labels = [f"+ {plain(n.cause.ranked.key)}" for n in named]
-    labels += ["+ others found beside"] if len(all_of) > len(named) else []
+    labels = [f"+ {readable(n.cause.ranked.key)}" for n in named]
+    labels += ["+ others"] if len(all_of) > len(named) else []
     parts = [[n.cause for n in named[: k + 1]] for k in range(len(labels) - 1)]
     simulation = Simulation(search, all_of)
     steps = [*(_mean(simulation.left(part)) for part in parts), gap.after]
@@ -172,5 +173,5 @@ def _mean(residuals: list[Array]) -> Array:
 
 
 def excess(heat: Heat, values: Array) -> NDArray[np.float64]:
-    """How many times the usual residual."""
-    return np.asarray(values / heat.usual)
+    """Residual (R, G) in multiples of that of the machine in order."""
+    return np.asarray(values / heat.normal)

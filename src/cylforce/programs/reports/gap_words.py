@@ -15,7 +15,7 @@ from cylforce.programs.reports.findings import Card
 from cylforce.programs.reports.units import interval, shown
 from cylforce.signals.kinds import Kind
 
-SURE = 0.9  # confidence from which on a name may be acted upon
+SURE = 0.9  # confidence from which on a repair may be based on the name; chosen
 CLOSED = 0.9  # of the gap's energy
 FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit
 
@@ -33,7 +33,7 @@ class CauseLine(NamedTuple):
 
 
 class Rival(NamedTuple):
-    """What might be the cause instead: its evidence relative to that of the one named, what would tell them apart."""
+    """What might be the cause instead: its evidence relative to that of the one named, and how to confirm it."""
 
     named: str
     rival: str
@@ -74,7 +74,7 @@ def cards(answer: dict[str, Any]) -> tuple[Card, ...]:
 def _closed(closure: dict[str, float | None]) -> Card:
     value, low, high = (closure[k] for k in ("value", "low", "high"))
     if value is None or low is None or high is None:
-        return Card("Gap closed", "--", "no share can be told: see the torque", good=False)
+        return Card("Gap closed", "--", "too uncertain for a figure: see the torque", good=False)
     return Card("Gap closed", f"{100 * value:.0f} %", f"90 %: {100 * low:.0f} to {100 * high:.0f} %", value >= CLOSED)
 
 
@@ -132,17 +132,17 @@ def least(search: Search) -> tuple[Least, ...]:
     for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
         if proposal.course:
             continue
-        size, held = SIGMAS * evidence.blind(places[0], TEMPER), best.setdefault(proposal.name, {})
-        if proposal.at not in held or size < held[proposal.at][0]:
-            held[proposal.at] = (size, proposal)
+        size, found = SIGMAS * evidence.blind(places[0], TEMPER), best.setdefault(proposal.name, {})
+        if proposal.at not in found or size < found[proposal.at][0]:
+            found[proposal.at] = (size, proposal)
     machine = search.original.model.machine
-    return tuple(_least(machine, name, list(held.values())) for name, held in best.items())
+    return tuple(_least(machine, name, list(found.values())) for name, found in best.items())
 
 
-def _least(machine: Machine, name: str, held: list[tuple[float, Proposal]]) -> Least:
-    about, unit = held[0][1].about, unit_of(machine, held[0][1])
+def _least(machine: Machine, name: str, found: list[tuple[float, Proposal]]) -> Least:
+    about, unit = found[0][1].about, unit_of(machine, found[0][1])
     places = tuple(
         (p.at, shown(size, unit_of(machine, p)) if np.isfinite(size) else "never", bool(size > about.high / 2.0))
-        for size, p in held
+        for size, p in found
     )
     return Least(name.replace("_", " "), interval(about.low, about.high, unit), places)

@@ -153,7 +153,7 @@ def parameters(concluded: Findings) -> Figure:
 
 def _bar(axes: Axes, k: int, p: ParameterLine) -> None:
     away, error = (p.value - p.sheet) / p.sheet_error, 1.96 * p.error / p.sheet_error
-    colour = AMBER if not p.told else RED if abs(away) > 3.0 else BLUE
+    colour = AMBER if not p.determined else RED if abs(away) > 3.0 else BLUE
     axes.errorbar(np.clip(away, -WIDE, WIDE), k, xerr=error, color=colour, fmt="o", markersize=5, capsize=3)
-    note = "kept from the data sheet" if not p.told else f"{p.sheet_error / p.error:.0f} times sharper"
+    note = "kept from the data sheet" if not p.determined else f"{p.sheet_error / p.error:.0f} times sharper"
     axes.text(WIDE, k, note + " ", ha="right", va="center", color=PALE, fontsize=8.5)

@@ -16,21 +16,21 @@ from cylforce.programs.reports.findings import Findings
 from cylforce.programs.reports.template import Wanted, drawn, rendered
 
 
-def page(found: Identification, shown: Drawn, told: Findings, origin: Mapping[str, Any]) -> str:
+def page(found: Identification, shown: Drawn, concluded: Findings, origin: Mapping[str, Any]) -> str:
     """The HTML. `origin`: what identified.toml says of its provenance, its own name `output` and `output_sha256`."""
     machine = found.model.machine
     return rendered(
         "page.html.j2",
         machine=machine.name,
         found=found,
-        told=told,
+        concluded=concluded,
         duration=shown.duration,
         rated=machine.rated_payload,
         needed=NEEDED_S,
-        median=_median(told.expected),
-        before=_median(told.sheet),
+        median=_median(concluded.expected),
+        before=_median(concluded.sheet),
         scale=_scale(found),
-        figures=_figures(found, shown, told),
+        figures=_figures(found, shown, concluded),
         origin=origin,
         hashed=list(zip(origin["recordings"], origin["recording_sha256"], strict=True)),
         output=origin["output"],
@@ -46,18 +46,18 @@ def _median(expected: Expected) -> str:
 def _scale(found: Identification) -> str:
     tares = found.tares
     if tares.scale_error == 0.0:
-        return "Not in it: errors of scale (bores, pins, gains), of which the empty machine tells nothing."
-    return f"In it: the scale from a known weight, {tares.scale:.4f} ± {tares.scale_error:.4f}."
+        return "It does not contain errors of scale (bores, pins, gains), which the empty machine does not show."
+    return f"It contains the error of the scale from a known weight, {tares.scale:.4f} ± {tares.scale_error:.4f}."
 
 
-def _figures(found: Identification, shown: Drawn, told: Findings) -> dict[str, Markup]:
+def _figures(found: Identification, shown: Drawn, concluded: Findings) -> dict[str, Markup]:
     machine = found.model.machine
     wanted: Wanted = {
         "torques": (lambda: fits.torques(found, shown), "measured and predicted torque of every joint"),
         "residuals": (lambda: fits.residuals(found, shown), "friction and residual over the speed of every cylinder"),
         "covered": (lambda: maps.covered(machine, shown), "seconds of motion in every part of every joint's range"),
-        "weighing": (lambda: maps.weighing(machine, told), "standard error of a weight over the working range"),
-        "parameters": (lambda: maps.parameters(told), "parameters with error bars against the data sheet"),
-        "laws": (lambda: fits.laws(found), "held-out error of the friction laws tried"),
+        "weighing": (lambda: maps.weighing(machine, concluded), "standard error of a weight over the working range"),
+        "parameters": (lambda: maps.parameters(concluded), "parameters with error bars against the data sheet"),
+        "laws": (lambda: fits.laws(found), "error of the friction laws tried, in postures left out of the fit"),
     }
     return drawn(wanted)

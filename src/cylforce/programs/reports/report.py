@@ -55,11 +55,11 @@ def gap_report(loaded: Loaded, question: Question, found: Diagnosed, watch: Watc
     from cylforce.programs.reports.gap_page import gap_page
 
     watch("drawing the report", None)
-    told = sentence(found.answer)
+    verdict = sentence(found.answer)
     if found.answer["effects"]:
-        told += f" Confidence: {100 * found.answer['effects'][0]['confidence']:.0f} %."
+        verdict += f" Confidence: {100 * found.answer['effects'][0]['confidence']:.0f} %."
     parts = None if found.search is None or found.gap is None else (found.search, found.judged, found.gap)
-    return gap_page(parts, {"next_experiment": ()} | found.answer, told, _origin(loaded, question, found.answer))
+    return gap_page(parts, {"next_experiment": ()} | found.answer, verdict, _origin(loaded, question, found.answer))
 
 
 def _origin(loaded: Loaded, question: Question, answer: dict[str, Any]) -> dict[str, Any]:

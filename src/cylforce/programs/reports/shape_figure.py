@@ -27,7 +27,7 @@ TIME = ("time since the recording began [s]", 1.0)
 
 
 def shape_figure(lie: Lie, machine: Machine) -> Figure:
-    """Residual of the joint over the quantity of its shape; what goes with no quantity over time, where it is worst."""
+    """Residual of the joint over the quantity that predicts it; over time, where it is largest, if none does."""
     figure = canvas(3.4)
     axes = figure.subplots()
     if lie.shapes[0].of in BY_ITSELF:

@@ -30,6 +30,6 @@ def drawn(wanted: Wanted) -> dict[str, Markup]:
     return {name: _drawn(name, *how) for name, how in wanted.items()}
 
 
-def _drawn(name: str, draw: Callable[[], Figure], told: str) -> Markup:
+def _drawn(name: str, draw: Callable[[], Figure], description: str) -> Markup:
     with style(name):
-        return Markup(svg(draw(), told))  # noqa: S704 - our own drawing; names in it are escaped where it is drawn
+        return Markup(svg(draw(), description))  # noqa: S704 - our own drawing; names in it are escaped where it is drawn

@@ -18,7 +18,7 @@ Limits = tuple[float, float, float, float]
 # kg/m: a steel tube of 40 x 3 mm has 2.7; mini excavators begin at 40; the booms of 300 t machines have about 3000
 MASS_PER_LENGTH: Limits = (2.0, 15.0, 5000.0, 30_000.0)
 # I / (m l^2) about the centre of gravity: 1/12 for a slender rod, 1/4 with all mass at both ends, 1/3 for a rod about
-# its pin - that is what one gets who takes the wrong axis
+# its pin, which is the wrong axis
 GYRATION: Limits = (0.002, 0.02, 0.3, 1.0)
 # distance of the centre of gravity from the inner pin over the length: 0.3 to 0.6 as a rule
 CENTRE: Limits = (0.0, 0.02, 1.2, 2.0)
@@ -26,17 +26,17 @@ CENTRE: Limits = (0.0, 0.02, 1.2, 2.0)
 PAYLOAD: Limits = (0.005, 0.03, 5.0, 50.0)
 # tooth line over the longest other link: 0.2 to 1.2
 TOOL: Limits = (0.0, 0.0, 2.0, 20.0)
-# degrees; a joint's whole range is 60 to 200, and its sine in radians read as degrees is below 5
+# degrees; a joint's whole range is 60 to 200; one that is given in radians is below 5
 ANGLE_SPAN: Limits = (5.0, 20.0, 270.0, 360.0)
 # bar to hold the rated payload at full reach, by a cylinder at its best lever: relief valves open at 210 to 380, and
-# makers keep a fifth in hand
+# makers keep a reserve of a fifth
 HOLDING: Limits = (1.0, 8.0, 300.0, 700.0)
 # rod over bore: ISO 7181 has area ratios from 1.06 to 5; cylinders of mobile machines have 1.4 to 2.5, a rod of 0.53 to
 # 0.77 of the bore. A radius that is taken for a diameter falls outside.
 ROD: Limits = (0.1, 0.4, 0.85, 0.98)
 PIN_REACH = 1.5  # of the link's length: no pin lies further from the inner one (a stick's tail is 0.3 long)
-CHASSIS_REACH = 10.0  # m, of a pin on the house: as far as a boom is long that counts as the house
-CENTRE_TOLERANCE = 0.4  # of the length: more says nothing about where a centre is
+CHASSIS_REACH = 10.0  # m, of a pin on the house; the house may include a boom that stands still, 10 m long
+CENTRE_TOLERANCE = 0.4  # of the length: with more, the centre could be anywhere on the link
 
 
 def doubts(machine: Machine) -> Inspection:
@@ -137,7 +137,7 @@ def _doubt_drive(machine: Machine, found: Inspection) -> None:
                 ("links", j), f"is moved by no cylinder: check the bodies of the pins, or add one at {link.name}"
             )
         own = [c for c in acting if machine.spans[c] == (j,)]
-        if len(own) == 1:  # what a cylinder over two joints adds is little: a tilt cylinder at the lift arm
+        if len(own) == 1:  # one that acts on two joints (a tilt cylinder at the lift arm) adds little
             _doubt_size(machine, j, own[0], found)
 
 

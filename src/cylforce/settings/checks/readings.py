@@ -35,8 +35,8 @@ def doubt_signal(machine: Machine, k: int, found: Inspection) -> None:
     """What is impossible or unusual about a sensor."""
     signal, key = machine.signals[k], ("sensors", k)
     span, (refuse_low, warn_low, warn_high, refuse_high) = signal.high - signal.low, SPANS[signal.kind]
-    usual = f"sensors of {signal.kind} span {_shown(signal, warn_low)} to {_shown(signal, warn_high)}"
-    problem = f"spans {_shown(signal, span)}, {usual}: check value and unit"
+    typical = f"sensors of {signal.kind} span {_shown(signal, warn_low)} to {_shown(signal, warn_high)}"
+    problem = f"spans {_shown(signal, span)}, {typical}: check value and unit"
     if not refuse_low <= span <= refuse_high:
         found.refuse((*key, "range"), problem)
     elif not warn_low <= span <= warn_high:

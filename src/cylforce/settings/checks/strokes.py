@@ -12,7 +12,7 @@ from cylforce.signals.units import DEGREE, MILLIMETRE
 SCAN = 361  # postures over one joint
 GRID = 61  # postures over each of two joints
 # Shares of the stroke. An angle range that was read off to one degree is off by 10 mm at a lever of 0.6 m, 1 % of the
-# usual stroke; a pin with a wrong sign is off by more than a tenth.
+# typical stroke; a pin with a wrong sign is off by more than a tenth.
 BEYOND_WARN, BEYOND_REFUSE = 0.02, 0.15
 UNUSED_WARN = 0.2
 LEVER_NOISE = 0.02  # of the largest lever: a range may end at a dead point, as a loader crane's does

@@ -14,7 +14,7 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.units import DEGREE
 
 ROOM = 0.01  # of the stroke, left at either end of the joint's range
-STIFF = 0.25  # as easily as a cylinder's foot do rocker and link change: makers keep a bucket linkage
+STIFF = 0.25  # times as easily as a cylinder's foot are rocker and link changed: makers keep a linkage; chosen
 MOST_MOVED = 0.5  # of a linkage's size: how far pins may come from the typical ones
 LEAST_LEVER = 0.25  # of the largest lever over the range: below it the force no longer shows the load well
 LEAST_TRANSMISSION = 0.3  # sine of the angle between rocker and link
@@ -44,17 +44,17 @@ def fit_pins(tables: dict[str, Any], k: int, wanted: Range | None) -> None:
 
 def _move(machine: Machine, tables: dict[str, Any], k: int, inner: Range) -> None:
     cylinder = tables["cylinders"][k]
-    shape, start = cylinder["linkage"], _free(cylinder["linkage"])
+    shape, start = cylinder["linkage"], _adjustable(cylinder["linkage"])
 
     def ends(x: Array) -> Range:
-        _set_free(shape, x)
+        _set_adjustable(shape, x)
         return lengths(machine, k, linkage(tables, shape))
 
     try:
         found = fitted(start, _ease(shape), ends, inner)
     except ValueError as error:
         raise ValueError(_misfit(cylinder["name"], inner, lengths(machine, k, machine.cylinders[k].linkage))) from error
-    _set_free(shape, found)
+    _set_adjustable(shape, found)
     if np.max(np.abs(found - start)) > MOST_MOVED * np.max(np.abs(start)):
         raise ValueError(_misfit(cylinder["name"], inner, lengths(machine, k, machine.cylinders[k].linkage)))
 
@@ -67,7 +67,7 @@ def _misfit(name: str, inner: Range, typical: Range) -> str:
     )
 
 
-def _free(shape: Mapping[str, Any]) -> Array:
+def _adjustable(shape: Mapping[str, Any]) -> Array:
     """The numbers [m] that may change: foot and eye; of a four-bar foot and, where the eye sits aside, that, else the
     lengths of rocker and link."""
     if shape["kind"] == "triangle":
@@ -82,7 +82,7 @@ def _ease(shape: Mapping[str, Any]) -> Array:
     return np.array([1.0, 1.0, STIFF, STIFF] if bars else [1.0, 1.0, 1.0, 1.0])
 
 
-def _set_free(shape: dict[str, Any], x: Array) -> None:
+def _set_adjustable(shape: dict[str, Any], x: Array) -> None:
     foot, (a, b) = x[:2].tolist(), x[2:].tolist()
     shape["foot"] = {**shape["foot"], "at_m": foot}
     if shape["kind"] == "triangle":

@@ -35,7 +35,9 @@ def proposal(kind: MachineType, raw: Raw, tonnes: float, values: Mapping[str, Va
         fit_pins(tables, k, _wanted(values, raw["cylinders"][k], s))
     _set_bus(tables, values)
     force = raw["publication"]["rated_force_n"]
-    tables["publication"]["rated_force_n"] = min(force, round(force * s**3, -3))  # its object holds little more
+    tables["publication"]["rated_force_n"] = min(
+        force, round(force * s**3, -3)
+    )  # its object on the bus holds little more
     return tables
 
 
@@ -102,8 +104,8 @@ def _set_cylinder(tables: Tables, raw: Raw, k: int, values: Values, given: froze
 
 def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[float]:
     """A pin of the example on the new machine [m]: as far, times the size, from the nearer end of its link; in the
-    middle of a link as far along it in proportion. `outer`: as far from the outer end, where the link has a rocker: one
-    linkage goes with longer and shorter links."""
+    middle of a link as far along it in proportion. `outer`: as far from the outer end, where the link has a rocker: the
+    same linkage is used on longer and shorter links."""
     x, z = pin["at_m"]
     names = [link["name"] for link in raw["links"]]
     if pin["body"] not in names[:-1]:
