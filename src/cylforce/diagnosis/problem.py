@@ -23,6 +23,7 @@ from cylforce.effects.fault import (
     BaseMotion,
     Distortion,
     Fault,
+    ForceLaw,
     Incident,
     MassChange,
     PartOfFriction,
@@ -163,6 +164,19 @@ class Problem:
     def lasting(self) -> int:
         """Number of columns before those of incidents."""
         return len(self.spread) - len(self.unusual)
+
+    @cached_property
+    def mechanical(self) -> list[int]:
+        """The columns of the machine itself, in which no reading of a sensor stands for itself: the model's parameters,
+        and every law of friction of the library."""
+        laws = [
+            isinstance(e, ForceLaw)
+            for p in self.proposals
+            for e in p.group
+            if not isinstance(e, Incident)
+            for _ in _sizes(e)
+        ]
+        return [*range(self.first), *(self.first + k for k, law in enumerate(laws) if law)]
 
     @cached_property
     def unusual(self) -> Array:
