@@ -49,9 +49,9 @@ def test_the_floor_is_what_sensor_noise_makes(problem):
 
 
 def test_a_reference_leaves_of_the_other_what_is_predicted(problem):
-    """The floor, and the uncertainty of what was fitted to the one along the columns of the other. Motion predicts still
-    postures; the other way round it is not tested, for still postures say little of friction in motion (measured: 0.4
-    to 2.2 of what is predicted)."""
+    """The floor, and the uncertainty of what was fitted to the one along the columns of the other. Motion predicts
+    still postures; the other way round it is not tested, for still postures say little of friction in motion
+    (measured: 0.4 to 2.2 of what is predicted)."""
     _, problem = problem
     floor, own = noise_floor(problem), problem.mechanical
     other, columns = (problem.columns(seen) for seen in problem.clean)
