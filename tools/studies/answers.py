@@ -20,6 +20,8 @@ IN_ORDER, ODD = 0.5, 0.1  # prior probability of a machine in order, and of what
 SECOND = 0.1  # prior probability of one more effect
 CONTACT = "soil_contact"
 MUCH = 1.5  # floors left by the best hypothesis: contact is asked for
+HALF = 0.5  # of the gap, which an effect must explain: the most of it
+LITTLE = 0.1  # of the floor's energy, beyond which there is a gap to explain
 SETTLING = 4  # rounds in which the blocks with contact are found
 SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, and nothing is said
 MASS = 0.9  # of the credible set
@@ -110,6 +112,11 @@ class Asked:
             return float(np.log(IN_ORDER))
         return sum(self.prior[p] for p in h.which) + (len(h.which) - 1) * float(np.log(SECOND))
 
+    def explained(self, h: Hypothesis) -> float:
+        """The share of the gap's energy beyond the floor that a hypothesis explains; 1 of none, and of no gap."""
+        gap = self.gap**2 - 1.0
+        return 1.0 - max(h.rest**2 - 1.0, 0.0) / gap if h.which and gap > LITTLE else 1.0
+
     def usually(self, noise: Noise) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
         found = 1.0
@@ -142,14 +149,15 @@ def largest_evidence(asked: Asked) -> Answer:
 
 
 def selected(asked: Asked) -> Answer:
-    """Bayes' rule over all hypotheses; what of a hypothesis is out of the noise's tail is unknown."""
+    """Bayes' rule over all hypotheses; what of a hypothesis is out of the noise's tail is unknown, and so is one that
+    leaves most of the gap."""
     logs = np.array([h.log + asked.prior_of(h) for h in asked.hypotheses])
     names = len({p.name for p in asked.proposals})
     contact = asked.contact + float(np.log((1.0 - IN_ORDER - ODD) / names))
     top = max(float(np.max(logs)), contact)
     weights, found = np.exp(logs - top), dict[Key, float]()
     for h, weight in zip(asked.hypotheses, weights.tolist(), strict=True):
-        usual = asked.usually(h.noise)
+        usual = asked.usually(h.noise) * float(asked.explained(h) >= HALF)
         key = asked.main(h) if h.which else NOTHING
         found[key] = found.get(key, 0.0) + weight * usual
         found[UNKNOWN] = found.get(UNKNOWN, 0.0) + weight * (1.0 - usual)
@@ -166,7 +174,6 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     each = sorted(found.values(), reverse=True)
     best = max(asked.hypotheses, key=lambda h: h.log + asked.prior_of(h))
     odds = np.log(max(each[0], 1e-12) / max(each[1] if len(each) > 1 else 0.0, 1e-12))
-    explained = 1.0 - max(best.rest**2 - 1.0, 0.0) / max(asked.gap**2 - 1.0, 0.1)
     change = float(np.max(np.abs(np.log(best.noise.rho / asked.usual.rho)))) / APART[0]
     first = max(found, key=lambda k: found[k])
     effect = float(first not in {NOTHING, UNKNOWN})
@@ -174,7 +181,7 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     return (
         min(odds, 12.0),
         float(np.log(asked.gap)),
-        float(np.clip(explained, -1.0, 1.0)),
+        max(asked.explained(best), -1.0),
         change,
         effect,
         min(lead, 4.0),

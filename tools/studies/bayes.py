@@ -225,7 +225,8 @@ class Case:
         """Proposals beside a hypothesis, most promising first: at its noise, and with the noise that would then be
         likeliest."""
         state = self.state(base.noise)
-        free = [p for p in asked if p not in base.which]
+        named = {self.scene.proposals[p][:2] for p in base.which}
+        free = [p for p in asked if self.scene.proposals[p][:2] not in named]
         left, shift = [], []
         for p in free:
             own, sizes, _ = self._sizes((*base.which, p), state)

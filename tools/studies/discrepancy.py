@@ -110,7 +110,7 @@ def log_prior(rho: Array, v: Array, usual: Noise, joint: int) -> Array:
     apart = (np.log(rho / usual.rho[joint]) / APART[0]) ** 2 + (np.log(v / usual.v[joint]) / APART[1]) ** 2
     core = np.log(1.0 - TAIL) - 0.5 * apart - np.log(2.0 * np.pi * APART[0] * APART[1])
     flat = np.log(TAIL) - np.log(np.log(LEVELS[-1] / LEVELS[0]) * np.log(SCALES[-1] / SCALES[0]))
-    return np.logaddexp(core, flat)
+    return np.asarray(np.logaddexp(core, flat))
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,7 @@ class Moments:
         across, precision, cost = self.weighed(noise)
         root = np.linalg.cholesky(precision)
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
-        information: Array = half.T @ half
-        return information, cost
+        return np.asarray(half.T @ half, dtype=np.float64), cost
 
     def energies(self, left: Array, noise: Noise) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
