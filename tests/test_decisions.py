@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal, norm
 
 from studies.answers import NOTHING, UNKNOWN, Answer, Asked, calibrated, selected
 from studies.bayes import Case, Machine, learnt
-from studies.discrepancy import DECAY, Noise, Sums, likeliest, sums
+from studies.discrepancy import DECAY, Noise, Sums, likeliest, moments, sums
 from studies.intervals import wilson
 from studies.labelled import COLUMNS, shares
 from studies.sizes import BEYOND, log_size
@@ -15,7 +15,9 @@ from studies.statistics import SMOOTH, Column, Scene, Statistics
 
 ROWS, BLOCKS, JOINTS, COUNT = 60, 40, 2, 4  # rows of a block, blocks, joints, columns
 PARTS = (Column("one", "a", (2,), 0.2, 8.0, 0, 1), Column("two", "b", (3,), 0.2, 8.0, 0, 1))
-SCENE = Scene(2, np.array([1.0, 1.0, 0.2, 0.2]), np.array([1.0, 1.0, 4.0, 4.0]), np.ones(1), PARTS, np.ones(JOINTS))
+SCENE = Scene(
+    2, np.array([1.0, 1.0, 0.2, 0.2]), np.array([1.0, 1.0, 4.0, 4.0]), np.full(1, 5.0), PARTS, np.ones(JOINTS)
+)
 
 
 def basis():
@@ -32,16 +34,22 @@ def recording(seed, sizes=(0.0, 0.0), rho=1.0, v=1.0):
     return np.concatenate([columns, left[..., None]], axis=-1)
 
 
+LEVERS = np.array([1.0, -0.5])  # of a force at the teeth, at either joint
+WAVE = np.stack([lever * np.linspace(1.0, 2.0, ROWS) for lever in LEVERS])  # its column in any block (JOINTS, ROWS)
+
+
 def told(rows):
-    empty = (
-        np.zeros((BLOCKS, JOINTS, 1, COUNT + 1)),
-        np.ones((BLOCKS, JOINTS, 1, 1)),
-        np.zeros((BLOCKS, JOINTS, SMOOTH, 1)),
+    """Statistics of rows; at single moments there may be one force."""
+    waves = np.broadcast_to(WAVE[None, :, :, None], (BLOCKS, JOINTS, ROWS, 1))
+    return Statistics(
+        whole=np.einsum("brti,brtj->rij", rows, rows),
+        smooth=np.einsum("tk,brti->brki", basis(), rows),
+        rows=np.full((BLOCKS, JOINTS), float(ROWS)),
+        across=np.einsum("brti,brtj->brij", waves, rows),
+        within=np.einsum("brti,brtj->brij", waves, waves),
+        waves=np.einsum("tk,brti->brki", basis(), waves),
+        crossed=np.zeros((JOINTS, COUNT + 1)),
     )
-    whole = np.einsum("brti,brtj->rij", rows, rows)
-    smooth = np.einsum("tk,brti->brki", basis(), rows)
-    counted = np.full((BLOCKS, JOINTS), float(ROWS))
-    return Statistics(whole, smooth, counted, *empty, np.zeros((JOINTS, COUNT + 1)))
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +58,8 @@ def machine():
 
 
 def answer(machine, rows):
-    return selected(Asked.of(machine.asked(sums(SCENE, [told(rows)]))))
+    each = told(rows)
+    return selected(Asked.of(machine.asked(sums(SCENE, [each])), moments(SCENE, each)))
 
 
 def test_the_likelihood_is_that_of_the_whole_covariance():
@@ -100,6 +109,13 @@ def test_what_was_put_in_is_found_and_nothing_else(machine):
     assert answer(machine, recording(6, sizes=(1.5, 0.0))).first == ("one", "a")
     assert answer(machine, recording(7, sizes=(0.0, -1.5))).first == ("two", "b")
     assert answer(machine, recording(8, rho=60.0)).first == UNKNOWN
+
+
+@pytest.mark.parametrize(("blocks", "first"), [(8, ("soil_contact", "bucket")), (32, UNKNOWN)])
+def test_a_force_at_moments_is_contact_and_all_the_time_it_is_work(machine, blocks, first):
+    rows = recording(9)
+    rows[:blocks, ..., -1] += np.random.default_rng(9).normal(0.0, 6.0, (blocks, 1, 1)) * WAVE
+    assert answer(machine, rows).first == first
 
 
 def test_everyday_differences_are_learnt(machine):
