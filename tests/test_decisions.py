@@ -11,7 +11,7 @@ from studies.discrepancy import DECAY, Noise, Sums, likeliest, moments, sums
 from studies.intervals import wilson
 from studies.labelled import COLUMNS, shares
 from studies.sizes import BEYOND, log_size
-from studies.statistics import SMOOTH, Column, Scene, Statistics
+from studies.statistics import SMOOTH, Column, Scene, Statistics, one_way
 
 ROWS, BLOCKS, JOINTS, COUNT = 60, 40, 2, 4  # rows of a block, blocks, joints, columns
 PARTS = (Column("one", "a", (2,), 0.2, 8.0, 0, 1), Column("two", "b", (3,), 0.2, 8.0, 0, 1))
@@ -140,9 +140,28 @@ def test_calibration_learns_on_other_machines_only():
     rows = [
         (Answer({("one", "a"): 0.99, NOTHING: 0.01}, (float(k % 3),)), g != 0, g) for g in range(5) for k in range(6)
     ]
-    again = calibrated(rows)
+    again = calibrated(rows, [True] * len(rows))
     assert all(a.probability > 0.8 for a, (_, _, g) in zip(again, rows, strict=True) if g == 0)
     assert all(sum(a.of.values()) == pytest.approx(1.0) for a in again)
+
+
+def test_friction_that_is_larger_one_way_is_half_a_change_and_half_an_asymmetry():
+    dry, uneven = (
+        Column("coulomb_friction", "c", (0,), 200.0, 2e4, 0, 1),
+        Column("asymmetric_friction", "c", (1,), 100.0, 1800.0, 0, 1),
+    )
+    scene = SCENE._replace(always=np.ones(2), spread=np.ones(2), proposals=(dry, uneven))
+    more, made = one_way(scene)
+    v = np.linspace(-1.0, 1.0, 9)
+    columns = np.stack([np.sign(v), np.abs(np.sign(v)), v], axis=-1) @ made  # the last one is what is left
+    assert columns[:, :2] == pytest.approx(np.stack([np.sign(v), np.abs(np.sign(v))], axis=-1))
+    assert columns[:, 2] == pytest.approx(np.where(v > 0.0, 1.0, 0.0))
+    assert columns[:, 3] == pytest.approx(np.where(v < 0.0, -1.0, 0.0))
+    assert columns[:, -1] == pytest.approx(v)
+    assert [(p.name, p.columns, p.low) for p in more.proposals[2:]] == [
+        (uneven.name, (2,), 200.0),
+        (uneven.name, (3,), 200.0),
+    ]
 
 
 def test_intervals_are_wilsons():

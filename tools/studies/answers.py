@@ -67,16 +67,17 @@ class Asked:
     usual: Noise
     contact: float
     busy: float
+    rest: float
     gap: float
 
     @classmethod
     def of(cls, case: Case, moments: Moments | None = None) -> "Asked":
         """Search a recording as one in the air and, if much is left, once with forces at the teeth."""
         found = case.searched(range(len(case.scene.proposals)))
-        gap, contact, busy = case.rest(np.append(-case.mean, 1.0)), -np.inf, 0.0
+        gap, contact, busy, rest = case.rest(np.append(-case.mean, 1.0)), -np.inf, 0.0, 1.0
         if min(h.rest for h in found) > MUCH and moments:
-            contact, busy = _touched(case, moments)
-        return cls(case.scene.proposals, tuple(found), case.usual, contact, busy, gap)
+            contact, busy, rest = _touched(case, moments)
+        return cls(case.scene.proposals, tuple(found), case.usual, contact, busy, rest, gap)
 
     @cached_property
     def none(self) -> Hypothesis:
@@ -113,9 +114,13 @@ class Asked:
         return sum(self.prior[p] for p in h.which) + (len(h.which) - 1) * float(np.log(SECOND))
 
     def explained(self, h: Hypothesis) -> float:
-        """The share of the gap's energy beyond the floor that a hypothesis explains; 1 of none, and of no gap."""
+        """The share of the gap's energy beyond the floor that a hypothesis explains; 1 of none."""
+        return self.share(h.rest) if h.which else 1.0
+
+    def share(self, rest: float) -> float:
+        """The same of what would be left, of the floor; 1 where there is no gap."""
         gap = self.gap**2 - 1.0
-        return 1.0 - max(h.rest**2 - 1.0, 0.0) / gap if h.which and gap > LITTLE else 1.0
+        return 1.0 - max(rest**2 - 1.0, 0.0) / gap if gap > LITTLE else 1.0
 
     def usually(self, noise: Noise) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
@@ -126,20 +131,21 @@ class Asked:
         return found
 
 
-def _touched(case: Case, moments: Moments) -> tuple[float, float]:
-    """Log of the probability that nothing but forces at the teeth happens, in the blocks where it is most probable, and
-    the share of these."""
+def _touched(case: Case, moments: Moments) -> tuple[float, float, float]:
+    """Log of the probability that nothing but forces at the teeth happens, in the blocks where it is most probable,
+    the share of these, and what is left, of the floor."""
     noise, left = case.usual, np.append(-case.mean, 1.0)
-    log, where = -np.inf, moments.happening(left, noise)
+    log, rest, where = -np.inf, np.inf, moments.happening(left, noise)
     for _ in range(SETTLING):
         teeth = replace(case, moments=moments.only(where))
         found = teeth.hypothesis((), noise)
         log, noise = found.log + moments.prior(where), found.noise
-        again = moments.happening(teeth.under((), teeth.state(noise))[2], noise)
+        left = teeth.under((), teeth.state(noise))[2]
+        rest, again = teeth.rest(left, noise), moments.happening(left, noise)
         if np.array_equal(again, where):
             break
         where = again
-    return log, float(np.mean(where))
+    return log, float(np.mean(where)), rest
 
 
 def largest_evidence(asked: Asked) -> Answer:
@@ -161,7 +167,8 @@ def selected(asked: Asked) -> Answer:
         key = asked.main(h) if h.which else NOTHING
         found[key] = found.get(key, 0.0) + weight * usual
         found[UNKNOWN] = found.get(UNKNOWN, 0.0) + weight * (1.0 - usual)
-    touching = (CONTACT, "bucket") if asked.busy <= SELDOM else UNKNOWN
+    named = asked.busy <= SELDOM and asked.share(asked.rest) >= HALF
+    touching = (CONTACT, "bucket") if named else UNKNOWN
     found[touching] = found.get(touching, 0.0) + float(np.exp(contact - top))
     whole = sum(found.values())
     found = {k: p / whole for k, p in found.items()}
@@ -188,15 +195,14 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     )
 
 
-def calibrated(told: Sequence[tuple[Answer, bool, Hashable]]) -> list[Answer]:
-    """The answers with the first's probability from a logistic regression on the features, fitted to all other groups
-    (machines)."""
+def calibrated(told: Sequence[tuple[Answer, bool, Hashable]], fitted: Sequence[bool]) -> list[Answer]:
+    """The answers with the first's probability from a logistic regression on the features, fitted to those cases of all
+    other groups (machines) that may be `fitted`."""
     features = np.array([a.features for a, *_ in told])
-    right = np.array([float(r) for _, r, _ in told])
-    groups = [g for *_, g in told]
+    right, may = np.array([float(r) for _, r, _ in told]), np.array(fitted)
     found = []
     for (answer, _, group), own in zip(told, features, strict=True):
-        others = np.array([g != group for g in groups])
+        others = may & np.array([g != group for *_, g in told])
         p = _logistic(features[others], right[others])(own)
         rest = 1.0 - answer.probability
         scaled = {k: v * (1.0 - p) / rest if rest > 1e-12 else 0.0 for k, v in answer.of.items()}

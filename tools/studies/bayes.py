@@ -216,10 +216,13 @@ class Case:
         white, smooth = (np.maximum(a + b, 1e-3 * a) for a, b in zip(found, more, strict=True))
         return white, smooth
 
-    def rest(self, left: Array) -> float:
-        """What is left at the worst joint, of the floor (rms)."""
-        energy = np.einsum("i,rij,j->r", left, self.sums.whole, left) / np.maximum(self.sums.rows, 1.0)
-        return float(np.sqrt(np.max(energy)))
+    def rest(self, left: Array, noise: Noise | None = None) -> float:
+        """What is left at the worst joint, of the floor (rms); with `noise` beside what happens at moments."""
+        energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
+        if self.moments and noise:
+            white, smooth = self.moments.energies(left, noise)
+            energy = np.maximum(energy + white + np.sum(smooth, axis=1), 0.0)
+        return float(np.sqrt(np.max(energy / np.maximum(self.sums.rows, 1.0))))
 
     def screened(self, base: Hypothesis, asked: Sequence[int]) -> list[int]:
         """Proposals beside a hypothesis, most promising first: at its noise, and with the noise that would then be

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -22,11 +23,11 @@ from rich.table import Table
 from cylforce.settings.machine_file import load
 from studies.answers import Answer, Asked, calibrated, largest_evidence, selected
 from studies.bayes import Machine, learnt
-from studies.discrepancy import moments, sums
+from studies.discrepancy import Sums, moments, sums
 from studies.intervals import wilson
 from studies.labelled import VISIBLE, Labelled, labelled, references
 from studies.statistics import Machine as Stored
-from studies.statistics import read_scene, read_statistics
+from studies.statistics import Statistics, made_of, one_way, read_scene, read_statistics
 from trial.cases import simulated, write
 from trial.field import Lengths, Site
 from trial.orders import PER_MACHINE, order
@@ -110,9 +111,14 @@ def read_labels(own: Path) -> dict[str, Truthful]:
 
 def machine(own: Path) -> Machine:
     """A machine that was stored, with everyday differences not learnt yet."""
-    scene = read_scene(own)
+    scene, made = one_way(read_scene(own))
     files = sorted(own.glob("reference_*.npz"))
-    return Machine(scene, tuple(sums(scene, [read_statistics(file)]) for file in files), {})
+    return Machine(scene, tuple(sums(scene, [made_of(read_statistics(file), made)]) for file in files), {})
+
+
+def recorded(own: Path, case: str) -> Statistics:
+    """A case that was stored."""
+    return made_of(read_statistics(own / f"{case}.npz"), one_way(read_scene(own))[1])
 
 
 class Row(NamedTuple):
@@ -130,22 +136,19 @@ def searched(work: tuple[Path, dict[str, float]]) -> list[Row]:
     own, everyday = work
     known, found = machine(own).with_everyday(everyday), []
     for case, truth in read_labels(own).items():
-        each = read_statistics(own / f"{case}.npz")
+        each = recorded(own, case)
         together = sums(known.scene, [each])
         asked = Asked.of(known.asked(together), moments(known.scene, each))
         found.append(Row(own.parent.name, own.name, case, truth, asked))
     return found
 
 
-def everyday_of(folders: Sequence[Path]) -> dict[str, float]:
-    """Everyday differences that machines in order show, in recordings in the air."""
-    pairs = []
-    for own in folders:
-        known = machine(own)
-        for case, truth in read_labels(own).items():
-            if not truth.effects and not truth.work:
-                pairs.append((known, sums(known.scene, [read_statistics(own / f"{case}.npz")])))
-    return learnt(pairs)
+@cache
+def in_order(own: Path) -> list[tuple[Machine, Sums]]:
+    """A machine and its recordings in order, in the air."""
+    known, labels = machine(own), read_labels(own)
+    cases = [case for case, truth in labels.items() if not truth.effects and not truth.work]
+    return [(known, sums(known.scene, [recorded(own, case)])) for case in cases]
 
 
 @dataclass(frozen=True)
@@ -221,7 +224,7 @@ def layers(rows: Sequence[Row]) -> dict[str, list[Scored]]:
         "Bayesian selection": [Scored(r, selected(r.asked)) for r in rows],
     }
     told = [(s.answer, s.right, (s.row.source, s.row.machine)) for s in found["Bayesian selection"]]
-    again = calibrated(told)
+    again = calibrated(told, [not r.truth.work for r in rows])
     found["with calibration"] = [Scored(r, a) for r, a in zip(rows, again, strict=True)]
     return found
 
@@ -243,7 +246,7 @@ def main() -> int:
     for place in range(options.reference_machines):
         store_reference(place, options.cache)
     stored = [own.parent for source in (FOREIGN, REFERENCE) for own in (options.cache / source).glob("*/labels.json")]
-    work = [(own, everyday_of([o for o in stored if o != own])) for own in sorted(stored)]
+    work = [(own, learnt([pair for o in stored if o != own for pair in in_order(o)])) for own in sorted(stored)]
     with ProcessPoolExecutor(options.processes) as pool:
         rows = [row for part in pool.map(searched, work) for row in part]
     answers = layers(rows)

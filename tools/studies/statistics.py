@@ -28,6 +28,8 @@ from cylforce.settings.machine_file import Loaded
 Array = NDArray[np.float64]
 SMOOTH = 6  # Legendre polynomials of a block
 SEED = 1  # of the sensors' noise
+DRY, UNEVEN = "coulomb_friction", "asymmetric_friction"
+NEVER = 1e-4  # of its spread: what no machine has as a part of itself, because others stand for it
 FEWEST = 12  # rows of a block and joint, below which nothing smooth is taken out of it
 MOMENTARY = [k for k, name in enumerate(INCIDENTAL) if name.startswith(("tip.", "load.m", "load.X", "load.Z"))]
 
@@ -189,3 +191,34 @@ def read_statistics(path: Path) -> Statistics:
     """A recording that was stored."""
     with np.load(path) as file:
         return Statistics(*(np.asarray(file[name], dtype=np.float64) for name in Statistics._fields))
+
+
+def one_way(scene: Scene) -> tuple[Scene, Array]:
+    """The scene with one more form of asymmetric friction, larger in one direction only (half a change of dry friction,
+    half an asymmetry), and what makes its columns (K+1, K'+1) of those that are stored."""
+    known = {(p.name, p.at): p for p in scene.proposals}
+    pairs = [(known[DRY, p.at], p) for p in scene.proposals if p.name == UNEVEN and (DRY, p.at) in known]
+    size, new = len(scene.spread), 2 * len(pairs)
+    made, more, spread = np.zeros((size + 1, size + 1 + new)), list[Column](), []
+    made[:size, :size], made[-1, -1] = np.eye(size), 1.0
+    for dry, uneven in pairs:
+        for sign in (1.0, -1.0):
+            k = size + len(more)
+            made[dry.columns[0], k], made[uneven.columns[0], k] = 0.5, 0.5 * sign
+            more.append(uneven._replace(columns=(k,), low=2.0 * uneven.low, high=2.0 * uneven.high))
+            spread.append(2.0 * scene.spread[uneven.columns[0]])
+    return scene._replace(
+        always=np.append(scene.always, NEVER * np.array(spread)),
+        spread=np.append(scene.spread, spread),
+        proposals=(*scene.proposals, *more),
+    ), made
+
+
+def made_of(each: Statistics, made: Array) -> Statistics:
+    """Statistics with columns made of those that are stored."""
+    return each._replace(
+        whole=made.T @ each.whole @ made,
+        smooth=each.smooth @ made,
+        across=each.across @ made,
+        crossed=each.crossed @ made,
+    )
