@@ -1,6 +1,6 @@
 """Which layer that decides generalises best? Layers of a diagnosis compared on evidence that is computed once.
 
-Of every case the sufficient statistics (studies.statistics) are kept in a cache folder: of the labelled machines in
+Of every case the sufficient statistics (layers.statistics) are kept in a cache folder: of the labelled machines in
 FOLDER, and of reference machines from the development generator of the withheld trial. A layer turns them into
 probabilities of "no gap", of every effect at its place, and of "unknown". What a layer learns - everyday differences,
 the calibration - it learns on other machines than the one it is scored on (leave one machine out)."""
@@ -21,13 +21,13 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.settings.machine_file import load
-from studies.answers import Answer, Asked, calibrated, largest_evidence, selected
-from studies.bayes import Machine, learnt
-from studies.discrepancy import Sums, moments, sums
-from studies.intervals import wilson
+from layers.answers import Answer, Asked, calibrated, largest_evidence, selected
+from layers.bayes import Machine, learnt
+from layers.discrepancy import Sums, moments, sums
+from layers.intervals import wilson
+from layers.statistics import Machine as Stored
+from layers.statistics import Statistics, made_of, one_way, read_scene, read_statistics
 from studies.labelled import VISIBLE, Labelled, labelled, references
-from studies.statistics import Machine as Stored
-from studies.statistics import Statistics, made_of, one_way, read_scene, read_statistics
 from trial.cases import simulated, write
 from trial.field import Lengths, Site
 from trial.orders import PER_MACHINE, order

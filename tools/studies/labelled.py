@@ -23,7 +23,7 @@ from cylforce.files.atomic import RecordingError
 from cylforce.programs.gap import Question, diagnose
 from cylforce.programs.identify import How, run_identify
 from cylforce.settings.machine_file import Loaded, load
-from studies.intervals import wilson
+from layers.intervals import wilson
 
 REFERENCES = ("reference_static", "reference_moving")
 SILENT = ("no_gap", "not_observable")

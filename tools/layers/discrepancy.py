@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.statistics import SMOOTH, Scene, Statistics
+from layers.statistics import SMOOTH, Scene, Statistics
 
 Array = NDArray[np.float64]
 DECAY = 1.0 / (1.0 + np.arange(SMOOTH)) ** 2  # variance of the discrepancy's polynomials: that of a smooth function

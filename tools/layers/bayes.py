@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from studies.discrepancy import Moments, Noise, Sums, likeliest, log_prior
-from studies.sizes import WIDE, axes_of, beside, log_size
-from studies.statistics import Scene
+from layers.discrepancy import Moments, Noise, Sums, likeliest, log_prior
+from layers.sizes import WIDE, axes_of, beside, log_size
+from layers.statistics import Scene
 
 Array = NDArray[np.float64]
 USUALLY = 0.2  # of the least plausible size: everyday differences before any are learnt

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.bayes import Case, Hypothesis
-from studies.discrepancy import APART, LEVELS, SCALES, TAIL, Moments, Noise, log_prior
-from studies.statistics import Column
+from layers.bayes import Case, Hypothesis
+from layers.discrepancy import APART, LEVELS, SCALES, TAIL, Moments, Noise, log_prior
+from layers.statistics import Column
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]  # name and place; ("", "") is no gap, ("unknown", "") anything that the library lacks

@@ -5,7 +5,7 @@ from math import gamma, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.statistics import Column
+from layers.statistics import Column
 
 Array = NDArray[np.float64]
 BEYOND = 1.3  # of the largest plausible size: the end of the range
