@@ -280,7 +280,7 @@ class Problem:
             elif p.course is None:
                 yield self._option(p, "", Term(places, np.ones((len(places), len(self.times)))))
             elif p.course is TimeCourse.AFTER:
-                yield from self._after(p, places)
+                yield from self._after(p, places, evidence)
             elif p.course is TimeCourse.CLOCK:
                 yield from self._clocks(p, places)
             else:
@@ -296,11 +296,15 @@ class Problem:
             own[first:last] = 1.0
         return Term(places * len(course), np.repeat(course, len(places), axis=0))
 
-    def _after(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
+    def _after(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
+        """Beginning in any block, but for those that a held effect has to itself: its sizes there would follow any
+        beginning, and neither could be told."""
+        held = set(own_blocks(evidence.held).tolist())
         end = {self._recording(seen): last for (_, last), seen in zip(self.spans, self.faulty, strict=True)}
         for (first, last), seen in zip(self.spans, self.faulty, strict=True):
             for k in range(first + 1, last - 2) if seen.recorded.load else ():
-                yield self._from(p, places, k, end[self._recording(seen)])
+                if k not in held:
+                    yield self._from(p, places, k, end[self._recording(seen)])
 
     def _from(self, p: Proposal, places: tuple[int, ...], k: int, last: int) -> Option:
         """The columns in blocks k + 1 to last - 1, and with sizes of their own in block k, in which it begins."""
