@@ -124,18 +124,6 @@ def test_first_moments_are_no_rival_of_a_mass_of_its_own(reference):
     assert ("first_moment_change", "boom") not in {r.key for r in named.confused}
 
 
-def test_nothing_is_named_where_the_references_tell_nothing_of_the_motion(reference):
-    """As where a machine moves much more slowly than in them: what is left is then far below what they leave. Plain
-    causes are named nevertheless."""
-    for force, slow in ((300.0, Verdict.NOT_OBSERVABLE), (4000.0, Verdict.EXPLAINED)):
-        friction = imposed(MACHINE, "coulomb_friction", "stick", force)
-        found = search(reference.viewer, recordings(2, (friction,)), reference.clean)
-        assert judged(found).verdict is Verdict.EXPLAINED
-        less = found._replace(energy=found.energy._replace(after=0.4 * found.energy.floor))
-        assert judged(less).verdict is slow
-    assert "less than the references do" in reason(less)
-
-
 SMALL = (
     ("soil_contact", "bucket", [200.0, 300.0], {"begin": 112.0, "end": 127.0}),
     ("viscous_friction", "stick", 1200.0, {}),

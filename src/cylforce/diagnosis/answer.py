@@ -15,7 +15,7 @@ from cylforce.diagnosis.problem import TEMPER
 from cylforce.diagnosis.rank import Ranked
 from cylforce.diagnosis.residuals import Ends
 from cylforce.diagnosis.shrinkage import Gap, written
-from cylforce.diagnosis.verdict import Judged, Named, Verdict, quiet
+from cylforce.diagnosis.verdict import Judged, Named, Verdict
 from cylforce.diagnosis.where import Spot
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import Proposal
@@ -115,11 +115,6 @@ def _is_named(cause: Cause, judged: Judged) -> bool:
 
 def reason(search: Search) -> str:
     """Why no cause can be named, where none is observable."""
-    if quiet(search):
-        return (
-            "these recordings leave less than the references do: they move otherwise, and what is usual there is not "
-            "known. Record the same moves as in the references"
-        )
     told = ["{} at {}".format(*c.ranked.key) for c in sorted(search.causes, key=lambda c: -c.score) if c.known]
     listed = [*told[:FEW], f"{len(told) - FEW} more"] if len(told) > FEW else told
     return f"small causes add up, and none stands out: {', '.join(listed)}"

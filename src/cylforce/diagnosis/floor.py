@@ -25,7 +25,7 @@ def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
     scale, values = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9, mean
     for _ in range(2):
         floor = Floor(scale, np.zeros((len(scale), 1)), scale)
-        gram = np.sum([_normal(c, floor, size) for c in columns], axis=0)
+        gram = np.sum([_normal(c, floor, range(size)) for c in columns], axis=0)
         values = np.linalg.solve(gram[:, :-1] + prior, gram[:, -1] + prior @ mean)
         left = np.concatenate([c[..., -1] - c[..., :size] @ values for c in columns])
         scale = np.sqrt(_mean(left**2)) + 1e-9
@@ -33,17 +33,19 @@ def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
 
 
 def noise_floor(problem: Problem) -> Floor:
-    """From the clean recordings' residual, all lasting columns fitted. Without clean ones the faulty ones' is all there
-    is: what every fifth of them leaves when it is predicted from the others."""
+    """From the clean recordings' residual, with `Problem.mechanical` fitted: base parameters, what is unknown of loads
+    and bars, every law of friction. Columns of sensors and of geometry are none of them: they hold the readings
+    themselves, noise included, and least squares would cancel it with them (errors in variables). Without clean
+    recordings the faulty ones' is all there is: what every fifth of them leaves, predicted from the others."""
     held = problem.clean or problem.faulty
     columns = [problem.columns(seen) for seen in held]
     scale = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9
-    size = problem.lasting
+    chosen = problem.mechanical
     floor = Floor(scale, np.zeros((len(scale), 1)), scale)
     for _ in range(2):
-        whole = np.sum([_normal(c, floor, size) for c in columns], axis=0)
+        whole = np.sum([_normal(c, floor, chosen) for c in columns], axis=0)
         values = _ridge(problem, whole)
-        left = [c[..., -1] - c[..., :size] @ values for c in columns]
+        left = [c[..., -1] - c[..., chosen] @ values for c in columns]
         if not problem.clean:
             left = [_predicted(problem, c, whole, floor) for c in columns]
         floor = floor_of(left)
@@ -58,26 +60,26 @@ def _mean(x: Array) -> Array:
 
 
 def _ridge(problem: Problem, gram: Array) -> Array:
-    size = problem.lasting
-    return np.asarray(np.linalg.solve(gram[:, :-1] + np.diag(problem.always[:size] ** -2.0), gram[:, -1]))
+    prior = np.diag(problem.always[problem.mechanical] ** -2.0)
+    return np.asarray(np.linalg.solve(gram[:, :-1] + prior, gram[:, -1]))
 
 
 def _predicted(problem: Problem, columns: Array, whole: Array, floor: Floor) -> Array:
     """Residual (T, R) of every fifth part of a recording, predicted from all else."""
-    found, size = np.full(columns.shape[:2], np.nan), problem.lasting
+    found, chosen = np.full(columns.shape[:2], np.nan), problem.mechanical
     part = np.arange(len(columns)) // (5 * BLOCK) % 5
     for k in range(5):
         here = columns[part == k]
-        values = _ridge(problem, whole - _normal(here, floor, size))
-        found[part == k] = here[..., -1] - here[..., :size] @ values
+        values = _ridge(problem, whole - _normal(here, floor, chosen))
+        found[part == k] = here[..., -1] - here[..., chosen] @ values
     return found
 
 
-def _normal(columns: Array, floor: Floor, size: int) -> Array:
-    chosen = np.concatenate([columns[..., :size], columns[..., -1:]], axis=-1)
-    found = np.zeros((size + 1, size + 1))
+def _normal(columns: Array, floor: Floor, chosen: Sequence[int]) -> Array:
+    own = columns[..., [*chosen, -1]]
+    found = np.zeros((own.shape[-1], own.shape[-1]))
     for r in range(columns.shape[1]):
-        good = np.all(np.isfinite(chosen[:, r]), axis=1)
-        part = chosen[good, r] / floor.rms[r]
+        good = np.all(np.isfinite(own[:, r]), axis=1)
+        part = own[good, r] / floor.rms[r]
         found += part.T @ part
     return found[:-1]

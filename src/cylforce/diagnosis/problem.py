@@ -23,6 +23,7 @@ from cylforce.effects.fault import (
     BaseMotion,
     Distortion,
     Fault,
+    ForceLaw,
     Incident,
     MassChange,
     PartOfFriction,
@@ -165,6 +166,19 @@ class Problem:
         return len(self.spread) - len(self.unusual)
 
     @cached_property
+    def mechanical(self) -> list[int]:
+        """The columns of the machine itself, in which no reading of a sensor stands for itself: the model's parameters,
+        and every law of friction of the library."""
+        laws = [
+            isinstance(e, ForceLaw)
+            for p in self.proposals
+            for e in p.group
+            if not isinstance(e, Incident)
+            for _ in _sizes(e)
+        ]
+        return [*range(self.first), *(self.first + k for k, law in enumerate(laws) if law)]
+
+    @cached_property
     def unusual(self) -> Array:
         """Usual sizes (I,) of what incidents change."""
         return np.concatenate([UNUSUAL, np.tile(TORQUE * np.array(WAVES), len(self.model.machine.rows))])
@@ -266,7 +280,7 @@ class Problem:
             elif p.course is None:
                 yield self._option(p, "", Term(places, np.ones((len(places), len(self.times)))))
             elif p.course is TimeCourse.AFTER:
-                yield from self._after(p, places)
+                yield from self._after(p, places, evidence)
             elif p.course is TimeCourse.CLOCK:
                 yield from self._clocks(p, places)
             else:
@@ -282,11 +296,15 @@ class Problem:
             own[first:last] = 1.0
         return Term(places * len(course), np.repeat(course, len(places), axis=0))
 
-    def _after(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
+    def _after(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
+        """Beginning in any block, but for those that a held effect has to itself: its sizes there would follow any
+        beginning, and neither could be told."""
+        held = set(own_blocks(evidence.held).tolist())
         end = {self._recording(seen): last for (_, last), seen in zip(self.spans, self.faulty, strict=True)}
         for (first, last), seen in zip(self.spans, self.faulty, strict=True):
             for k in range(first + 1, last - 2) if seen.recorded.load else ():
-                yield self._from(p, places, k, end[self._recording(seen)])
+                if k not in held:
+                    yield self._from(p, places, k, end[self._recording(seen)])
 
     def _from(self, p: Proposal, places: tuple[int, ...], k: int, last: int) -> Option:
         """The columns in blocks k + 1 to last - 1, and with sizes of their own in block k, in which it begins."""

@@ -34,8 +34,7 @@ EVIDENT = 200.0  # for each of them, with which it is no touch too faint to be o
 CLEAR, STRONG = 100.0, 4000.0  # by which what is free at any instant must be ahead of a touch; from which on it is none
 FREE = 75.0  # for a torque of which nothing is known: it follows anything
 HINT = 25.0  # with which an effect speaks, if only of something of another shape
-QUIET, CALM = 0.9, 0.5  # of the floor: a machine that leaves less, and with all causes less, moves as no clean one
-LOUD = 400.0  # nats that are needed there, and that no many small ones of one form have
+LOUD = 400.0  # nats that no many small ones of one form have
 OUTSTANDING = 200.0  # for what is more than one of many small causes; for all of them together, to be a gap
 FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
 ROUGH, ROUGHER = 0.1, 2.0  # a form's error, from which on it is one; how much more misfit it may have
@@ -102,12 +101,10 @@ def judged(search: Search) -> Judged:
     named = _causes(search, removed + left)
     if not named or (not search.original.clean and before <= floor):
         most = before if search.original.clean else max(before, float(np.sum(search.energy.fixed)))
-        much = removed > 2.0 * TEMPER * OUTSTANDING and not quiet(search)
+        much = removed > 2.0 * TEMPER * OUTSTANDING
         told = much or any(_shapeless(c) or _plain(c) for c in search.causes)
         found = told or most > (1.0 + LARGE) * floor
-        hidden = quiet(search) and any(c.known and _counts(c, NEGLIGIBLE) for c in search.causes)
-        nothing = Verdict.NOT_OBSERVABLE if hidden else Verdict.NO_GAP
-        return Judged(_without_name(search) if found else nothing, (), explained)
+        return Judged(_without_name(search) if found else Verdict.NO_GAP, (), explained)
     doubtful = _strange(search, named[0].cause) or named[0].confidence < HARDLY
     if left > max(PARTLY * removed, NOISE * floor) or doubtful:
         return Judged(_without_name(search), (), explained)
@@ -166,7 +163,6 @@ def _causes(search: Search, excess: float) -> tuple[Named, ...]:
     speaking = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
     counted = [e for e in each if _counts(e[0], NEGLIGIBLE, LONE if speaking == 1 else _bar(search, e[0]))]
     found = sorted(counted, key=lambda e: -_weight(e[0]))
-    found = [e for e in found if e[0].tempered >= LOUD] if quiet(search) else found
     largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
     most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
     kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
@@ -191,12 +187,6 @@ def _bar(search: Search, cause: Cause) -> float:
         return EVIDENT
     most = cause.score >= NEARLY * sum(c.score for c in search.causes)
     return LONE if cause.known and width(cause.ranked) <= SHAPES and most else EACH
-
-
-def quiet(search: Search) -> bool:
-    """Whether less happens in the faulty recordings than in clean ones, whose floor then tells little of them."""
-    before, after, floor = _totals(search)
-    return bool(search.original.clean) and (before < QUIET * floor or after < CALM * floor)
 
 
 def _weight(cause: Cause) -> float:

@@ -1,0 +1,265 @@
+"""One probability model of a diagnosis, on stored statistics: what is left of a joint's torque is the machine's
+parameters and its everyday differences, effects of the library, a smooth discrepancy of each joint, and noise.
+
+    y = X (m + g) + X_h s + Q d + e,   g ~ N(0, C),   d ~ N(0, rho^2 w_k),   e ~ N(0, v^2)
+
+with mean m and covariance C from the references, everyday differences included, sizes s of a hypothesis h log-uniform
+over the plausible range, and level rho and scale v of each joint maximised under every hypothesis, with a prior around
+what the references show and a flat tail: the tail is what is unknown."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from layers.discrepancy import Moments, Noise, Sums, likeliest, log_prior
+from layers.sizes import WIDE, axes_of, beside, log_size
+from layers.statistics import Scene
+
+Array = NDArray[np.float64]
+USUALLY = 0.2  # of the least plausible size: everyday differences before any are learnt
+LEARNT = 0.02, 3.0  # the least and the largest that is learnt
+KEPT = 8  # hypotheses of a beam that are refined
+
+
+class Hypothesis(NamedTuple):
+    """Proposals of a scene by number, the logarithm of its probability with the recording, the noise under it, their
+    sizes (M,) [of the prior spread], how far each lies inside its plausible range."""
+
+    which: tuple[int, ...]
+    log: float
+    noise: Noise
+    sizes: Array
+    rest: float
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine as its references show it; `everyday`: how large an everyday difference is, of an effect's least
+    plausible size."""
+
+    scene: Scene
+    references: tuple[Sums, ...]
+    everyday: Mapping[str, float]
+
+    @cached_property
+    def _all(self) -> Sums:
+        each = self.references
+        return Sums(*(np.sum([getattr(s, k) for s in each], axis=0) for k in Sums.__annotations__))
+
+    @cached_property
+    def _fit(self) -> tuple[Noise, Array, Array]:
+        """Noise, mean (K,) and covariance (K, K)."""
+        size, together = len(self.scene.spread), self._all
+        precision = (self.scene.always / self.scene.spread) ** -2.0
+        noise = Noise(np.full(len(together.rows), 1.0), np.full(len(together.rows), 1.0))
+        mean, covariance = np.zeros(size), np.zeros((size, size))
+        for _ in range(6):
+            told = together.information(noise)
+            covariance = np.asarray(np.linalg.inv(told[:-1, :-1] + np.diag(precision)))
+            mean = covariance @ together.score(told, noise)
+            noise = _one(likeliest(together, *_each(together.energies(np.append(-mean, 1.0), covariance)), None)[0])
+        return noise, mean, covariance
+
+    def with_everyday(self, everyday: Mapping[str, float]) -> "Machine":
+        """The same machine with other everyday differences; its references are not fitted again."""
+        found = replace(self, everyday=everyday)
+        found.__dict__["_fit"] = self._fit
+        return found
+
+    @property
+    def noise(self) -> Noise:
+        """As the references show it."""
+        return self._fit[0]
+
+    @cached_property
+    def usual(self) -> Array:
+        """Everyday differences (K,), standard deviations in units of the prior spread."""
+        found = np.zeros(len(self.scene.spread))
+        for p in self.scene.proposals:
+            own = list(p.columns)
+            found[own] = self.everyday.get(p.name, USUALLY) * p.low / self.scene.spread[own[0]]
+        return found
+
+    def differences(self, case: "Case", noise: Noise) -> dict[str, list[float]]:
+        """Expected squares of the everyday differences in a recording of the machine in order under its noise, of the
+        least plausible size, by name of the effect."""
+        state, found = case.state(noise), dict[str, list[float]]()
+        share = self.usual**2 / np.diag(case.covariance)
+        for p in self.scene.proposals:
+            k = p.columns[0]
+            # what is fitted is the reference's error and the everyday difference together
+            pulled, variance = state.fitted[k] * share[k], self.usual[k] ** 2
+            known = state.covariance[k, k] * share[k] ** 2 + variance * (1.0 - share[k])
+            found.setdefault(p.name, []).append(float((pulled**2 + known) * (self.scene.spread[k] / p.low) ** 2))
+        return found
+
+    def asked(self, recording: Sums) -> "Case":
+        """The question put to a recording."""
+        noise, mean, covariance = self._fit
+        return Case(self.scene, recording, noise, mean, covariance + np.diag(self.usual**2 + 1e-12))
+
+
+def learnt(machines: Sequence[tuple[Machine, Sums]], rounds: int = 12) -> dict[str, float]:
+    """Everyday differences by name of the effect, of its least plausible size: empirical Bayes (expectation
+    maximisation) over recordings of machines in order."""
+    found = dict[str, float]()
+    noises = [m.asked(each).hypothesis((), m.noise, 2).noise for m, each in machines]
+    for _ in range(rounds):
+        told = dict[str, list[float]]()
+        for (machine, recording), noise in zip(machines, noises, strict=True):
+            own = machine.with_everyday(found)
+            for name, squares in own.differences(own.asked(recording), noise).items():
+                told.setdefault(name, []).extend(squares)
+        found = {name: float(np.clip(np.sqrt(np.mean(squares)), *LEARNT)) for name, squares in told.items()}
+    return found
+
+
+class State(NamedTuple):
+    """A recording under a noise: marginal information (K, K) and score (K,) of sizes, the log likelihood without any,
+    what follows for the nuisances: `gain` (K, K) and `fitted` (K,)."""
+
+    information: Array
+    score: Array
+    log: float
+    gain: Array
+    fitted: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Case:
+    """A recording, and what the machine's parameters are beforehand; `moments`: what may happen in single blocks."""
+
+    scene: Scene
+    sums: Sums
+    usual: Noise
+    mean: Array
+    covariance: Array
+    moments: Moments | None = None
+
+    @cached_property
+    def _precision(self) -> tuple[Array, float]:
+        return np.asarray(np.linalg.inv(self.covariance)), float(np.linalg.slogdet(self.covariance)[1])
+
+    def state(self, noise: Noise) -> State:
+        """Everything that follows from a noise."""
+        told, cost = self.sums.information(noise), 0.0
+        if self.moments:
+            lost, cost = self.moments.told(noise)
+            told = told - lost
+        known, inside = told[:-1, :-1], self.mean
+        score = self.sums.score(told, noise) - known @ inside
+        energy = told[-1, -1] - 2.0 * inside @ told[:-1, -1] + inside @ known @ inside
+        precision, spread = self._precision
+        root = cho_factor(known + precision)
+        gain, fitted = cho_solve(root, known), cho_solve(root, score)
+        log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root[0]))))
+        covariance = cho_solve(root, np.eye(len(known)))
+        information = known - known @ gain
+        return State(information, score - known @ fitted, log - cost + self.sums.norm(noise), gain, fitted, covariance)
+
+    def _own(self, which: tuple[int, ...]) -> list[int]:
+        return [c for p in which for c in self.scene.proposals[p].columns]
+
+    def _sizes(self, which: tuple[int, ...], state: State) -> tuple[list[int], Array, Array]:
+        """Columns, sizes (M,) and their covariance (M, M) of proposals."""
+        own = self._own(which)
+        precision = np.concatenate([np.zeros(0), *(beside(self.scene.proposals[p]) for p in which)])
+        information = state.information[np.ix_(own, own)] + np.diag(np.where(precision > 0.0, precision, WIDE))
+        covariance = np.asarray(np.linalg.inv(information)) if own else np.zeros((0, 0))
+        return own, covariance @ state.score[own], covariance
+
+    def _left(self, own: list[int], sizes: Array, state: State) -> Array:
+        left = np.append(-self.mean - state.fitted + state.gain[:, own] @ sizes, 1.0)
+        left[own] -= sizes
+        return left
+
+    def under(self, which: tuple[int, ...], state: State) -> tuple[float, Array, Array]:
+        """Log of the marginal likelihood with sizes of some proposals, but for the prior of the noise; those sizes;
+        the coefficients (K+1,) of what it leaves."""
+        own, sizes, covariance = self._sizes(which, state)
+        log, k = state.log + 0.5 * float(state.score[own] @ sizes), 0
+        if own:
+            log += 0.5 * float(np.linalg.slogdet(2.0 * np.pi * covariance)[1])
+        for p in which:
+            column = self.scene.proposals[p]
+            m, axes = len(column.columns), axes_of(column)
+            unit = self.scene.spread[list(column.columns)]
+            part, error = sizes[k : k + m] * unit, covariance[k : k + m, k : k + m] * np.outer(unit, unit)
+            log += log_size(column, part, error) + float(np.sum(np.log(unit[:axes])))
+            log -= 0.5 * float(np.log(2.0 * np.pi)) * (m - axes)
+            k += m
+        return log, sizes, self._left(own, sizes, state)
+
+    def hypothesis(self, which: tuple[int, ...], noise: Noise, rounds: int = 1) -> Hypothesis:
+        """A hypothesis with its own noise."""
+        state = self.state(noise)
+        for _ in range(rounds):
+            _, _, left = self.under(which, state)
+            energies = self._energies(left, state.covariance, noise)
+            noise = _one(likeliest(self.sums, *_each(energies), self.usual)[0])
+            state = self.state(noise)
+        log, sizes, left = self.under(which, state)
+        prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
+        return Hypothesis(which, log + prior, noise, sizes, self.rest(left))
+
+    def _energies(self, left: Array, covariance: Array, noise: Noise) -> tuple[Array, Array]:
+        found = self.sums.energies(left, covariance)
+        if not self.moments:
+            return found
+        more = self.moments.energies(left, noise)
+        white, smooth = (np.maximum(a + b, 1e-3 * a) for a, b in zip(found, more, strict=True))
+        return white, smooth
+
+    def rest(self, left: Array, noise: Noise | None = None) -> float:
+        """What is left at the worst joint, of the floor (rms); with `noise` beside what happens at moments."""
+        energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
+        if self.moments and noise:
+            white, smooth = self.moments.energies(left, noise)
+            energy = np.maximum(energy + white + np.sum(smooth, axis=1), 0.0)
+        return float(np.sqrt(np.max(energy / np.maximum(self.sums.rows, 1.0))))
+
+    def screened(self, base: Hypothesis, asked: Sequence[int]) -> list[int]:
+        """Proposals beside a hypothesis, most promising first: at its noise, and with the noise that would then be
+        likeliest."""
+        state = self.state(base.noise)
+        named = {self.scene.proposals[p][:2] for p in base.which}
+        free = [p for p in asked if self.scene.proposals[p][:2] not in named]
+        left, shift = [], []
+        for p in free:
+            own, sizes, _ = self._sizes((*base.which, p), state)
+            left.append(self._left(own, sizes, state))
+            shift.append(state.fitted - state.gain[:, own] @ sizes)
+        moved = np.array(shift)
+        _, log = likeliest(self.sums, *self.sums.plain(np.array(left)), self.usual)
+        log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision[0])
+        return [free[k] for k in np.argsort(-log).tolist()]
+
+    def searched(self, asked: Sequence[int], depth: int = 2, width: int = 2) -> list[Hypothesis]:
+        """Hypotheses of up to `depth` proposals, found by a beam."""
+        none = self.hypothesis((), self.usual, 3)
+        found, beam = dict[tuple[int, ...], Hypothesis]({(): none}), [none]
+        for _ in range(depth):
+            grown = []
+            for base in beam:
+                for p in self.screened(base, asked)[:KEPT]:
+                    which = tuple(sorted((*base.which, p)))
+                    if which not in found:
+                        found[which] = self.hypothesis(which, base.noise)
+                        grown.append(found[which])
+            beam = sorted(grown, key=lambda h: -h.log)[:width]
+        return list(found.values())
+
+
+def _each(energies: tuple[Array, Array]) -> tuple[Array, Array]:
+    white, smooth = energies
+    return white[None], smooth[None]
+
+
+def _one(noise: Noise) -> Noise:
+    return Noise(noise.rho[0], noise.v[0])
