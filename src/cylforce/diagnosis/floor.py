@@ -36,11 +36,12 @@ def noise_floor(problem: Problem) -> Floor:
     """From the clean recordings' residual, with `Problem.mechanical` fitted: base parameters, what is unknown of loads
     and bars, every law of friction. Columns of sensors and of geometry are none of them: they hold the readings
     themselves, noise included, and least squares would cancel it with them (errors in variables). Without clean
-    recordings the faulty ones' is all there is: what every fifth of them leaves, predicted from the others."""
+    recordings the faulty ones' is all there is: what every fifth of them leaves, predicted from the others, with all
+    effects fitted, for they hold the effect that is sought."""
     held = problem.clean or problem.faulty
     columns = [problem.columns(seen) for seen in held]
     scale = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9
-    chosen = problem.mechanical
+    chosen = list(problem.of_the_floor)
     floor = Floor(scale, np.zeros((len(scale), 1)), scale)
     for _ in range(2):
         whole = np.sum([_normal(c, floor, chosen) for c in columns], axis=0)
@@ -60,13 +61,13 @@ def _mean(x: Array) -> Array:
 
 
 def _ridge(problem: Problem, gram: Array) -> Array:
-    prior = np.diag(problem.always[problem.mechanical] ** -2.0)
+    prior = np.diag(problem.always[list(problem.of_the_floor)] ** -2.0)
     return np.asarray(np.linalg.solve(gram[:, :-1] + prior, gram[:, -1]))
 
 
 def _predicted(problem: Problem, columns: Array, whole: Array, floor: Floor) -> Array:
     """Residual (T, R) of every fifth part of a recording, predicted from all else."""
-    found, chosen = np.full(columns.shape[:2], np.nan), problem.mechanical
+    found, chosen = np.full(columns.shape[:2], np.nan), list(problem.of_the_floor)
     part = np.arange(len(columns)) // (5 * BLOCK) % 5
     for k in range(5):
         here = columns[part == k]

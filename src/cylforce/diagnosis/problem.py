@@ -178,6 +178,12 @@ class Problem:
         ]
         return [*range(self.first), *(self.first + k for k, law in enumerate(laws) if law)]
 
+    @property
+    def of_the_floor(self) -> Sequence[int]:
+        """The columns that are fitted before a residual counts as noise: those of the machine itself. Without clean
+        recordings all that last: the faulty ones hold the effects that are sought, which must not count as noise."""
+        return self.mechanical if self.clean else range(self.lasting)
+
     @cached_property
     def unusual(self) -> Array:
         """Usual sizes (I,) of what incidents change."""
