@@ -1,6 +1,7 @@
 """A joint whose torque stays unexplained: identification refuses or warns, and names the correction that makes the
 recording fit; the identified file keeps the warning, its users repeat it, the report shows it in red."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from io import StringIO
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from cylforce.commissioning import suspicion
 from cylforce.commissioning.explained import FAR, LITTLE, explained, quality
 from cylforce.commissioning.identification import identify
-from cylforce.commissioning.repairs import Case, repairs
+from cylforce.commissioning.repairs import DECISIVE, Case, Repair, repairs
+from cylforce.commissioning.wiring import Suspicion
 from cylforce.estimation.blocks import chosen
 from cylforce.estimation.observation import observe, observed_factors
 from cylforce.files.tables import Table, write_table
@@ -23,6 +26,7 @@ from cylforce.settings.identified import identified_warnings
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR
 from spoilt import exchanged, samples, with_bore
+from studies.unexplained import reference
 
 LOADED = load(EXCAVATOR)
 MODEL = model_of(LOADED)
@@ -31,9 +35,9 @@ UP_SIDE_DOWN = "the recording fits with the sign of z in foot at_m of the boom c
 
 
 @cache
-def recording():
-    """A minute of moves of a machine in order."""
-    return samples(LOADED, 60, seconds=60.0)
+def recording(seconds=60.0):
+    """Moves of a machine in order."""
+    return samples(LOADED, 60, seconds=seconds)
 
 
 def flipped():
@@ -144,6 +148,76 @@ def test_an_angle_that_is_explained_by_impossible_masses_is_seen():
     judged = quality(found.model, best, found.tares.values, found.tares.covariance)
     assert judged.distance > FAR
     assert any("far from the data sheet" in sentence for sentence in found.warnings)
+
+
+def turned(name, factor, offset):
+    values = recording().copy()
+    k = SIGNALS.index(name)
+    values[:, k] = offset + factor * values[:, k]
+    return MODEL, values
+
+
+def longer_stick():
+    boom, stick, *others = MODEL.machine.links
+    links = (boom, replace(stick, length=1.2 * stick.length), *others)
+    return replace(MODEL, machine=replace(MODEL.machine, links=links)), recording(100.0)
+
+
+def crossed():
+    first, second = (SIGNALS.index(f"{name}_head_pressure") for name in ("boom", "bucket"))
+    return MODEL, exchanged(recording(), [first], [second])
+
+
+BUCKET = MODEL.machine.links[2]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (turned("bucket_angle", -1.0, BUCKET.angle_low + BUCKET.angle_high), "the other sign of bucket_angle"),
+        (turned("boom_angle", 1.0, np.radians(20.0)), r"the zero of boom_angle moved by -(19|20|21) deg"),
+        (longer_stick(), r"length_m of stick 1[67] % smaller"),
+        (crossed(), "boom_head_pressure exchanged with bucket_head_pressure"),
+    ],
+    ids=("sign of an angle", "zero of an angle", "length", "pressures of two cylinders"),
+)
+def test_what_looks_like_a_load_or_an_area_is_refused_by_its_own_name(wrong, words):
+    """Each of them was once refused as a load in the bucket, as a wrong bore or as exchanged cylinders."""
+    model, values = wrong
+    with pytest.raises(ValueError, match=f"(^|: )the recording fits with {words}[:;] check that first"):
+        identify(model, [values])
+
+
+def test_a_zero_of_an_angle_that_nearly_fits_is_noticed():
+    """On a machine that shares no code with the estimator 98.6 % of the bucket's torque is explained all the same."""
+    good = reference(0)
+    values = [part.copy() for part in good.segments]
+    for part in values:
+        part[:, SIGNALS.index("bucket_angle")] += np.radians(20.0)
+    warnings = identify(good.model, values).warnings
+    assert "too little of the measured torque is explained: bucket 98" in warnings[0]
+    assert "the recording fits with the zero of bucket_angle moved by -" in warnings[0]
+
+
+def rival(score):
+    return Repair("an angle", "another angle", score, Case(MODEL, recording()))
+
+
+@pytest.mark.parametrize(
+    ("better_by", "said"),
+    [
+        (2.0 * DECISIVE, "^the recording fits with another angle: check that first$"),
+        (0.5 * DECISIVE, "^a bore; or the recording fits with another angle$"),
+        (-0.5 * DECISIVE, "^a bore; or the recording fits with another angle$"),
+        (-2.0 * DECISIVE, "^a bore$"),
+    ],
+)
+def test_the_better_explanation_is_said_and_both_when_they_explain_alike(monkeypatch, better_by, said):
+    suspected = Suspicion("bore_mm of boom", "a bore")
+    own = rival(0.0)._replace(cause=suspected.cause)
+    found = sorted([own, rival(-better_by)], key=lambda repair: repair.score)
+    monkeypatch.setattr(suspicion, "repairs", lambda *_: tuple(found))
+    assert re.search(said, suspicion.compared(Case(MODEL, recording()), suspected))
 
 
 def test_what_is_in_order_needs_no_repair():

@@ -19,7 +19,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-from cylforce.commissioning.identification import identify, row_noise
+from cylforce.commissioning.explained import row_noise
+from cylforce.commissioning.identification import identify
 from cylforce.effects.loads.slew import slew_parameters
 from cylforce.estimation.blocks import chosen, stacked_triangle
 from cylforce.estimation.model import Model

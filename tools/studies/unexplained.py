@@ -21,8 +21,8 @@ from rich.table import Table
 
 from crane.geometry import crane
 from crane.machine_file import text
-from cylforce.commissioning.explained import FAR, LITTLE, NOTHING, Quality, quality
-from cylforce.commissioning.identification import identify, row_noise
+from cylforce.commissioning.explained import DOUBTFUL, FAR, LITTLE, NOTHING, Quality, quality, row_noise
+from cylforce.commissioning.identification import identify
 from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import chosen
 from cylforce.estimation.model import Model
@@ -202,7 +202,8 @@ def main() -> None:
     parser.add_argument("--mistakes", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    table = Table(title=f"warned below {LITTLE:.0%} or above a distance of {FAR:g}, refused below {NOTHING:.0%}")
+    limit = f"{LITTLE:.0%} ({DOUBTFUL:.0%} if a correction fits)"
+    table = Table(title=f"warned below {limit} or above a distance of {FAR:g}, refused below {NOTHING:.0%}")
     for column in ("machine", "mistake", "explained", "distance", "verdict", "said"):
         table.add_column(column, overflow="fold")
     found = []

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.commissioning.wiring import misfit
+from cylforce.commissioning.wiring import Suspicion, misfit
 from cylforce.estimation.batch import Fit, Prior, best, least_squares
 from cylforce.estimation.blocks import Factors, beside, chosen, of_all, residual_squares
 from cylforce.estimation.model import Model
@@ -65,10 +65,9 @@ class CarriedWeight(NamedTuple):
         return self.value > HEAVY * self.standard_error
 
 
-def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> str | None:
-    """One sentence that says what to do when the recording shows a load, contact of the tool or a wrong piston area;
-    else None. `whole`: factors with the tool's columns last; `noise` (R,) [N m] and `fit`: of the model's columns
-    alone."""
+def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> Suspicion | None:
+    """What to do when the recording shows a load, contact of the tool or a wrong piston area; else None. `whole`:
+    factors with the tool's columns last; `noise` (R,) [N m] and `fit`: of the model's columns alone."""
     data = chosen(whole, list(range(len(model.parameters))))
     load, areas = hanging(model, data, noise, fit), area_errors(model, data, noise, fit)
     row = int(np.argmax([area.gain for area in areas]))
@@ -77,17 +76,18 @@ def not_empty(model: Model, whole: Factors, noise: Array, fit: Fit) -> str | Non
     if wrong and areas[row].left < FITTING:
         return _wrong_bore(model, row, areas[row])
     if np.count_nonzero(contacts.certain | contacts.disturbed) >= BLOCKS:
-        return _in_contact(whole, contacts, model.filters.rate_hz)
-    return _loaded(load) if load.is_there else None
+        return Suspicion("contact", _in_contact(whole, contacts, model.filters.rate_hz))
+    return Suspicion("load", _loaded(load)) if load.is_there else None
 
 
-def _wrong_bore(model: Model, row: int, found: Explanation) -> str:
+def _wrong_bore(model: Model, row: int, found: Explanation) -> Suspicion:
     name = " and ".join(model.machine.cylinders[c].name for c in model.acting[row])
     large, fitting = found.value > 0.0, (1.0 + found.value) ** -0.5
-    return (
+    return Suspicion(
+        f"bore_mm of {name}",
         f"the forces of {name} are {100 * abs(found.value):.0f} % too {'large' if large else 'small'} for the masses "
         f"that the other cylinders feel: check bore_mm and rod_mm of {name} in the machine file (a bore "
-        f"{100 * abs(1.0 - fitting):.1f} % {'smaller' if large else 'larger'} would fit) and its pressures' range"
+        f"{100 * abs(1.0 - fitting):.1f} % {'smaller' if large else 'larger'} would fit) and its pressures' range",
     )
 
 
@@ -138,18 +138,37 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     return Contact(up, certain, np.any((fit.trust < DISTURBED) & notable, axis=1), float(np.sum(gain)))
 
 
+def left_by_force(model: Model, whole: Factors, error: Array, values: Array) -> Array:
+    """Squared residuals (B, R) [N^2 m^2] of parameters `values` (P,) when in each block of `whole` (the tool's columns
+    last) the force at the tool is added that fits best; `error` (R,) [N m]: the rows' standard errors."""
+    unexplained = whole.triangle[..., -1] - whole.triangle[..., : len(values)] @ values
+    levers = whole.triangle[..., model.tool][..., :2]
+    scale = error[:, None]
+    squares = np.empty(unexplained.shape[:2])
+    for k, (left, lever) in enumerate(zip(unexplained, levers, strict=True)):
+        tool = (lever / scale[..., None]).reshape(-1, 2)
+        force = np.linalg.lstsq(tool, (left / scale).ravel(), rcond=None)[0]
+        squares[k] = np.sum((left - lever @ force) ** 2, axis=-1)
+    return squares
+
+
 def hanging(model: Model, data: Factors, noise: Array, fit: Fit) -> CarriedWeight:
     """The load that best explains the difference between the recording and the data sheet with its tolerances; its
     centre may be anywhere within the payload's reach."""
-    rated, moment = model.machine.rated_payload, model.machine.rated_payload * model.machine.payload_reach
-    spread = np.array([2.0 * rated, moment, moment, moment * model.machine.payload_reach])
-    columns = np.broadcast_to(model.load, (data.samples.shape[1], *model.load.shape))
-    wider, prior = beside(data, columns), _beside(model.prior, spread)
+    wider, prior = with_load(model, data)
     found, k = least_squares(wider, noise, prior), len(fit.values)
     weight = fit.trust / (noise * np.sqrt(CORRELATED))
     gain = best(data, weight, model.prior)[1] - best(wider, weight, prior)[1]
     left = misfit(data, found.row_error)
     return CarriedWeight(float(found.values[k]), float(np.sqrt(found.covariance[k, k])), gain, left)
+
+
+def with_load(model: Model, data: Factors) -> tuple[Factors, Prior]:
+    """The factors and the prior with four more parameters: mass, two moments and inertia of a load."""
+    rated, moment = model.machine.rated_payload, model.machine.rated_payload * model.machine.payload_reach
+    spread = np.array([2.0 * rated, moment, moment, moment * model.machine.payload_reach])
+    columns = np.broadcast_to(model.load, (data.samples.shape[1], *model.load.shape))
+    return beside(data, columns), _beside(model.prior, spread)
 
 
 def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Explanation]:

@@ -12,7 +12,7 @@ import numpy as np
 from cylforce.commissioning import coverage, reaches
 from cylforce.commissioning.coverage import Plan
 from cylforce.commissioning.expectation import expected_error, postures
-from cylforce.commissioning.identification import row_noise
+from cylforce.commissioning.explained import row_noise
 from cylforce.commissioning.reaches import Reach, next_reach
 from cylforce.commissioning.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
 from cylforce.commissioning.suspicion import doubt

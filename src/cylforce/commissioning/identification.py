@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.commissioning.consistency import consistent, violations
-from cylforce.commissioning.explained import quality
+from cylforce.commissioning.explained import quality, row_noise
 from cylforce.commissioning.repairs import Case
 from cylforce.commissioning.soundness import soundness
 from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
-from cylforce.estimation.blocks import Factors, chosen, of_row, settled
+from cylforce.estimation.blocks import Factors, chosen, settled
 from cylforce.estimation.model import FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
 from cylforce.signals.estimate import Array
@@ -164,20 +164,6 @@ def _two_steps(model: Model, factors: Factors, noise: Array) -> Fit:
 
 def _marginal(prior: Prior, part: list[int]) -> Prior:
     return Prior(prior.mean[part], prior.covariance[np.ix_(part, part)])
-
-
-def row_noise(factors: Factors, prior: Prior) -> Array:
-    """Rms residual (R,) [N m] of each measured torque fitted alone, used as the rows' standard errors. Residuals of the
-    common fit are not used: a row that fits well would get a larger weight, then fit still better, and dominate."""
-    rows = range(factors.samples.shape[1])
-    alone = [_alone(factors, prior, r) if np.any(factors.samples[:, r]) else np.nan for r in rows]
-    return np.asarray(np.where(np.isnan(alone), np.nanmax(alone), alone))
-
-
-def _alone(factors: Factors, prior: Prior, r: int) -> float:
-    one = of_row(factors, r)
-    size = np.sqrt(np.sum(one.triangle[..., -1] ** 2) / np.sum(one.samples))
-    return float(least_squares(one, np.array([size + 1e-9]), prior).row_error[0] + 1e-6 * size + 1e-9)
 
 
 def _of(model: Model, part: Model) -> list[int]:

@@ -1,8 +1,7 @@
 """Which single correction of the machine file, or of the wiring, would make a recording fit: each is tried on the last
-samples of the recording, and ranked by what it leaves unexplained and by how far its parameters lie from the data
-sheet."""
+samples of the recording, and ranked by the Bayesian information criterion (`explained.criterion`)."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import fields, replace
 from functools import partial
 from itertools import combinations
@@ -11,10 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import optimize
 
-from cylforce.commissioning.explained import unseen
-from cylforce.commissioning.wiring import PLACES, PRESSURES, SHORT_S, Exchange, exchanges, swapped
+from cylforce.commissioning.emptiness import FITTING, not_empty
+from cylforce.commissioning.explained import FAR, criterion, quality, row_noise, unseen
+from cylforce.commissioning.wiring import PLACES, PRESSURES, SHORT_S, Exchange, exchanges, misfit, swapped
 from cylforce.estimation.batch import least_squares
-from cylforce.estimation.blocks import chosen, residual_squares
+from cylforce.estimation.blocks import Factors, chosen, residual_squares
 from cylforce.estimation.model import Model
 from cylforce.estimation.observation import observed_factors
 from cylforce.mechanics.linkages import FourBar, Linkage, Triangle
@@ -23,14 +23,13 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 TYPICAL = 0.01  # of a joint's torque (rms): what machines in order leave unexplained
-BETTER = 0.25  # of the misfit of the file as it is that a correction may leave to be named
-ALIKE = 2.0  # times the misfit of the best correction: others within it are named, too
-AS_MANY = 0.8  # of the usable samples that a correction must keep
+DECISIVE = 10.0  # difference of the criterion beyond which an explanation is better: "very strong" evidence (Kass and
+# Raftery 1995, doi:10.1080/01621459.1995.10476572)
 MOST = 3  # corrections that are named
 BORES, LENGTHS = (0.7, 1.4), (0.7, 1.4)  # times what the file says: range in which a bore or length is searched
 OFFSETS = np.radians(45.0)  # range in which a zero of an angle is searched
 STEPS = 10  # of such a search
-HOPELESS = 1e12  # misfit that stands for infinite in a search
+HOPELESS = 1e12  # criterion that stands for infinite in a search
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
 
 
@@ -42,63 +41,76 @@ class Case(NamedTuple):
 
 
 class Repair(NamedTuple):
-    """A correction in words, and its `misfit` (`misfit_of`)."""
+    """A correction: its `cause` as in `wiring.Suspicion`, its `words`, its `score` (`explained.criterion`), and the
+    `case` so corrected."""
 
+    cause: str
     words: str
-    misfit: float
+    score: float
+    case: Case
 
 
 class SizeSearch(NamedTuple):
-    """A correction whose size is searched within `limits`: the case so `changed`, and the correction in words."""
+    """A correction whose size is searched within `limits`: its `cause`, the case so `changed`, and the correction in
+    words."""
 
+    cause: str
     limits: tuple[float, float]
     changed: Callable[[float], Case]
     words: Callable[[float], str]
 
 
 def repairs(case: Case, cylinders: Collection[int]) -> tuple[Repair, ...]:
-    """The corrections of any of the `cylinders`, of angles and of lengths that make `case` fit, the best first; none
-    when no single one does."""
+    """The corrections of any of the `cylinders`, of angles and of lengths with which `case` is in order: the best one,
+    then those that are not decisively worse. None when no single one is decisively better than the case as it is."""
     if len(case.values) < SHORT_S * case.model.filters.rate_hz:
         return ()
-    there, samples = misfit_of(case)
-    tried = [Repair(words, _kept(changed, samples)) for words, changed in _exchanged(case, cylinders)]
-    good = _good(tried, there)
-    if not good:
-        good = _good([_searched(search, samples) for search in _searches(case, cylinders)], there)
-    return tuple(found for found in good if found.misfit < ALIKE * good[0].misfit)[:MOST]
+    tried = [Repair(words, words, score_of(changed), changed) for words, changed in _exchanged(case, cylinders)]
+    tried += [_searched(search) for search in _searches(case, cylinders)]
+    there = min(score_of(case), HOPELESS)
+    ranked = sorted((t for t in tried if t.score < there - DECISIVE), key=lambda t: t.score)
+    good: list[Repair] = []
+    for found in ranked:
+        if len(good) == MOST or (good and found.score > good[0].score + DECISIVE):
+            break
+        good += [found] if in_order(found.case) else []
+    return tuple(good)
 
 
-def misfit_of(case: Case) -> tuple[float, float]:
-    """(misfit, number of usable samples) of a fit to the samples alone; the misfit is the mean square of what is left
-    of each joint's torque in units of TYPICAL of it, plus the squared distance from the data sheet per base parameter,
-    in its variances: about 1 for a machine in order."""
-    model, size = case.model, 3 * case.model.machine.size
+def score_of(case: Case, added: int = 0) -> float:
+    """The criterion of a fit of the empty machine to the samples, with `added` sizes that were searched; infinite when
+    a joint that moved is never seen."""
+    model, fitted = case.model, _factors(case)
+    if fitted is None or not np.any(fitted.samples) or any(unseen(model, fitted)):
+        return np.inf
+    found = least_squares(fitted, typical_error(fitted), model.prior).values
+    return criterion(model, fitted, np.sum(residual_squares(fitted, found), axis=0), found, added)
+
+
+def typical_error(fitted: Factors) -> Array:
+    """What machines in order leave unexplained of each joint's torque (R,) [N m]."""
+    squares, samples = np.sum(fitted.triangle[..., -1] ** 2, axis=(0, 2)), np.sum(fitted.samples, axis=0)
+    return np.asarray(np.maximum(TYPICAL * np.sqrt(squares / np.maximum(samples, 1.0)), 1.0))
+
+
+def in_order(case: Case) -> bool:
+    """Whether the samples, by themselves, are those of a machine in order, empty and clear of the ground."""
+    model = case.model
+    whole = observed_factors(model, [case.values])
+    fitted = chosen(whole, list(range(len(model.parameters))))
+    noise = row_noise(fitted, model.prior)
+    fit = least_squares(fitted, noise, model.prior)
+    good = misfit(fitted, fit.row_error) < FITTING
+    near = quality(model, fitted, fit.values, fit.covariance).distance < FAR
+    return bool(good and near and not_empty(model, whole, noise, fit) is None)
+
+
+def _factors(case: Case) -> Factors | None:
     try:
-        fitted = chosen(observed_factors(model, [case.values]), list(range(len(model.parameters))))
+        whole = observed_factors(case.model, [case.values], noisy=False)
     except ValueError:
-        return np.inf, 0.0
-    samples = np.sum(fitted.samples, axis=0)
-    seen = samples > 0
-    if not np.any(seen) or any(unseen(model, fitted)):
-        return np.inf, float(np.sum(samples))
-    torque = np.sqrt(np.sum(fitted.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
-    error = np.maximum(TYPICAL * torque, 1.0)
-    found = least_squares(fitted, error, model.prior).values
-    left = np.sum(residual_squares(fitted, found), axis=0)[seen] / samples[seen] / error[seen] ** 2
-    away = (found - model.prior.mean)[:size]
-    distance = float(away @ np.linalg.solve(model.prior.covariance[:size, :size], away)) / size
-    return float(np.mean(left)) + distance, float(np.sum(samples))
-
-
-def _kept(case: Case, samples: float) -> float:
-    """The misfit, infinite when too few samples are usable."""
-    misfit, usable = misfit_of(case)
-    return misfit if usable >= AS_MANY * samples else np.inf
-
-
-def _good(tried: Iterable[Repair], there: float) -> list[Repair]:
-    return sorted((t for t in tried if t.misfit < BETTER * there), key=lambda t: t.misfit)
+        return None
+    return chosen(whole, list(range(len(case.model.parameters))))
 
 
 def _exchanged(case: Case, cylinders: Collection[int]) -> Iterator[tuple[str, Case]]:
@@ -144,13 +156,15 @@ def _searches(case: Case, cylinders: Collection[int]) -> Iterator[SizeSearch]:
     """Corrections with a size: bores, zeros of angles, lengths of links."""
     model = case.model
     for c in cylinders:
-        words = _percent(f"bore_mm of {model.machine.cylinders[c].name}")
-        yield SizeSearch(BORES, partial(_bored, case, c), words)
+        name = f"bore_mm of {model.machine.cylinders[c].name}"
+        yield SizeSearch(name, BORES, partial(_bored, case, c), _percent(name))
     for k, signal in enumerate(model.machine.signals):
         if signal.kind in ANGLES:
-            yield SizeSearch((-OFFSETS, OFFSETS), partial(_moved, case, k), _degrees(signal.name))
+            name = f"the zero of {signal.name}"
+            yield SizeSearch(name, (-OFFSETS, OFFSETS), partial(_moved, case, k), _degrees(name))
     for j, link in enumerate(model.machine.links[:-1]):
-        yield SizeSearch(LENGTHS, partial(_lengthened, case, j), _percent(f"length_m of {link.name}"))
+        name = f"length_m of {link.name}"
+        yield SizeSearch(name, LENGTHS, partial(_lengthened, case, j), _percent(name))
 
 
 def _moved(case: Case, k: int, by: float) -> Case:
@@ -181,12 +195,13 @@ def _with_machine(case: Case, machine: Machine) -> Case:
     return Case(Model(machine, case.model.filters, case.model.friction), case.values)
 
 
-def _searched(search: SizeSearch, samples: float) -> Repair:
-    def misfit(size: float) -> float:
-        return min(_kept(search.changed(size), samples), HOPELESS)
+def _searched(search: SizeSearch) -> Repair:
+    def score(size: float) -> float:
+        return min(score_of(search.changed(size), 1), HOPELESS)
 
-    found = optimize.minimize_scalar(misfit, bounds=search.limits, method="bounded", options={"maxiter": STEPS})
-    return Repair(search.words(float(found.x)), float(found.fun))
+    found = optimize.minimize_scalar(score, bounds=search.limits, method="bounded", options={"maxiter": STEPS})
+    size = float(found.x)
+    return Repair(search.cause, search.words(size), float(found.fun), search.changed(size))
 
 
 def _percent(name: str) -> Callable[[float], str]:
@@ -194,7 +209,7 @@ def _percent(name: str) -> Callable[[float], str]:
 
 
 def _degrees(name: str) -> Callable[[float], str]:
-    return lambda d: f"the zero of {name} moved by {np.degrees(d):+.0f} deg"
+    return lambda d: f"{name} moved by {np.degrees(d):+.0f} deg"
 
 
 def _turned(values: Array, k: int, about: float, sign: float) -> Array:

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.commissioning.explained import FAR, LITTLE, NOTHING, Quality
-from cylforce.commissioning.repairs import Case, repairs
+from cylforce.commissioning.explained import DOUBTFUL, FAR, LITTLE, NOTHING, Quality
+from cylforce.commissioning.repairs import Case, Repair, repairs
 from cylforce.estimation.model import Model
 from cylforce.signals.kinds import Kind
 
@@ -29,9 +29,15 @@ def soundness(case: Case, found: Quality, broken: tuple[str, ...]) -> Soundness:
     if not any(np.any(row) for row in rows) and not far:
         return Soundness(None, broken)
     worst, little, unseen = rows
-    check = _what_to_check(case, worst | little | unseen)
+    cylinders = _cylinders(case.model, worst | little | unseen)
+    good = repairs(case, cylinders)
+    if not good:
+        little &= np.nan_to_num(found.explained, nan=1.0) < LITTLE
+    check = _what_to_check(case.model, cylinders, good)
     refusals = (*_worse(case.model, found, worst), *_unseen(case.model, unseen))
     warnings = (*_little(case.model, found, little), *(_far(found) if far else ()))
+    if not refusals and not warnings:
+        return Soundness(None, broken)
     first, *others = (*refusals, *warnings)
     sentences = (f"{first}: {check}", *others)
     if refusals:
@@ -43,10 +49,10 @@ Which = NDArray[np.bool_]
 
 
 def _rows(found: Quality) -> tuple[Which, Which, Which]:
-    """Rows (R,) that are worse explained than by a constant, too little explained, never seen."""
+    """Rows (R,) that are worse explained than by a constant, perhaps too little explained, never seen."""
     share = np.nan_to_num(found.explained, nan=1.0)
     worst = share < NOTHING
-    return worst, (share < LITTLE) & ~worst, np.array(found.unseen, dtype=bool)
+    return worst, (share < DOUBTFUL) & ~worst, np.array(found.unseen, dtype=bool)
 
 
 def _names(model: Model, which: Which) -> list[str]:
@@ -86,13 +92,15 @@ def _far(found: Quality) -> tuple[str, ...]:
     return (f"{text} {name}, by {abs(errors):.0f} of its standard errors",)
 
 
-def _what_to_check(case: Case, which: Which) -> str:
-    """The end of a sentence about the joints `which` (R,), all if none is chosen: the corrections of the machine file
-    that make the recording fit; without any, what to check, the likeliest first."""
-    model = case.model
+def _cylinders(model: Model, which: Which) -> list[int]:
+    """The cylinders that act on the chosen rows; all when none is chosen."""
     rows = [r for r, chosen in enumerate(which) if chosen] or list(range(len(which)))
-    cylinders = sorted({c for r in rows for c in model.acting[r]})
-    good = repairs(case, cylinders)
+    return sorted({c for r in rows for c in model.acting[r]})
+
+
+def _what_to_check(model: Model, cylinders: list[int], good: tuple[Repair, ...]) -> str:
+    """The end of a sentence about joints on which `cylinders` act: the corrections `good`, which make the recording
+    fit; without any, what to check, the likeliest first."""
     if good:
         return f"the recording fits with {', or with '.join(repair.words for repair in good)}; check that first"
     return f"no single correction makes the recording fit; check in this order {_all_to_check(model, cylinders)}"

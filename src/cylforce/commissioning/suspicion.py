@@ -1,23 +1,93 @@
-"""All checks for which a recording of the empty machine is refused, in an order in which no error hides another."""
+"""All checks for which a recording of the empty machine is refused, in an order in which no error hides another. Before
+a refusal is said, what it names is compared with every single correction of the machine file and of the wiring: the
+sentence that is said is that of the better explanation."""
+
+import numpy as np
 
 from cylforce.commissioning import emptiness, wiring
-from cylforce.commissioning.wiring import SignalHistory
-from cylforce.estimation.batch import Fit
-from cylforce.estimation.blocks import Factors, chosen
+from cylforce.commissioning.explained import criterion
+from cylforce.commissioning.repairs import DECISIVE, Case, Repair, repairs, typical_error
+from cylforce.commissioning.wiring import SignalHistory, Suspicion
+from cylforce.estimation.batch import Fit, least_squares
+from cylforce.estimation.blocks import Factors, chosen, residual_squares
 from cylforce.estimation.model import Model
+from cylforce.estimation.observation import observed_factors
 from cylforce.signals.estimate import Array
 
 
 def doubt(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: SignalHistory) -> str | None:
     """One sentence that says what is wrong and what to do, or None. Found are: a frozen or exchanged sensor, a wrong
-    piston area, contact of the tool, a load. `whole`: factors with the tool's columns last; `noise` (R,) [N m] and
-    `fit`: of the model's columns alone; `evidence`: the raw samples."""
-    sentence = wiring.frozen_pressure(model, evidence)
+    piston area, contact of the tool, a load, and what is wrong in the machine file when one of these is suspected.
+    `whole`: factors with the tool's columns last; `noise` (R,) [N m] and `fit`: of the model's columns alone;
+    `evidence`: the raw samples."""
+    frozen = wiring.frozen_pressure(model, evidence)
+    if frozen is not None:
+        return frozen
+    suspected = _suspected(model, whole, noise, fit, evidence)
+    if suspected is None or suspected.cause == wiring.FROZEN:
+        return None if suspected is None else suspected.sentence
+    return compared(Case(model, evidence.kept), suspected)
+
+
+def _suspected(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: SignalHistory) -> Suspicion | None:
     data = chosen(whole, list(range(len(model.parameters))))
-    left = wiring.misfit(data, fit.row_error)
-    if sentence is None and left > wiring.MISFIT:
+    left, found = wiring.misfit(data, fit.row_error), None
+    if left > wiring.MISFIT:
         load = emptiness.hanging(model, data, noise, fit)
         # with a load that explains the misfit, exchanges are not tried: in a short recording many of them would fit
         explained = load.is_there and load.left < wiring.BETTER * left
-        sentence = None if explained else wiring.miswired(model, evidence)
-    return sentence or emptiness.not_empty(model, whole, noise, fit)
+        found = None if explained else wiring.miswired(model, evidence)
+    return found or emptiness.not_empty(model, whole, noise, fit)
+
+
+def compared(case: Case, suspected: Suspicion) -> str:
+    """The sentence of the better explanation of `case`: of what is `suspected`, or of a correction with which the case
+    is in order; both when neither is decisively better (`repairs.DECISIVE`)."""
+    good = repairs(case, range(len(case.model.machine.cylinders)))
+    others = tuple(repair for repair in good if repair.cause != suspected.cause)
+    if not others:
+        return suspected.sentence
+    own = score_of_suspicion(case, suspected, good)
+    if own < others[0].score - DECISIVE:
+        return suspected.sentence
+    words = f"the recording fits with {', or with '.join(repair.words for repair in others)}"
+    return f"{words}: check that first" if own > others[0].score + DECISIVE else f"{suspected.sentence}; or {words}"
+
+
+def score_of_suspicion(case: Case, suspected: Suspicion, good: tuple[Repair, ...]) -> float:
+    """The criterion (`explained.criterion`) of what is suspected; infinite when it does not explain the case."""
+    if suspected.cause == "load":
+        return _score_with_load(case)
+    if suspected.cause == "contact":
+        return _score_with_contact(case)
+    return min((repair.score for repair in good if repair.cause == suspected.cause), default=np.inf)
+
+
+def _score_with_load(case: Case) -> float:
+    model = case.model
+    data = chosen(observed_factors(model, [case.values], noisy=False), list(range(len(model.parameters))))
+    if not np.any(data.samples):
+        return np.inf
+    wider, prior = emptiness.with_load(model, data)
+    found = least_squares(wider, typical_error(data), prior).values
+    squares = np.sum(residual_squares(wider, found), axis=0)
+    return criterion(model, wider, squares, found, len(found) - len(model.parameters))
+
+
+def _score_with_contact(case: Case) -> float:
+    """With a force at the tool in every block that shows contact."""
+    model = case.model
+    whole = observed_factors(model, [case.values], noisy=False)
+    data = chosen(whole, list(range(len(model.parameters))))
+    if not np.any(data.samples):
+        return np.inf
+    error = typical_error(data)
+    found = emptiness.contact(model, whole, error, least_squares(data, error, model.prior))
+    touched = found.certain | found.disturbed
+    clear = Factors(*(part[~touched] for part in data))
+    if not np.any(clear.samples):
+        return np.inf
+    values = least_squares(clear, error, model.prior).values
+    squares = residual_squares(data, values)
+    squares[touched] = emptiness.left_by_force(model, Factors(*(part[touched] for part in whole)), error, values)
+    return criterion(model, data, np.sum(squares, axis=0), values, 2 * int(np.count_nonzero(touched)))

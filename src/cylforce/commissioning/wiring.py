@@ -26,6 +26,8 @@ MISFIT = 0.03  # of the torque, unexplained: beyond it a sensor is suspected; ch
 BETTER = 0.25  # of the misfit, which may remain after the right exchange; chosen
 AS_MANY = 0.8  # of the usable samples, which must remain usable after the right exchange; chosen
 
+FROZEN = "frozen"  # cause of a suspicion for which there is no other explanation
+
 PLACES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
 Exchange = tuple[tuple[int, ...], tuple[int, ...]]
@@ -39,6 +41,14 @@ class SignalHistory(NamedTuple):
     repeated: NDArray[np.intp]
     longest: NDArray[np.intp]
     step: Array
+
+
+class Suspicion(NamedTuple):
+    """A possible `cause`, in the words of the corrections that are tried (`repairs.Repair`), and the `sentence` that
+    says what to do."""
+
+    cause: str
+    sentence: str
 
 
 def nothing(machine: Machine) -> SignalHistory:
@@ -108,15 +118,15 @@ def misfit(data: Factors, row_error: Array) -> float:
     return float(np.sqrt(np.mean((row_error[seen] / np.maximum(size, 1e-9)) ** 2))) if np.any(seen) else np.inf
 
 
-def miswired(model: Model, evidence: SignalHistory) -> str | None:
-    """For a recording that does not fit: one sentence when an exchange of two sensors makes it fit, or when an angle or
+def miswired(model: Model, evidence: SignalHistory) -> Suspicion | None:
+    """For a recording that does not fit: what to do when an exchange of two sensors makes it fit, or when an angle or
     length sensor is frozen; else None."""
     if len(evidence.kept) < SHORT_S * model.filters.rate_hz:
         return None
     return _exchanged(model, evidence.kept) or _frozen_place(model, evidence)
 
 
-def _exchanged(model: Model, kept: Array) -> str | None:
+def _exchanged(model: Model, kept: Array) -> Suspicion | None:
     there, samples = _misfit_of(model, kept)
     if there < MISFIT:
         return None
@@ -126,9 +136,10 @@ def _exchanged(model: Model, kept: Array) -> str | None:
         return None
     left, pair = min(fitting)
     first, second = (" and ".join(model.machine.signals[k].name for k in part) for part in pair)
-    return (
+    return Suspicion(
+        f"{first} exchanged with {second}",
         f"{first} must change places with {second}: the other way round, the unexplained torque falls from "
-        f"{100 * there:.0f} to {100 * left:.1f} %; exchange their cables, or their entries in the machine file"
+        f"{100 * there:.0f} to {100 * left:.1f} %; exchange their cables, or their entries in the machine file",
     )
 
 
@@ -166,13 +177,14 @@ def exchanges(machine: Machine) -> Iterator[Exchange]:
     yield from ((a, b) for a, b in combinations(cylinders, 2) if len(a) == len(b) > 0)
 
 
-def _frozen_place(model: Model, evidence: SignalHistory) -> str | None:
+def _frozen_place(model: Model, evidence: SignalHistory) -> Suspicion | None:
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
         shaky = signal.standard_error >= 0.5 * evidence.step[k] or not np.isfinite(evidence.step[k])
         if signal.kind in PLACES and shaky and seconds >= STILL_S:
-            return (
+            return Suspicion(
+                FROZEN,
                 f"{signal.name} showed exactly one value for {seconds:.0f} s of motion, and the forces do not fit it: "
-                "the sensor is frozen; check it and its cable, then start again"
+                "the sensor is frozen; check it and its cable, then start again",
             )
     return None
