@@ -53,6 +53,16 @@ LOADER = {
     "pin_height_m": "2.05",
 }
 
+# A 12.5 t wheel loader whose tilt cylinder cannot cover the typical -46:48 deg of the bucket.
+TIGHT = {
+    "arm.length_m": "2.35",
+    "hinge_height_m": "3.75",
+    "lift.stroke_mm": "720",
+    "tilt.bore_mm": "130",
+    "tilt.rod_mm": "75",
+    "tilt.stroke_mm": "540",
+}
+
 
 def made(folder, kind, tonnes, values=None):
     path = folder / f"{kind}{tonnes:g}.toml"
@@ -154,6 +164,24 @@ def test_highest_is_the_sum_of_links_pointing_up():
 def test_a_loaders_arm_range_follows_from_its_hinge_height(tmp_path):
     machine = load(made(tmp_path, "wheel_loader", 18.0, LOADER)).service.machine
     assert 2.05 + 2.7 * np.sin(machine.links[0].angle_high) == pytest.approx(4.1, abs=0.01)
+
+
+def test_a_typical_range_that_a_cylinder_cannot_cover_is_narrowed_and_a_given_one_refused(tmp_path, capsys):
+    path = made(tmp_path, "wheel_loader", 12.5, TIGHT)
+    said = capsys.readouterr().out
+    low, high = (float(t) for t in re.search(r"bucket.angle_range_deg: .* narrowed to (\S+):(\S+):", said).groups())
+    assert -46.0 < low < -36.0
+    assert 38.0 < high <= 48.0
+    arm, bucket = (link["angle_range_deg"] for link in tomllib.loads(path.read_text())["links"])
+    assert bucket == pytest.approx([low - arm[1], high - arm[0]])  # the cylinder stands on the chassis
+    assert "narrowed to what its cylinder can cover; MEASURE THIS" in path.read_text()
+    path.unlink()
+    refused = r"bucket.angle_range_deg is -46:48, .* near a dead point .* widest range that fits is about (\S+)$"
+    with pytest.raises(ValueError, match=refused) as error:
+        made(tmp_path, "wheel_loader", 12.5, TIGHT | {"bucket.angle_range_deg": "-46:48"})
+    fits = re.search(refused, str(error.value)).group(1)
+    made(tmp_path, "wheel_loader", 12.5, TIGHT | {"bucket.angle_range_deg": fits})
+    assert "narrowed" not in capsys.readouterr().out
 
 
 def test_fitted_numbers_are_the_nearest():

@@ -1,7 +1,7 @@
 """`cylforce new`: a first machine file from the type of a machine and the figures of its data sheet."""
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from cylforce.files.shipped import shipped
 from cylforce.mechanics.workspace import working_range
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.settings.proposal.figures import Figure, Value, figures, parsed, settings
-from cylforce.settings.proposal.scaling import proposal
+from cylforce.settings.proposal.scaling import ProposedMachine, proposal
 from cylforce.settings.proposal.types import TYPES, machine_type
 from cylforce.settings.proposal.writing import text
 
@@ -143,13 +143,24 @@ def _check_nodes(values: Mapping[str, Value]) -> None:
 
 
 def write(answers: Answers, output: Path) -> tuple[str, ...]:
-    """The machine file, checked before it takes its place; returns the checks' warnings."""
+    """The machine file, checked before it takes its place; returns warnings."""
     kind, example = machine_type(answers.type), _example(answers.type)
-    tables = proposal(kind, tomllib.loads(example), answers.tonnes, answers.values, answers.given)
-    made = text(kind, example, tables, answers.tonnes, answers.given)
+    found = proposal(kind, tomllib.loads(example), answers.tonnes, answers.values, answers.given)
+    made = text(kind, example, found, answers.tonnes, answers.given)
     with replacing(output) as temporary:
         temporary.write_text(made, encoding="utf-8")
-        return _warnings(temporary, output)
+        return (*_narrowed(answers, found), *_warnings(temporary, output))
+
+
+def _narrowed(answers: Answers, found: ProposedMachine) -> Iterator[str]:
+    """What is to be said of angle ranges that were not given and do not fit the cylinders."""
+    known = wanted(answers.type, answers.tonnes)
+    for key, kept in found.narrowed.items():
+        words = known[key].words.partition(": ")[2].partition(", ")[2].removesuffix(" [deg]")
+        yield (
+            f"{key}: the typical {_text(known[key].typical)} deg {words} is more than the cylinder can cover and was "
+            f"narrowed to {_text(kept)}: measure both ends, then give them with --set {key}=LOW:HIGH"
+        )
 
 
 def _warnings(temporary: Path, output: Path) -> tuple[str, ...]:
