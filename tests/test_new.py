@@ -1,6 +1,7 @@
 """`cylforce new`: a machine file from a data sheet passes, is commented, simulates, and says what is still a guess."""
 
 import re
+import shlex
 import tomllib
 
 import numpy as np
@@ -223,6 +224,24 @@ def test_it_asks_for_what_is_not_given(tmp_path, capsys):
     assert "3 figures from the data sheet" in out
 
 
+def test_refused_answers_come_back_as_one_command(tmp_path, capsys):
+    ask, _ = answers("big", "8000", "8", "Midi 8 t", *[""] * 5, "-200:20")
+    path = tmp_path / "m.toml"
+    with pytest.raises(ValueError, match=r"stick.angle_range_deg is -200:20, .* levers"):
+        run_new(GivenFigures("excavator", None, ["boom.length_m=3.62"], False), path, ask)
+    assert not path.exists()
+    out = capsys.readouterr().out
+    assert "--tonnes is 'big': write the operating mass in tonnes" in out
+    assert "--tonnes is 8000, it must be 0.8 to 100" in out
+    again = shlex.split(out.splitlines()[-1])
+    assert again[:2] == ["cylforce", "new"]
+    assert "name=Midi 8 t" in again
+    right = [word.replace("-200:20", "-150:-35") for word in again[2:]]
+    assert right != again[2:]
+    assert cylforce_("new", *right) == 0
+    assert tomllib.loads(path.read_text())["links"][0]["length_m"] == 3.62
+
+
 def test_when_the_input_ends_it_says_so_and_writes_nothing(tmp_path):
     def ask(question):
         raise EOFError
@@ -237,8 +256,8 @@ REFUSED = [
     ("--tonnes 8", "--type is missing: write one of"),
     ("--type excavator", "--tonnes is missing: give the operating mass"),
     ("--type excavator --tonnes eight", "--tonnes is 'eight': write the operating mass in tonnes, a number"),
-    ("--type excavator --tonnes 8000", "operating_mass_t is 8000, it must be 0.8 to 100: give"),
-    ("--type excavator --tonnes nan", "operating_mass_t is nan"),
+    ("--type excavator --tonnes 8000", "--tonnes is 8000, it must be 0.8 to 100: give"),
+    ("--type excavator --tonnes nan", "--tonnes is nan, it"),
     (
         "--set boom.lenght_m=3.6",
         "--set boom.lenght_m: is no figure of this type of machine: did you mean boom.length_m",

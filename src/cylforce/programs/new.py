@@ -1,5 +1,6 @@
 """`cylforce new`: a first machine file from the type of a machine and the figures of its data sheet."""
 
+import shlex
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ from cylforce.mechanics.workspace import working_range
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.settings.proposal.figures import Figure, Value, figures, parsed, settings
 from cylforce.settings.proposal.scaling import ProposedMachine, proposal
-from cylforce.settings.proposal.types import TYPES, machine_type
+from cylforce.settings.proposal.types import TYPES, machine_type, operating_mass
 from cylforce.settings.proposal.writing import text
 
 Ask = Callable[[str], str]
@@ -44,7 +45,12 @@ def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
         raise RecordingError(f"-o {output}: must end in .toml: by that ending it is read again")
     check_outputs((output,))
     answers = gathered(given, ask)
-    warnings = write(answers, output)
+    try:
+        warnings = write(answers, output)
+    except ValueError:
+        if not given.yes:
+            print(f"Your answers as one command, to be corrected:\n{command(answers, output)}")
+        raise
     print(
         f"{output}: {answers.values['name']}; {len(answers.given)} figures from the data sheet, the others are typical"
     )
@@ -72,8 +78,17 @@ def gathered(given: GivenFigures, ask: Ask) -> Answers:
             if key not in found and (answer := _answer(figure, ask)) is not None:
                 found[key] = answer
     values |= found
-    _check_nodes(values)
     return Answers(name, tonnes, values, frozenset(found))
+
+
+def command(answers: Answers, output: Path) -> str:
+    """The command line that gives all these answers."""
+    known = wanted(answers.type, answers.tonnes)
+    words = ["cylforce", "new", "-o", str(output), "--type", answers.type, "--tonnes", f"{answers.tonnes:.10g}"]
+    for key in known:
+        if key in answers.given:
+            words += ["--set", f"{key}={_text(answers.values[key])}"]
+    return shlex.join([*words, "--yes"])
 
 
 def wanted(name: str, tonnes: float) -> dict[str, Figure]:
@@ -97,13 +112,17 @@ def _type(ask: Ask) -> str:
 
 
 def _tonnes(given: GivenFigures, ask: Ask) -> float:
-    if given.tonnes is None and given.yes:
+    if given.tonnes is not None:
+        return operating_mass(given.tonnes)
+    if given.yes:
         raise SettingsError("--tonnes is missing: give the operating mass from the data sheet, in tonnes")
-    answer = given.tonnes if given.tonnes is not None else _said(ask, "operating mass [t]: ", "--tonnes")
-    try:
-        return float(answer)
-    except ValueError:
-        raise SettingsError(f"--tonnes is {answer!r}: write the operating mass in tonnes, a number") from None
+    while True:
+        try:
+            return operating_mass(_said(ask, "operating mass [t]: ", "--tonnes"))
+        except SettingsError:
+            raise
+        except ValueError as error:
+            print(f"  {error}")
 
 
 def _answer(figure: Figure, ask: Ask) -> Value:
@@ -131,8 +150,8 @@ def _said(ask: Ask, question: str, option: str) -> str:
 
 def _text(value: Value) -> str:
     if isinstance(value, tuple):
-        return ":".join(f"{part:g}" for part in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
+        return ":".join(f"{part:.10g}" for part in value)
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
 def _check_nodes(values: Mapping[str, Value]) -> None:
@@ -144,6 +163,7 @@ def _check_nodes(values: Mapping[str, Value]) -> None:
 
 def write(answers: Answers, output: Path) -> tuple[str, ...]:
     """The machine file, checked before it takes its place; returns warnings."""
+    _check_nodes(answers.values)
     kind, example = machine_type(answers.type), _example(answers.type)
     found = proposal(kind, tomllib.loads(example), answers.tonnes, answers.values, answers.given)
     made = text(kind, example, found, answers.tonnes, answers.given)
