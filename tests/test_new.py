@@ -262,6 +262,9 @@ REFUSED = [
         "--set boom.lenght_m=3.6",
         "--set boom.lenght_m: is no figure of this type of machine: did you mean boom.length_m",
     ),
+    ("--type excavator --tonnes 1_2", "--tonnes is '1_2': write the operating mass in tonnes, a number"),
+    ("--set =3", "--set =3: has no key: write KEY=VALUE"),
+    ("--set boom.bore_mm=1_15", "boom.bore_mm is '1_15': write a number"),
     ("--set boom.length_m", "--set boom.length_m: has no value: write KEY=VALUE"),
     (
         "--set boom.length_m=3620",
@@ -295,6 +298,11 @@ def test_refusals_name_option_value_limit_and_cure(tmp_path, capsys, words, said
     assert error.count("\n") == 1
     assert re.search(said.replace("(", r"\("), error), error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_is_one_line(tmp_path):
+    with pytest.raises(ValueError, match=r"name is 'two.nlines': write one line"):
+        made(tmp_path, "excavator", 8.0, {"name": "two\nlines"})
 
 
 def test_a_file_is_never_replaced(tmp_path, capsys):

@@ -64,20 +64,15 @@ def machine_type(name: str) -> MachineType:
 def operating_mass(text: str) -> float:
     """The operating mass [t] that a text gives. Raises ValueError with a sentence."""
     try:
-        tonnes = number(text)
+        if "_" in text:  # which Python's numbers may contain
+            raise ValueError
+        tonnes = float(text)
     except ValueError:
         raise ValueError(f"--tonnes is {text!r}: write the operating mass in tonnes, a number") from None
     if not LIGHTEST <= tonnes <= HEAVIEST:
         limits = f"it must be {LIGHTEST:g} to {HEAVIEST:g}"
         raise ValueError(f"--tonnes is {tonnes:g}, {limits}: give the operating mass in tonnes")
     return tonnes
-
-
-def number(text: str) -> float:
-    """The number that a text writes, without the underscores that Python allows. Raises ValueError."""
-    if "_" in text:
-        raise ValueError(text)
-    return float(text)
 
 
 def size(kind: MachineType, tonnes: float) -> float:
