@@ -185,6 +185,24 @@ def test_a_typical_range_that_a_cylinder_cannot_cover_is_narrowed_and_a_given_on
     assert "narrowed" not in capsys.readouterr().out
 
 
+def test_heights_of_a_loaders_hinge_give_the_arms_range_or_agree_with_it(tmp_path, capsys):
+    """asin((0.35 - 1.85) / 2.5) = -36.9 deg, asin((3.85 - 1.85) / 2.5) = 53.1 deg."""
+    heights = {"arm.length_m": "2.5", "hinge_low_m": "0.35", "hinge_height_m": "3.85"}
+    raw = tomllib.loads(made(tmp_path, "wheel_loader", 13.0, heights | {"pin_height_m": "1.85"}).read_text())
+    assert raw["links"][0]["angle_range_deg"] == [-36.9, 53.1]
+    assert cylforce_("describe", tmp_path / "wheel_loader13.toml") == 0
+    assert "the bucket's pin comes from -1.50 m to 2.00 m, counted upwards" in capsys.readouterr().out
+    given = heights | {"arm.angle_range_deg": "-36.9:53.1"}
+    raw = tomllib.loads(made(tmp_path, "wheel_loader", 13.1, given).read_text())
+    assert raw["links"][0]["angle_range_deg"] == [-36.9, 53.1]
+    with pytest.raises(ValueError, match=r"hinge_height_m is 3.6, but the arm's end is at 3.85 m"):
+        made(tmp_path, "wheel_loader", 13.2, given | {"hinge_height_m": "3.6"})
+    with pytest.raises(ValueError, match=r"hinge_low_m is 0.35, but the arm's end is at 0.60 m .* its pin at 2.10 m"):
+        made(tmp_path, "wheel_loader", 13.3, given | {"pin_height_m": "2.1"})
+    with pytest.raises(ValueError, match=r"hinge_height_m is 6, an arm of 2.5 m with its pin at 1.85 m reaches -0.61 "):
+        made(tmp_path, "wheel_loader", 13.4, heights | {"pin_height_m": "1.85", "hinge_height_m": "6"})
+
+
 def test_fitted_numbers_are_the_nearest():
     """Of all (x, y, z) with x + y = 3 and z = 1, (1, 2, 1) is nearest to (0, 1, 0); where y moves half as easily, the
     step is as 1 to 1/4."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 from typing import Any, NamedTuple
 
-from cylforce.settings.proposal.envelope import first_range
+from cylforce.settings.proposal.envelope import HINGES, check_hinges, first_range
 from cylforce.settings.proposal.figures import Value, reached_over
 from cylforce.settings.proposal.narrowing import widest
 from cylforce.settings.proposal.pins import driven, fit_pins
@@ -40,7 +40,7 @@ def proposal(
     _set_machine(tables, values, s)
     for k in range(len(tables["links"])):
         _set_link(tables, raw, k, values, given, s)
-    ranges = _ranges(kind, tables, values, s)
+    ranges = _ranges(kind, tables, values, given, s)
     narrowed: dict[str, Range] = {}
     _set_ranges(tables, raw, ranges)
     for k in range(len(tables["cylinders"])):
@@ -85,11 +85,14 @@ def _set_link(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset
     }
 
 
-def _ranges(kind: MachineType, tables: Tables, values: Values, s: float) -> list[Range]:
+def _ranges(kind: MachineType, tables: Tables, values: Values, given: frozenset[str], s: float) -> list[Range]:
     """Angle range [deg] of each link as figures give it: of a link whose cylinder reaches over others, from the
     chassis."""
     lengths = [_length(tables, k) for k in range(len(tables["links"]))]
     wanted = [values[f"{link['name']}.angle_range_deg"] for link in tables["links"]]
+    if f"{tables['links'][0]['name']}.angle_range_deg" in given:
+        check_hinges(wanted[0], lengths[0], values, given)
+        values = {key: value for key, value in values.items() if key not in HINGES}
     return [first_range(kind, lengths, wanted, values, s), *wanted[1:]]
 
 

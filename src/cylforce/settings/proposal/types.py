@@ -47,7 +47,11 @@ TYPES = {
         "wheel_loader.toml",
         15.0,
         1.95,
-        (PIN_HEIGHT, ("hinge_height_m", "height of the bucket's pin, arm raised [m]")),
+        (
+            PIN_HEIGHT,
+            ("hinge_low_m", "height of the bucket's pin, arm lowered [m]"),
+            ("hinge_height_m", "height of the bucket's pin, arm raised [m]"),
+        ),
     ),
 }
 ENVELOPE = tuple(key for kind in TYPES.values() for key, _ in kind.envelope if key != PIN_HEIGHT[0])
