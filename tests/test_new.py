@@ -242,6 +242,18 @@ def test_it_asks_for_what_is_not_given(tmp_path, capsys):
     assert "3 figures from the data sheet" in out
 
 
+def test_enter_is_an_excavator_and_node_ids_are_asked_for_when_wanted(tmp_path):
+    ask, asked = answers("", "8")
+    run_new(GivenFigures(None, None, [], False), tmp_path / "a.toml", ask)
+    assert [len(tomllib.loads((tmp_path / "a.toml").read_text())[part]) for part in ("links", "cylinders")] == [3, 3]
+    assert asked[-1].startswith("ask for ")
+    assert not any("node id [" in question for question in asked)
+    ask, asked = answers("", "8", *[""] * (len(asked) - 3), "yes", "21")
+    run_new(GivenFigures(None, None, [], False), tmp_path / "b.toml", ask)
+    assert "node id [" in asked[-1]
+    assert tomllib.loads((tmp_path / "b.toml").read_text())["nodes"][0]["node_id"] == 21
+
+
 def test_refused_answers_come_back_as_one_command(tmp_path, capsys):
     ask, _ = answers("big", "8000", "8", "Midi 8 t", *[""] * 5, "-200:20")
     path = tmp_path / "m.toml"

@@ -16,6 +16,8 @@ from cylforce.settings.proposal.types import TYPES, machine_type, operating_mass
 from cylforce.settings.proposal.writing import text
 
 Ask = Callable[[str], str]
+NODE_ID = ".node_id"
+YES = ("y", "yes")
 
 
 class GivenFigures(NamedTuple):
@@ -73,10 +75,7 @@ def gathered(given: GivenFigures, ask: Ask) -> Answers:
     values = {key: figure.typical for key, figure in known.items()}
     found = settings(given.texts, known)
     if not given.yes:
-        print(f"{len(known) - len(found)} figures; Enter takes the value in brackets")
-        for key, figure in known.items():
-            if key not in found and (answer := _answer(figure, ask)) is not None:
-                found[key] = answer
+        found |= _answers([figure for key, figure in known.items() if key not in found], ask)
     values |= found
     return Answers(name, tonnes, values, frozenset(found))
 
@@ -105,7 +104,7 @@ def _type(ask: Ask) -> str:
     for name, kind in TYPES.items():
         print(f"  {name:13} {kind.words}")
     while True:
-        answer = _said(ask, "type of machine: ", "--type")
+        answer = _said(ask, f"type of machine [{next(iter(TYPES))}]: ", "--type") or next(iter(TYPES))
         if answer in TYPES:
             return answer
         print(f"  {answer!r} is none of them")
@@ -123,6 +122,19 @@ def _tonnes(given: GivenFigures, ask: Ask) -> float:
             raise
         except ValueError as error:
             print(f"  {error}")
+
+
+def _answers(asked: Sequence[Figure], ask: Ask) -> dict[str, Value]:
+    """What is said about figures, by key; about node ids only when they are wanted."""
+    nodes = [figure for figure in asked if figure.key.endswith(NODE_ID)]
+    print(f"{len(asked) - len(nodes)} figures; Enter takes the value in brackets")
+    said = {figure.key: _answer(figure, ask) for figure in asked if figure not in nodes}
+    if (
+        nodes
+        and _said(ask, f"ask for {len(nodes)} CANopen node ids as well? [no]: ", f"--set {nodes[0].key}").lower() in YES
+    ):
+        said |= {figure.key: _answer(figure, ask) for figure in nodes}
+    return {key: value for key, value in said.items() if value is not None}
 
 
 def _answer(figure: Figure, ask: Ask) -> Value:
@@ -157,7 +169,7 @@ def _text(value: Value) -> str:
 def _check_nodes(values: Mapping[str, Value]) -> None:
     seen: dict[Value, str] = {}
     for key, value in values.items():
-        if key.endswith(".node_id") and (other := seen.setdefault(value, key)) != key:
+        if key.endswith(NODE_ID) and (other := seen.setdefault(value, key)) != key:
             raise SettingsError(f"{key} is {value}, which is also {other}: give each node its own id, 1 to 127")
 
 
