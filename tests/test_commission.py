@@ -17,10 +17,10 @@ from cylforce.can.opening import open_bus
 from cylforce.commissioning.guidance import Guide
 from cylforce.files.logreader import read_events
 from cylforce.programs import commission
-from cylforce.programs.commission import Order, run_commission
+from cylforce.programs.commission import Order, run_commission, unbooked
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.live.collector import Collector
-from cylforce.programs.live.picture import FULL, NONE, picture, summary
+from cylforce.programs.live.picture import FULL, NONE, known, picture, summary
 from cylforce.programs.sim import START_US
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Frame
@@ -86,9 +86,32 @@ def test_the_picture_fills_as_the_machine_moves(collector):
     assert last.count("▲") == 3
     assert "> move the" in last
     assert re.match(
-        r"0:2\d of motion, strokes \d+ %, postures \d+ %, 1500 kg would be known to \+- \d+ kg",
+        r"0:2\d of motion, strokes \d+ %, postures \d+ %, error at 1500 kg by motion: \+- \d+ kg \(enough: 15\); by",
         summary(GUIDE, views[-1]),
     )
+
+
+@pytest.mark.parametrize(
+    ("scale_error", "said"),
+    [(0.032, r"by pins and bores: \+- 48 kg, until a known weight"), (0.008, r"by pins and bores: \+- 12 kg$")],
+)
+def test_what_motion_cannot_reduce_is_said_apart(collector, scale_error, said):
+    """Of 1500 kg 3.2 % are 48 kg, more than the 15 kg that a booked weight may have."""
+    *_, view = fed(collector, seconds=5.0)
+    view = view._replace(advice=view.advice._replace(weight_error=8.0))
+    model = model_of(LOADED)
+    model.__dict__["scale_error"] = scale_error
+    text = known(Guide(model), view)
+    assert "by motion: +- 8 kg (enough: 15); " in text
+    assert re.search(said, text)
+
+
+def test_the_end_says_which_weights_are_not_booked():
+    """1 % of the rated payload is booked at most: with 4 % of the weight that is a quarter of the payload."""
+    assert unbooked(GUIDE.model.data_sheet._replace(scale_error=0.04)).startswith(
+        "; with it no weight above 25 % of the rated payload is booked: its pins"
+    )
+    assert unbooked(GUIDE.model.data_sheet._replace(scale_error=0.009)) == ""
 
 
 def test_the_pointer_is_where_the_joint_is(collector):
@@ -111,7 +134,7 @@ def test_a_loaded_bucket_ends_it(collector):
             break
     assert view.say.startswith("the bucket is not empty")
     with pytest.raises(ValueError, match="the bucket is not empty"):
-        commission._check_hope(GUIDE, view)
+        commission._check_outcome(GUIDE, view)
 
 
 def test_a_silent_node_is_named_within_seconds(collector):

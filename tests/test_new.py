@@ -1,6 +1,7 @@
 """`cylforce new`: a machine file from a data sheet passes, is commented, simulates, and says what is still a guess."""
 
 import re
+import shlex
 import tomllib
 
 import numpy as np
@@ -51,6 +52,16 @@ LOADER = {
     "tilt.closed_mm": "1150",
     "hinge_height_m": "4.1",
     "pin_height_m": "2.05",
+}
+
+# A 12.5 t wheel loader whose tilt cylinder cannot cover the typical -46:48 deg of the bucket.
+TIGHT = {
+    "arm.length_m": "2.35",
+    "hinge_height_m": "3.75",
+    "lift.stroke_mm": "720",
+    "tilt.bore_mm": "130",
+    "tilt.rod_mm": "75",
+    "tilt.stroke_mm": "540",
 }
 
 
@@ -156,6 +167,42 @@ def test_a_loaders_arm_range_follows_from_its_hinge_height(tmp_path):
     assert 2.05 + 2.7 * np.sin(machine.links[0].angle_high) == pytest.approx(4.1, abs=0.01)
 
 
+def test_a_typical_range_that_a_cylinder_cannot_cover_is_narrowed_and_a_given_one_refused(tmp_path, capsys):
+    path = made(tmp_path, "wheel_loader", 12.5, TIGHT)
+    said = capsys.readouterr().out
+    low, high = (float(t) for t in re.search(r"bucket.angle_range_deg: .* narrowed to (\S+):(\S+):", said).groups())
+    assert -46.0 < low < -36.0
+    assert 38.0 < high <= 48.0
+    arm, bucket = (link["angle_range_deg"] for link in tomllib.loads(path.read_text())["links"])
+    assert bucket == pytest.approx([low - arm[1], high - arm[0]])  # the cylinder stands on the chassis
+    assert "narrowed to what its cylinder can cover; MEASURE THIS" in path.read_text()
+    path.unlink()
+    refused = r"bucket.angle_range_deg is -46:48, .* near a dead point .* widest range that fits is about (\S+)$"
+    with pytest.raises(ValueError, match=refused) as error:
+        made(tmp_path, "wheel_loader", 12.5, TIGHT | {"bucket.angle_range_deg": "-46:48"})
+    fits = re.search(refused, str(error.value)).group(1)
+    made(tmp_path, "wheel_loader", 12.5, TIGHT | {"bucket.angle_range_deg": fits})
+    assert "narrowed" not in capsys.readouterr().out
+
+
+def test_heights_of_a_loaders_hinge_give_the_arms_range_or_agree_with_it(tmp_path, capsys):
+    """asin((0.35 - 1.85) / 2.5) = -36.9 deg, asin((3.85 - 1.85) / 2.5) = 53.1 deg."""
+    heights = {"arm.length_m": "2.5", "hinge_low_m": "0.35", "hinge_height_m": "3.85"}
+    raw = tomllib.loads(made(tmp_path, "wheel_loader", 13.0, heights | {"pin_height_m": "1.85"}).read_text())
+    assert raw["links"][0]["angle_range_deg"] == [-36.9, 53.1]
+    assert cylforce_("describe", tmp_path / "wheel_loader13.toml") == 0
+    assert "the bucket's pin comes from -1.50 m to 2.00 m, counted upwards" in capsys.readouterr().out
+    given = heights | {"arm.angle_range_deg": "-36.9:53.1"}
+    raw = tomllib.loads(made(tmp_path, "wheel_loader", 13.1, given).read_text())
+    assert raw["links"][0]["angle_range_deg"] == [-36.9, 53.1]
+    with pytest.raises(ValueError, match=r"hinge_height_m is 3.6, but the arm's end is at 3.85 m"):
+        made(tmp_path, "wheel_loader", 13.2, given | {"hinge_height_m": "3.6"})
+    with pytest.raises(ValueError, match=r"hinge_low_m is 0.35, but the arm's end is at 0.60 m .* its pin at 2.10 m"):
+        made(tmp_path, "wheel_loader", 13.3, given | {"pin_height_m": "2.1"})
+    with pytest.raises(ValueError, match=r"hinge_height_m is 6, an arm of 2.5 m with its pin at 1.85 m reaches -0.61 "):
+        made(tmp_path, "wheel_loader", 13.4, heights | {"pin_height_m": "1.85", "hinge_height_m": "6"})
+
+
 def test_fitted_numbers_are_the_nearest():
     """Of all (x, y, z) with x + y = 3 and z = 1, (1, 2, 1) is nearest to (0, 1, 0); where y moves half as easily, the
     step is as 1 to 1/4."""
@@ -195,6 +242,36 @@ def test_it_asks_for_what_is_not_given(tmp_path, capsys):
     assert "3 figures from the data sheet" in out
 
 
+def test_enter_is_an_excavator_and_node_ids_are_asked_for_when_wanted(tmp_path):
+    ask, asked = answers("", "8")
+    run_new(GivenFigures(None, None, [], False), tmp_path / "a.toml", ask)
+    assert [len(tomllib.loads((tmp_path / "a.toml").read_text())[part]) for part in ("links", "cylinders")] == [3, 3]
+    assert asked[-1].startswith("ask for ")
+    assert not any("node id [" in question for question in asked)
+    ask, asked = answers("", "8", *[""] * (len(asked) - 3), "yes", "21")
+    run_new(GivenFigures(None, None, [], False), tmp_path / "b.toml", ask)
+    assert "node id [" in asked[-1]
+    assert tomllib.loads((tmp_path / "b.toml").read_text())["nodes"][0]["node_id"] == 21
+
+
+def test_refused_answers_come_back_as_one_command(tmp_path, capsys):
+    ask, _ = answers("big", "8000", "8", "Midi 8 t", *[""] * 5, "-200:20")
+    path = tmp_path / "m.toml"
+    with pytest.raises(ValueError, match=r"stick.angle_range_deg is -200:20, .* levers"):
+        run_new(GivenFigures("excavator", None, ["boom.length_m=3.62"], False), path, ask)
+    assert not path.exists()
+    out = capsys.readouterr().out
+    assert "--tonnes is 'big': write the operating mass in tonnes" in out
+    assert "--tonnes is 8000, it must be 0.8 to 100" in out
+    again = shlex.split(out.splitlines()[-1])
+    assert again[:2] == ["cylforce", "new"]
+    assert "name=Midi 8 t" in again
+    right = [word.replace("-200:20", "-150:-35") for word in again[2:]]
+    assert right != again[2:]
+    assert cylforce_("new", *right) == 0
+    assert tomllib.loads(path.read_text())["links"][0]["length_m"] == 3.62
+
+
 def test_when_the_input_ends_it_says_so_and_writes_nothing(tmp_path):
     def ask(question):
         raise EOFError
@@ -209,12 +286,15 @@ REFUSED = [
     ("--tonnes 8", "--type is missing: write one of"),
     ("--type excavator", "--tonnes is missing: give the operating mass"),
     ("--type excavator --tonnes eight", "--tonnes is 'eight': write the operating mass in tonnes, a number"),
-    ("--type excavator --tonnes 8000", "operating_mass_t is 8000, it must be 0.8 to 100: give"),
-    ("--type excavator --tonnes nan", "operating_mass_t is nan"),
+    ("--type excavator --tonnes 8000", "--tonnes is 8000, it must be 0.8 to 100: give"),
+    ("--type excavator --tonnes nan", "--tonnes is nan, it"),
     (
         "--set boom.lenght_m=3.6",
         "--set boom.lenght_m: is no figure of this type of machine: did you mean boom.length_m",
     ),
+    ("--type excavator --tonnes 1_2", "--tonnes is '1_2': write the operating mass in tonnes, a number"),
+    ("--set =3", "--set =3: has no key: write KEY=VALUE"),
+    ("--set boom.bore_mm=1_15", "boom.bore_mm is '1_15': write a number"),
     ("--set boom.length_m", "--set boom.length_m: has no value: write KEY=VALUE"),
     (
         "--set boom.length_m=3620",
@@ -248,6 +328,11 @@ def test_refusals_name_option_value_limit_and_cure(tmp_path, capsys, words, said
     assert error.count("\n") == 1
     assert re.search(said.replace("(", r"\("), error), error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_is_one_line(tmp_path):
+    with pytest.raises(ValueError, match=r"name is 'two.nlines': write one line"):
+        made(tmp_path, "excavator", 8.0, {"name": "two\nlines"})
 
 
 def test_a_file_is_never_replaced(tmp_path, capsys):

@@ -29,12 +29,13 @@ FIRST_S = 16.0  # s of motion before the first judgement; chosen
 LONGEST_S = 270.0  # s of motion after which missing strokes are no longer asked for; chosen
 UNMOVED_S = 60.0  # s of motion of other joints, after which a joint that never moved is asked for first; chosen
 CREEPING_S = 10.0  # s of motion that is too slow to count, after which faster motion is asked for; chosen
-GOOD_ENOUGH = 0.01  # times the rated payload: expected standard error with which the commissioning ends; chosen
+GOOD_ENOUGH = 0.01  # times the rated payload: expected error, the scale's apart, at which it ends; chosen
 LIKELY = 95.0  # percentile of that standard error over the working range; chosen
 
 
 class Judgement(NamedTuple):
-    """Judgement of the samples so far: expected `weight_error` [kg] (NaN: not yet known); `refusal`: one sentence why
+    """Judgement of the samples so far: expected `weight_error` [kg] without the error of the scale, which the motion of
+    the empty machine cannot reduce (NaN: not yet known); `refusal`: one sentence why
     they are refused, or None."""
 
     weight_error: float

@@ -13,8 +13,9 @@ from rich.text import Text
 from cylforce.can.bus import Bus, BusError
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_bus
-from cylforce.commissioning.guidance import Guide
+from cylforce.commissioning.guidance import GOOD_ENOUGH, Guide
 from cylforce.commissioning.identification import MIN_SECONDS, Identification
+from cylforce.estimation.model import Tares
 from cylforce.files.atomic import RecordingError, check_outputs
 from cylforce.files.logfile import LogWriter, file_sha256
 from cylforce.programs.common.progress import progress_bar
@@ -62,8 +63,19 @@ def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
     with progress_bar() as watch:
         found = run_identify(loaded, [order.log], order.output, watch=watch)
     show(found, console)
-    console.print(f"written: {order.output}", soft_wrap=True)
+    console.print(Text(f"written: {order.output}{'' if order.known_kg else unbooked(found.tares)}"), soft_wrap=True)
     return order.known_kg is None or _scaled(loaded, found, order, order.known_kg, console)
+
+
+def unbooked(tares: Tares) -> str:
+    """What follows from the error of a scale without a known weight; nothing where it lets a rated load be booked."""
+    if tares.scale_error <= GOOD_ENOUGH:
+        return ""
+    return (
+        f"; with it no weight above {100.0 * GOOD_ENOUGH / tares.scale_error:.0f} % of the rated payload is booked: "
+        f"its pins and bores leave +- {100.0 * tares.scale_error:.1f} % of the weight; lift a known weight "
+        "(--known-kg, or identify --lift)"
+    )
 
 
 def _check(machine: Path, order: Order) -> None:

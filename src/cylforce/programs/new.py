@@ -1,7 +1,8 @@
 """`cylforce new`: a first machine file from the type of a machine and the figures of its data sheet."""
 
+import shlex
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,11 +11,13 @@ from cylforce.files.shipped import shipped
 from cylforce.mechanics.workspace import working_range
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.settings.proposal.figures import Figure, Value, figures, parsed, settings
-from cylforce.settings.proposal.scaling import proposal
-from cylforce.settings.proposal.types import TYPES, machine_type
+from cylforce.settings.proposal.scaling import ProposedMachine, proposal
+from cylforce.settings.proposal.types import TYPES, machine_type, operating_mass
 from cylforce.settings.proposal.writing import text
 
 Ask = Callable[[str], str]
+NODE_ID = ".node_id"
+YES = ("y", "yes")
 
 
 class GivenFigures(NamedTuple):
@@ -44,7 +47,12 @@ def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
         raise RecordingError(f"-o {output}: must end in .toml: by that ending it is read again")
     check_outputs((output,))
     answers = gathered(given, ask)
-    warnings = write(answers, output)
+    try:
+        warnings = write(answers, output)
+    except ValueError:
+        if not given.yes:
+            print(f"Your answers as one command, to be corrected:\n{command(answers, output)}")
+        raise
     print(
         f"{output}: {answers.values['name']}; {len(answers.given)} figures from the data sheet, the others are typical"
     )
@@ -67,13 +75,19 @@ def gathered(given: GivenFigures, ask: Ask) -> Answers:
     values = {key: figure.typical for key, figure in known.items()}
     found = settings(given.texts, known)
     if not given.yes:
-        print(f"{len(known) - len(found)} figures; Enter takes the value in brackets")
-        for key, figure in known.items():
-            if key not in found and (answer := _answer(figure, ask)) is not None:
-                found[key] = answer
+        found |= _answers([figure for key, figure in known.items() if key not in found], ask)
     values |= found
-    _check_nodes(values)
     return Answers(name, tonnes, values, frozenset(found))
+
+
+def command(answers: Answers, output: Path) -> str:
+    """The command line that gives all these answers."""
+    known = wanted(answers.type, answers.tonnes)
+    words = ["cylforce", "new", "-o", str(output), "--type", answers.type, "--tonnes", f"{answers.tonnes:.10g}"]
+    for key in known:
+        if key in answers.given:
+            words += ["--set", f"{key}={_text(answers.values[key])}"]
+    return shlex.join([*words, "--yes"])
 
 
 def wanted(name: str, tonnes: float) -> dict[str, Figure]:
@@ -90,20 +104,37 @@ def _type(ask: Ask) -> str:
     for name, kind in TYPES.items():
         print(f"  {name:13} {kind.words}")
     while True:
-        answer = _said(ask, "type of machine: ", "--type")
+        answer = _said(ask, f"type of machine [{next(iter(TYPES))}]: ", "--type") or next(iter(TYPES))
         if answer in TYPES:
             return answer
         print(f"  {answer!r} is none of them")
 
 
 def _tonnes(given: GivenFigures, ask: Ask) -> float:
-    if given.tonnes is None and given.yes:
+    if given.tonnes is not None:
+        return operating_mass(given.tonnes)
+    if given.yes:
         raise SettingsError("--tonnes is missing: give the operating mass from the data sheet, in tonnes")
-    answer = given.tonnes if given.tonnes is not None else _said(ask, "operating mass [t]: ", "--tonnes")
-    try:
-        return float(answer)
-    except ValueError:
-        raise SettingsError(f"--tonnes is {answer!r}: write the operating mass in tonnes, a number") from None
+    while True:
+        try:
+            return operating_mass(_said(ask, "operating mass [t]: ", "--tonnes"))
+        except SettingsError:
+            raise
+        except ValueError as error:
+            print(f"  {error}")
+
+
+def _answers(asked: Sequence[Figure], ask: Ask) -> dict[str, Value]:
+    """What is said about figures, by key; about node ids only when they are wanted."""
+    nodes = [figure for figure in asked if figure.key.endswith(NODE_ID)]
+    print(f"{len(asked) - len(nodes)} figures; Enter takes the value in brackets")
+    said = {figure.key: _answer(figure, ask) for figure in asked if figure not in nodes}
+    if (
+        nodes
+        and _said(ask, f"ask for {len(nodes)} CANopen node ids as well? [no]: ", f"--set {nodes[0].key}").lower() in YES
+    ):
+        said |= {figure.key: _answer(figure, ask) for figure in nodes}
+    return {key: value for key, value in said.items() if value is not None}
 
 
 def _answer(figure: Figure, ask: Ask) -> Value:
@@ -131,25 +162,37 @@ def _said(ask: Ask, question: str, option: str) -> str:
 
 def _text(value: Value) -> str:
     if isinstance(value, tuple):
-        return ":".join(f"{part:g}" for part in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
+        return ":".join(f"{part:.10g}" for part in value)
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
 def _check_nodes(values: Mapping[str, Value]) -> None:
     seen: dict[Value, str] = {}
     for key, value in values.items():
-        if key.endswith(".node_id") and (other := seen.setdefault(value, key)) != key:
+        if key.endswith(NODE_ID) and (other := seen.setdefault(value, key)) != key:
             raise SettingsError(f"{key} is {value}, which is also {other}: give each node its own id, 1 to 127")
 
 
 def write(answers: Answers, output: Path) -> tuple[str, ...]:
-    """The machine file, checked before it takes its place; returns the checks' warnings."""
+    """The machine file, checked before it takes its place; returns warnings."""
+    _check_nodes(answers.values)
     kind, example = machine_type(answers.type), _example(answers.type)
-    tables = proposal(kind, tomllib.loads(example), answers.tonnes, answers.values, answers.given)
-    made = text(kind, example, tables, answers.tonnes, answers.given)
+    found = proposal(kind, tomllib.loads(example), answers.tonnes, answers.values, answers.given)
+    made = text(kind, example, found, answers.tonnes, answers.given)
     with replacing(output) as temporary:
         temporary.write_text(made, encoding="utf-8")
-        return _warnings(temporary, output)
+        return (*_narrowed(answers, found), *_warnings(temporary, output))
+
+
+def _narrowed(answers: Answers, found: ProposedMachine) -> Iterator[str]:
+    """What is to be said of angle ranges that were not given and do not fit the cylinders."""
+    known = wanted(answers.type, answers.tonnes)
+    for key, kept in found.narrowed.items():
+        words = known[key].words.partition(": ")[2].partition(", ")[2].removesuffix(" [deg]")
+        yield (
+            f"{key}: the typical {_text(known[key].typical)} deg {words} is more than the cylinder can cover and was "
+            f"narrowed to {_text(kept)}: measure both ends, then give them with --set {key}=LOW:HIGH"
+        )
 
 
 def _warnings(temporary: Path, output: Path) -> tuple[str, ...]:

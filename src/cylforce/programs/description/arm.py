@@ -89,3 +89,10 @@ def extent(machine: Machine) -> Extent:
     grids = (np.linspace(low, high, GRID) for low, high in set_ranges(machine))
     places = machine.tool_point(joint_angles(machine, np.array(list(product(*grids))))).place
     return Extent(float(places.real.max()), float(places.imag.max()), -float(places.imag.min()))
+
+
+def pin_heights(machine: Machine) -> tuple[float, float]:
+    """Lowest and highest place [m] of the last link's pin above the first pin, chassis level."""
+    grids = (np.linspace(low, high, GRID) for low, high in set_ranges(machine))
+    heights = machine.pose(joint_angles(machine, np.array(list(product(*grids))))).origin[..., -1].imag
+    return float(heights.min()), float(heights.max())

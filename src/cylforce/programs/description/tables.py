@@ -7,7 +7,7 @@ from typing import NamedTuple
 from cylforce.canopen.bus_load import BIT_RATES, traffic
 from cylforce.mechanics.installation import Service
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.description.arm import PRESSURE, CylinderNumbers, cylinder_numbers, extent
+from cylforce.programs.description.arm import PRESSURE, CylinderNumbers, cylinder_numbers, extent, pin_heights
 from cylforce.settings.checks.strokes import BEYOND_WARN
 from cylforce.signals.layout import CODES, TYPE_NAMES, Pdo
 from cylforce.signals.units import BAR
@@ -70,7 +70,12 @@ def _links(machine: Machine) -> TextTable:
     ]
     far = extent(machine)
     note = f"the tool comes {far.forward:.2f} m forward, {far.up:.2f} m up and {far.down:.2f} m down from the first pin"
-    return TextTable("Links", head, rows, (note,))
+    notes = [note]
+    if machine.size > 1:
+        low, high = pin_heights(machine)
+        last = machine.links[-1].name
+        notes.append(f"the {last}'s pin comes from {low:.2f} m to {high:.2f} m, counted upwards from the first pin")
+    return TextTable("Links", head, rows, notes)
 
 
 def _strokes(machine: Machine, cylinders: Sequence[CylinderNumbers]) -> TextTable:

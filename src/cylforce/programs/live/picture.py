@@ -52,12 +52,16 @@ def summary(guide: Guide, view: View) -> str:
 
 
 def known(guide: Guide, view: View) -> str:
-    """How well the tares collected so far would weigh a rated load, the data sheet's areas and levers included."""
-    rated = guide.model.machine.rated_payload
-    error = float(np.hypot(view.advice.weight_error, guide.model.scale_error * rated))
-    if not np.isfinite(error):
+    """How well a rated load would be weighed: the part that motion reduces, with its goal, and that of the pins and
+    bores, which only a known weight reduces."""
+    rated, scale = guide.model.machine.rated_payload, guide.model.scale_error
+    if not np.isfinite(view.advice.weight_error):
         return "weight not known yet"
-    return f"{rated:.0f} kg would be known to +- {error:.0f} kg (enough: {GOOD_ENOUGH * rated:.0f})"
+    cure = ", until a known weight is lifted (--known-kg)" if scale > GOOD_ENOUGH else ""
+    return (
+        f"error at {rated:.0f} kg by motion: +- {view.advice.weight_error:.0f} kg (enough: {GOOD_ENOUGH * rated:.0f}); "
+        f"by pins and bores: +- {scale * rated:.0f} kg{cure}"
+    )
 
 
 def _joints(guide: Guide) -> list[Joint]:

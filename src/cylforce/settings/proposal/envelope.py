@@ -1,6 +1,6 @@
 """The first joint's angle range from the working envelope of a data sheet."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import asin, degrees
 from typing import Any
 
@@ -11,6 +11,8 @@ from cylforce.settings.proposal.types import MachineType, Range
 
 STEEPEST = 80.0  # deg, of a first link, up or down
 GRID = 61
+HINGES = "hinge_low_m", "hinge_height_m"  # the arm lowered and raised
+AGREE = 0.03  # of the arm's length, to which heights and angles of data sheets agree: 1 to 2 degrees; chosen
 
 
 def first_range(
@@ -25,8 +27,11 @@ def first_range(
         low = _downwards(values["dig_depth_m"] + height - sum(lengths[1:]), lengths[0], values["dig_depth_m"])
     if values.get("cut_height_m") is not None:
         high = _cutting(values["cut_height_m"] - height, lengths, ranges, values["cut_height_m"])
-    if values.get("hinge_height_m") is not None:
-        high = _upwards(values["hinge_height_m"] - height, lengths[0], values["hinge_height_m"])
+    hinges = [values.get(key) for key in HINGES]
+    low, high = (
+        old if hinge is None else _towards(key, hinge, height, lengths[0])
+        for key, hinge, old in zip(HINGES, hinges, (low, high), strict=True)
+    )
     if high - low < 10.0:
         name = "dig_depth_m" if values.get("dig_depth_m") is not None else "the working envelope"
         raise ValueError(f"{name} leaves a first joint that turns from {low:.0f} to {high:.0f} deg: check the heights")
@@ -43,14 +48,32 @@ def _downwards(depth: float, length: float, given: float) -> float:
     return -degrees(asin(depth / length))
 
 
-def _upwards(rise: float, length: float, given: float) -> float:
-    """Angle [deg] at which the first link's end is `rise` [m] above its pin."""
-    if not 0.0 < rise < np.sin(np.radians(STEEPEST)) * length:
+def _towards(key: str, hinge: float, height: float, length: float) -> float:
+    """Angle [deg] at which the outer end of an arm, its pin at `height` [m], is at the height `hinge` [m]."""
+    most = np.sin(np.radians(STEEPEST)) * length
+    if not abs(hinge - height) < most:
         raise ValueError(
-            f"hinge_height_m is {given:g}, which an arm of {length:g} m does not reach between 0 and {STEEPEST:g} deg: "
-            "check it, the arm's length, and pin_height_m"
+            f"{key} is {hinge:g}, an arm of {length:g} m with its pin at {height:g} m reaches "
+            f"{height - most:.2f} to {height + most:.2f}: check it, the arm's length, and pin_height_m"
         )
-    return degrees(asin(rise / length))
+    return degrees(asin((hinge - height) / length))
+
+
+def check_hinges(arm: Range, length: float, values: Mapping[str, Any], given: Collection[str]) -> None:
+    """Raises ValueError where heights of the arm's ends among the `values` contradict its angle range `arm` [deg]. A
+    height of its inner pin that is not `given` follows from the first of them."""
+    pin = values["pin_height_m"] if "pin_height_m" in given else None
+    hinges = [values.get(key) for key in HINGES]
+    for key, hinge, angle in zip(HINGES, hinges, arm, strict=True):
+        if hinge is None:
+            continue
+        rise = length * float(np.sin(np.radians(angle)))
+        pin = hinge - rise if pin is None else pin
+        if abs(pin + rise - hinge) > AGREE * length:
+            raise ValueError(
+                f"{key} is {hinge:g}, but the arm's end is at {pin + rise:.2f} m when its angle is {angle:g} deg and "
+                f"its pin at {pin:.2f} m: leave out angle_range_deg or that height, or correct them"
+            )
 
 
 def _cutting(rise: float, lengths: Sequence[float], ranges: Sequence[Range], given: float) -> float:

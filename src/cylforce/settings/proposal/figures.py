@@ -115,8 +115,12 @@ def _standard(mm: float) -> float:
 def parsed(figure: Figure, text: str) -> Value:
     """The value that a text gives a figure. Raises ValueError with a sentence that names key, value, limit and cure."""
     if figure.shape is str:
+        if not text.isprintable():
+            raise ValueError(f"{figure.key} is {text!r}: write one line of letters, digits and signs")
         return text
     try:
+        if "_" in text:  # which Python's numbers may contain
+            raise ValueError
         if figure.shape is tuple:
             low, high = (float(part) for part in text.strip("[] ").replace(",", ":").split(":"))
             return _checked_range(figure, (low, high))
@@ -152,8 +156,8 @@ def settings(texts: Iterable[str], known: Mapping[str, Figure]) -> dict[str, Val
     found: dict[str, Value] = {}
     for text in texts:
         key, equals, value = (part.strip() for part in text.partition("="))
-        if not equals:
-            raise ValueError(f"--set {text}: has no value: write KEY=VALUE")
+        if not key or not equals:
+            raise ValueError(f"--set {text}: has no {'value' if key else 'key'}: write KEY=VALUE")
         if key not in known:
             close = get_close_matches(key, known, 1)
             cure = f"did you mean {close[0]}" if close else "`cylforce new --list` shows all"

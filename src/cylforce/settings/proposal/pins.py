@@ -21,9 +21,10 @@ LEAST_TRANSMISSION = 0.3  # sine of the angle between rocker and link
 LONGEST = 1.91  # open over closed length: a closed cylinder is at least 1.1 strokes long, for piston, gland and eyes
 
 
-def fit_pins(tables: dict[str, Any], k: int, wanted: Range | None) -> None:
+def fit_pins(tables: dict[str, Any], k: int, wanted: Range | None, shown: Range) -> None:
     """Give cylinder k of the `tables` pins with which it is as long as `wanted` (closed, open) [m], room of ROOM kept,
-    at the ends of its joint's range; None: the pins stay, and its lengths follow from them.
+    at the ends of its joint's range; None: the pins stay, and its lengths follow from them. `shown`: that range [deg]
+    as `angle_range_deg` of a data sheet gives it.
 
     Raises ValueError, in a sentence, where there are no such pins near the typical ones."""
     cylinder = tables["cylinders"][k]
@@ -39,7 +40,16 @@ def fit_pins(tables: dict[str, Any], k: int, wanted: Range | None) -> None:
         _move(machine, tables, k, (wanted[0] + room, wanted[1] - room))
     _round(shape)
     cylinder["length_range_m"] = [round(length, 3) for length in wanted]
-    _check(bare_machine(tables), k, cure)
+    if problem := _problem(bare_machine(tables), k):
+        link = tables["links"][driven(tables, k)]["name"]
+        raise ValueError(
+            f"{link}.angle_range_deg is {shown[0]:g}:{shown[1]:g}, and the {name} cylinder {problem}: {cure}"
+        )
+
+
+def driven(tables: Raw, k: int) -> int:
+    """The number of the joint that cylinder k moves."""
+    return max(bare_machine(tables).spans[k])
 
 
 def _move(machine: Machine, tables: dict[str, Any], k: int, inner: Range) -> None:
@@ -102,24 +112,21 @@ def _round(shape: dict[str, Any]) -> None:
             shape[key] = [round(p, 3) for p in part] if isinstance(part, list) else round(part, 3)
 
 
-def _check(machine: Machine, k: int, cure: str) -> None:
-    j = max(machine.spans[k])
-    found = machine.cylinders[k].linkage.stretch(machine.pose(range_postures(machine, k)))
-    lever = found.gradient[:, j]
-    problem = None
+def _problem(machine: Machine, k: int) -> str | None:
+    """What is wrong with cylinder k in its joint's range."""
+    cylinder = machine.cylinders[k]
+    found = cylinder.linkage.stretch(machine.pose(range_postures(machine, k)))
+    lever = found.gradient[:, max(machine.spans[k])]
     if not np.all(np.isfinite(lever)):
-        problem = "has a linkage that cannot be closed all over it"
-    elif np.min(lever) * np.max(lever) <= 0.0 or np.min(np.abs(lever)) < LEAST_LEVER * np.max(np.abs(lever)):
-        problem = f"has levers of {np.min(lever):.2f} to {np.max(lever):.2f} m in it"
-    elif np.min(found.transmission) < LEAST_TRANSMISSION:
-        problem = "comes near a dead point in it"
-    elif machine.cylinders[k].length_high > LONGEST * machine.cylinders[k].length_low:
-        ends = f"{machine.cylinders[k].length_low:.2f} to {machine.cylinders[k].length_high:.2f} m"
-        problem = f"is {ends} long in it, more than {LONGEST:g} times as long open as closed"
-    if problem:
-        link, name = machine.links[j], machine.cylinders[k].name
-        low, high = np.degrees([link.angle_low, link.angle_high])
-        raise ValueError(f"{link.name}.angle_range_deg is {low:g}:{high:g}, and the {name} cylinder {problem}: {cure}")
+        return "has a linkage that cannot be closed all over it"
+    if np.min(lever) * np.max(lever) <= 0.0 or np.min(np.abs(lever)) < LEAST_LEVER * np.max(np.abs(lever)):
+        return f"has levers of {np.min(lever):.2f} to {np.max(lever):.2f} m in it"
+    if np.min(found.transmission) < LEAST_TRANSMISSION:
+        return "comes near a dead point in it"
+    if cylinder.length_high > LONGEST * cylinder.length_low:
+        ends = f"{cylinder.length_low:.2f} to {cylinder.length_high:.2f} m"
+        return f"is {ends} long in it, more than {LONGEST:g} times as long open as closed"
+    return None
 
 
 def bare_machine(tables: Raw) -> Machine:

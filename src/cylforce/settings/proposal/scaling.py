@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from copy import deepcopy
-from typing import Any
+from typing import Any, NamedTuple
 
-from cylforce.settings.proposal.envelope import first_range
+from cylforce.settings.proposal.envelope import HINGES, check_hinges, first_range
 from cylforce.settings.proposal.figures import Value, reached_over
-from cylforce.settings.proposal.pins import fit_pins
-from cylforce.settings.proposal.types import MachineType, Raw, size
+from cylforce.settings.proposal.narrowing import widest
+from cylforce.settings.proposal.pins import driven, fit_pins
+from cylforce.settings.proposal.types import ENVELOPE, MachineType, Range, Raw, size
 
 Tables = dict[str, Any]
 Values = Mapping[str, Any]
@@ -19,8 +20,18 @@ NEAR_END = 0.2  # of a link's length: a pin nearer to an end keeps its scaled di
 SENSOR_ROOM = 5.0  # deg beyond the joint's range in which an angle is believed
 
 
-def proposal(kind: MachineType, raw: Raw, tonnes: float, values: Mapping[str, Value], given: frozenset[str]) -> Tables:
-    """The tables of a machine file, from the `raw` ones of the type's example.
+class ProposedMachine(NamedTuple):
+    """A proposed machine: the `tables` of its machine file; typical angle ranges [deg] that were `narrowed` because a
+    cylinder could not cover them, by key of `figures`."""
+
+    tables: Tables
+    narrowed: dict[str, Range]
+
+
+def proposal(
+    kind: MachineType, raw: Raw, tonnes: float, values: Mapping[str, Value], given: frozenset[str]
+) -> ProposedMachine:
+    """The machine, from the `raw` tables of the type's example.
 
     `values`: by key of `figures`, None where a value follows from the others; `given`: keys that came from the data
     sheet and are not typical. Raises ValueError, in a sentence, for figures that do not fit together."""
@@ -29,16 +40,18 @@ def proposal(kind: MachineType, raw: Raw, tonnes: float, values: Mapping[str, Va
     _set_machine(tables, values, s)
     for k in range(len(tables["links"])):
         _set_link(tables, raw, k, values, given, s)
-    _set_ranges(kind, tables, raw, values, s)
+    ranges = _ranges(kind, tables, values, given, s)
+    narrowed: dict[str, Range] = {}
+    _set_ranges(tables, raw, ranges)
     for k in range(len(tables["cylinders"])):
         _set_cylinder(tables, raw, k, values, given, s)
-        fit_pins(tables, k, _wanted(values, raw["cylinders"][k], s))
+        narrowed |= _fit(tables, raw, k, ranges, _wanted(values, raw["cylinders"][k], s), given)
     _set_bus(tables, values)
     force = raw["publication"]["rated_force_n"]
     tables["publication"]["rated_force_n"] = min(
         force, round(force * s**3, -3)
     )  # its object on the bus holds little more
-    return tables
+    return ProposedMachine(tables, narrowed)
 
 
 def _set_machine(tables: Tables, values: Values, s: float) -> None:
@@ -72,15 +85,48 @@ def _set_link(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset
     }
 
 
-def _set_ranges(kind: MachineType, tables: Tables, raw: Raw, values: Values, s: float) -> None:
-    """Joint angle ranges [deg]; those of a link whose cylinder reaches over other joints are given from the chassis."""
+def _ranges(kind: MachineType, tables: Tables, values: Values, given: frozenset[str], s: float) -> list[Range]:
+    """Angle range [deg] of each link as figures give it: of a link whose cylinder reaches over others, from the
+    chassis."""
     lengths = [_length(tables, k) for k in range(len(tables["links"]))]
     wanted = [values[f"{link['name']}.angle_range_deg"] for link in tables["links"]]
-    wanted[0] = first_range(kind, lengths, wanted, values, s)
+    if f"{tables['links'][0]['name']}.angle_range_deg" in given:
+        check_hinges(wanted[0], lengths[0], values, given)
+        values = {key: value for key, value in values.items() if key not in HINGES}
+    return [first_range(kind, lengths, wanted, values, s), *wanted[1:]]
+
+
+def _set_ranges(tables: Tables, raw: Raw, ranges: list[Range]) -> None:
+    """The joints' angle ranges [deg] from those of `_ranges`."""
     for k, link in enumerate(tables["links"]):
-        others = [wanted[i] for i in reached_over(raw, k)]
-        low, high = wanted[k][0] - sum(o[1] for o in others), wanted[k][1] - sum(o[0] for o in others)
+        others = [ranges[i] for i in reached_over(raw, k)]
+        low, high = ranges[k][0] - sum(o[1] for o in others), ranges[k][1] - sum(o[0] for o in others)
         link["angle_range_deg"] = [round(low, 1), round(high, 1)]
+
+
+def _fit(
+    tables: Tables, raw: Raw, k: int, ranges: list[Range], wanted: Range | None, given: frozenset[str]
+) -> dict[str, Range]:
+    """Fit the pins of cylinder k; where there are none for its joint's typical range, narrow that one in `ranges` and
+    return it by its key. Raises ValueError, with the widest range that fits, where the range was given."""
+    j, start = driven(tables, k), deepcopy(tables["cylinders"][k])
+    key, first = f"{tables['links'][j]['name']}.angle_range_deg", ranges[j]
+
+    def fit(tried: Range) -> None:
+        ranges[j], tables["cylinders"][k] = tried, deepcopy(start)
+        _set_ranges(tables, raw, ranges)
+        fit_pins(tables, k, wanted, tried)
+
+    try:
+        fit(first)
+    except ValueError as error:
+        found = widest(first, fit)
+        if found is None:
+            raise
+        if key in given or (j == 0 and given & set(ENVELOPE)):
+            raise ValueError(f"{error}; the widest range that fits is about {found[0]:g}:{found[1]:g}") from error
+        return {key: found}
+    return {}
 
 
 def _set_cylinder(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset[str], s: float) -> None:

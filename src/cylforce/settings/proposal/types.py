@@ -47,7 +47,11 @@ TYPES = {
         "wheel_loader.toml",
         15.0,
         1.95,
-        (PIN_HEIGHT, ("hinge_height_m", "height of the bucket's pin, arm raised [m]")),
+        (
+            PIN_HEIGHT,
+            ("hinge_low_m", "height of the bucket's pin, arm lowered [m]"),
+            ("hinge_height_m", "height of the bucket's pin, arm raised [m]"),
+        ),
     ),
 }
 ENVELOPE = tuple(key for kind in TYPES.values() for key, _ in kind.envelope if key != PIN_HEIGHT[0])
@@ -61,11 +65,20 @@ def machine_type(name: str) -> MachineType:
     return TYPES[name]
 
 
-def size(kind: MachineType, tonnes: float) -> float:
-    """How many times as long as the example a machine of this operating mass [t] is: masses grow with lengths cubed.
-
-    Raises ValueError with a sentence."""
+def operating_mass(text: str) -> float:
+    """The operating mass [t] that a text gives. Raises ValueError with a sentence."""
+    try:
+        if "_" in text:  # which Python's numbers may contain
+            raise ValueError
+        tonnes = float(text)
+    except ValueError:
+        raise ValueError(f"--tonnes is {text!r}: write the operating mass in tonnes, a number") from None
     if not LIGHTEST <= tonnes <= HEAVIEST:
         limits = f"it must be {LIGHTEST:g} to {HEAVIEST:g}"
-        raise ValueError(f"operating_mass_t is {tonnes:g}, {limits}: give the operating mass in tonnes")
+        raise ValueError(f"--tonnes is {tonnes:g}, {limits}: give the operating mass in tonnes")
+    return tonnes
+
+
+def size(kind: MachineType, tonnes: float) -> float:
+    """How many times as long as the example a machine of this operating mass [t] is: masses grow with lengths cubed."""
     return float((tonnes / kind.tonnes) ** (1.0 / 3.0))

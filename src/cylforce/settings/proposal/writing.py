@@ -7,6 +7,7 @@ from typing import Any
 import tomlkit
 from tomlkit.items import AoT, InlineTable, Item, Table
 
+from cylforce.settings.proposal.scaling import ProposedMachine
 from cylforce.settings.proposal.types import ENVELOPE, MachineType, Raw
 
 MEASURE = "MEASURE THIS"
@@ -22,12 +23,11 @@ HEAD = """\
 PINS = ("foot", "eye", "rocker_pin", "link_pin", "inner_pin", "outer_pin")
 
 
-def text(kind: MachineType, example: str, tables: Raw, tonnes: float, given: frozenset[str]) -> str:
-    """The file. `example`: the text of the type's example; `tables` as of `scaling.proposal`; `given`: keys of
-    `figures` that came from the data sheet."""
+def text(kind: MachineType, example: str, made_of: ProposedMachine, tonnes: float, given: frozenset[str]) -> str:
+    """The file. `example`: the text of the type's example; `given`: keys of `figures` that came from the data sheet."""
     made = tomlkit.parse(example[example.index("\n#\n") + 1 :])  # without what it says of itself
-    _update(made, tables)
-    for key, words in _comments(tables, given):
+    _update(made, made_of.tables)
+    for key, words in _comments(made_of, given):
         _comment(made, key, words)
     head = HEAD.format(title=kind.title, tonnes=tonnes, measure=MEASURE)
     return head + made.as_string()
@@ -63,8 +63,9 @@ def _item(value: object) -> Item:
     return tomlkit.item(int(value) if isinstance(value, float) and value.is_integer() else value)
 
 
-def _comments(tables: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+def _comments(made_of: ProposedMachine, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Keys of the file and what is to be said of them."""
+    tables = made_of.tables
     yield ("machine", "rated_payload_kg"), _source("rated_payload_kg" in given, "data sheet, load chart")
     if "payload_reach_m" in tables["machine"]:
         words = "from the last pin to the middle of the material, at most"
@@ -72,14 +73,16 @@ def _comments(tables: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | 
     if "slew_axis_m" in tables["machine"]:
         yield ("machine", "slew_axis_m"), f"the boom pin lies so far before the slew axis: typical; {MEASURE}"
     for k, link in enumerate(tables["links"]):
-        yield from _of_link(k, link, given)
+        yield from _of_link(k, link, made_of, given)
     last = tables["links"][-1]["name"]
     yield ("tool", "point_m"), f"the line of the teeth; {_source(f'{last}.length_m' in given, MEASURE)}"
     for k, cylinder in enumerate(tables["cylinders"]):
         yield from _of_cylinder(k, cylinder, given)
 
 
-def _of_link(k: int, link: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+def _of_link(
+    k: int, link: Raw, made_of: ProposedMachine, given: frozenset[str]
+) -> Iterator[tuple[tuple[str | int, ...], str]]:
     name = link["name"]
     if "length_m" in link:
         yield ("links", k, "length_m"), _source(f"{name}.length_m" in given, f"{MEASURE}, from pin to pin")
@@ -88,6 +91,9 @@ def _of_link(k: int, link: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[s
     yield ("links", k, "inertia_kg_m2"), "typical, scaled: identify corrects it"
     if k == 0 and given & set(ENVELOPE):
         yield ("links", k, "angle_range_deg"), "from the working envelope of the data sheet"
+    elif f"{name}.angle_range_deg" in made_of.narrowed:
+        words = "typical, narrowed to what its cylinder can cover"
+        yield ("links", k, "angle_range_deg"), f"{words}; {MEASURE}, at both end stops"
     else:
         known = f"{name}.angle_range_deg" in given
         yield ("links", k, "angle_range_deg"), _source(known, f"{MEASURE}, at both end stops")
