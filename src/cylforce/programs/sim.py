@@ -1,7 +1,8 @@
 """`cylforce sim`: the simulated excavator, into files faster than real time or onto a bus as its sensors."""
 
 import secrets
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import Play, prepare
 from cylforce.programs.live.sim_bus import play_on_bus
 from cylforce.settings.machine_file import SettingsError
+from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import Record
 from cylforce.simulation.sensor_bus import bus_events
 
@@ -118,18 +120,38 @@ def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: 
 
 
 def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | None) -> None:
-    """The run into files, faster than real time."""
-    machine, records = play.service.machine, list(play.records)
-    if truth is not None:
-        names = truth_columns(machine, records[0], 0)[0]
-        with TruthWriter(truth, play.header, names) as out:
-            for cycle, record in enumerate(records):
-                out.write((times_us(record)), truth_columns(machine, record, cycle)[1])
+    """The run into files, faster than real time, part by part."""
+    parts: list[tuple[Array, Array]] = []
+    with ExitStack() as files:
+        records = play.records
+        if truth is not None:
+            records = _with_truth(play, records, truth, files)
+        if table is not None:
+            records = _remembered(records, parts)
+        if log is not None:
+            write_log(play, records, log)
+        for _ in records:
+            pass
     if table is not None:
-        t, values = (np.concatenate(parts) for parts in zip(*((r.t, r.values) for r in records), strict=True))
-        write_table(table, Table(t, values, tuple(signal.name for signal in machine.signals)))
-    if log is not None:
-        write_log(play, records, log)
+        t, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+        write_table(table, Table(t, values, tuple(signal.name for signal in play.service.machine.signals)))
+
+
+def _with_truth(play: Play, records: Iterable[Record], path: Path, files: ExitStack) -> Iterator[Record]:
+    """The records as they come, each after its truth was written."""
+    writer: TruthWriter | None = None
+    for record in records:
+        names, rows = truth_columns(play.service.machine, record)
+        writer = writer or files.enter_context(TruthWriter(path, play.header, names))
+        writer.write(times_us(record), rows)
+        yield record
+
+
+def _remembered(records: Iterable[Record], parts: list[tuple[Array, Array]]) -> Iterator[Record]:
+    """The records as they come; `parts` receives their times and values."""
+    for record in records:
+        parts.append((record.t, record.values))
+        yield record
 
 
 def times_us(record: Record) -> list[int]:
