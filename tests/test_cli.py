@@ -24,6 +24,7 @@ def files(tmp_path_factory):
     (folder / "folder.log").mkdir()
     for name, content in {
         "copy.toml": text,
+        "other.toml": f"{text}# changed\n",
         "broken.toml": "[machine\nname = 1",
         "unknown_key.toml": f"{text}\n[oops]\na = 1\n",
         "no_rod.toml": text.replace("rod_mm = 85\n", "", 1),
@@ -47,6 +48,7 @@ def runs(files):
     """Moves of the empty machine and a cycle, simulated by the command line itself."""
     cylforce_("sim", EXCAVATOR, "--scenario", "moves", "--duration", 60, "--seed", 3, "--log", files / "moves.log")
     cylforce_("sim", EXCAVATOR, "--cycles", 1, "--seed", 3, "--log", files / "run.log", "--table", files / "run.csv")
+    cylforce_("sim", files / "other.toml", "--cycles", 1, "--seed", 3, "--log", files / "other.log")
     return files
 
 
@@ -112,6 +114,13 @@ MENDABLE = [
     ("identify M @/moves.log -o @/o.toml --known-kg 500", "go together"),
     ("identify M @/moves.log -o @/o.toml --known-kg 500 --lift @/moves.log", "no lift of 500 kg is seen"),
     ("replay M @/absent.log", r"absent\.log: does not exist"),
+    ("replay @/other.toml @/run.log", r"run\.log: was recorded with machine file .*20t\.toml, not with .*other\.toml"),
+    ("replay @/other.toml @/run.log --bus virtual:a", r"run\.log: was recorded with machine file"),
+    ("identify @/other.toml @/moves.log -o @/o.toml", r"moves\.log: was recorded with machine file"),
+    ("identify M @/moves.log --lift @/other.log --known-kg 500 -o @/o.toml", r"other\.log: was recorded with machine"),
+    ("identify M @/moves.log @/moves.log -o @/o.toml", r"moves\.log: is named twice"),
+    ("run M --bus virtual:a --log @/a.log --log-size nan", "give 1 to 100000 MB"),
+    ("run M --bus virtual:a --log @/a.log --log-size 1e400", r"--log-size inf: .*give 1 to 100000 MB"),
     ("replay M @/bad.log", r"bad\.log, line 1"),
     ("replay M @/lacking.csv", r"lacking\.csv: has no column"),
     ("replay M @/words.csv", r"words\.csv"),

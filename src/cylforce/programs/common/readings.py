@@ -40,6 +40,17 @@ def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
     return Path(header.machine), list(files)
 
 
+def check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
+    """A log says of which machine it is: a state of the file that has changed since is worth a warning. Raises
+    RecordingError when it is of a machine file of another name."""
+    if header is None or header.machine_sha256 == loaded.sha256:
+        return
+    then, now = Path(header.machine), loaded.path
+    if then.name != now.name:
+        raise RecordingError(f"{path}: was recorded with machine file {then}, not with {now}: name that one")
+    warn(f"{path}: was recorded with another state of {now.name} than this one")
+
+
 def model_of(loaded: Loaded) -> Model:
     """The estimator's model of a machine file's machine, with all friction laws that the file allows."""
     service = loaded.service
