@@ -14,7 +14,7 @@ from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.common.readings import calibrated, check_machine, model_of, named_segments
+from cylforce.programs.common.readings import calibrated, check_known_kg, check_machine, model_of, named_segments
 from cylforce.programs.common.tables import print_table
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import Loaded
@@ -43,6 +43,8 @@ def run_identify(
     _check_recordings(loaded, recordings, how.lift)
     if (how.lift is None) != (how.known_kg is None):
         raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
+    if how.known_kg is not None:
+        check_known_kg(how.known_kg, loaded)
     found = identify(
         model_of(loaded),
         _then_fit(loaded, recordings, watch),

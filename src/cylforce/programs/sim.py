@@ -74,8 +74,10 @@ def run_sim(
     _check_moves(scenario, payload, turning)
     check_outputs((truth, log, table), (machine_file, effects))
     seed = secrets.randbits(32) if seed is None else seed
+    loaded = load_machine(machine_file)
+    _check_payload(payload, loaded.service.machine.rated_payload)
     play = prepare(
-        load_machine(machine_file),
+        loaded,
         scenario,
         seed,
         mass_error,
@@ -96,8 +98,10 @@ def run_sim(
 def _check(scenario: str, cycles: int, duration: float, mass_error: float) -> None:
     if scenario not in SCENARIOS:
         raise SettingsError(f"there is no scenario {scenario!r}: choose moves or cycles")
-    if cycles < 1 or not 10.0 <= duration <= 36000.0:
-        raise SettingsError("nothing to simulate: give at least one cycle, or moves of 10 s to 10 h")
+    if scenario == "cycles" and not 1 <= cycles <= 10_000:
+        raise SettingsError(f"--cycles {cycles}: cannot be simulated: give 1 to 10000")
+    if scenario == "moves" and not 10.0 <= duration <= 36_000.0:
+        raise SettingsError(f"--duration {duration:g}: moves of this length cannot be simulated: give 10 to 36000 s")
     if not 0.0 <= mass_error <= 0.5:
         raise SettingsError(f"a mass error of {mass_error} is not a fraction from 0 to 0.5")
 
@@ -105,8 +109,13 @@ def _check(scenario: str, cycles: int, duration: float, mass_error: float) -> No
 def _check_moves(scenario: str, payload: float, turning: bool) -> None:
     if scenario != "moves" and (payload or turning):
         raise SettingsError("a payload and turning belong to the scenario moves: cycles dig their own load and swing")
-    if not 0.0 <= payload <= 1e5:
-        raise SettingsError(f"a payload of {payload} kg cannot be carried: give 0 to 100000 kg")
+
+
+def _check_payload(payload: float, rated: float) -> None:
+    if not 0.0 <= payload <= 2.0 * rated:
+        raise SettingsError(
+            f"--payload-kg {payload:g}: cannot be carried: give 0 to {2.0 * rated:g} kg, twice the rated payload"
+        )
 
 
 def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: Path | None) -> None:
