@@ -24,6 +24,7 @@ def files(tmp_path_factory):
     (folder / "folder.log").mkdir()
     for name, content in {
         "copy.toml": text,
+        "other.toml": f"{text}# changed\n",
         "broken.toml": "[machine\nname = 1",
         "unknown_key.toml": f"{text}\n[oops]\na = 1\n",
         "no_rod.toml": text.replace("rod_mm = 85\n", "", 1),
@@ -47,6 +48,7 @@ def runs(files):
     """Moves of the empty machine and a cycle, simulated by the command line itself."""
     cylforce_("sim", EXCAVATOR, "--scenario", "moves", "--duration", 60, "--seed", 3, "--log", files / "moves.log")
     cylforce_("sim", EXCAVATOR, "--cycles", 1, "--seed", 3, "--log", files / "run.log", "--table", files / "run.csv")
+    cylforce_("sim", files / "other.toml", "--cycles", 1, "--seed", 3, "--log", files / "other.log")
     return files
 
 
@@ -91,7 +93,8 @@ MENDABLE = [
     ("commission M --bus virtual:a -o @", "cannot be written: choose a file"),
     ("commission M --bus virtual:a -o @/o.toml --log @/absent/o.log", r"o\.log: cannot be written"),
     ("commission M --bus virtual:a -o @/o.toml --log @/o.csv", r"o\.csv: the log must end in \.log"),
-    ("commission M --bus virtual:a -o @/o.toml --known-kg 0", "--known-kg wants kilograms above 0"),
+    ("commission M --bus virtual:a -o @/o.toml --known-kg 0", "--known-kg 0: .*lift 75 to 3000 kg"),
+    ("commission M --bus virtual:a -o @/o.toml --known-kg 3001", "--known-kg 3001: .*lift 75 to 3000 kg"),
     ("identify M -o @/o.toml", "name a recording of the empty machine after it"),
     ("identify M @/absent.log -o @/o.toml", r"absent\.log: does not exist"),
     ("identify @/foreign.log -o @/o.toml", "does not say which machine it is of"),
@@ -111,7 +114,17 @@ MENDABLE = [
     ("identify M M @/moves.log -o @/o.toml", "a machine file is named once, before the recordings"),
     ("identify M @/moves.log -o @/o.toml --known-kg 500", "go together"),
     ("identify M @/moves.log -o @/o.toml --known-kg 500 --lift @/moves.log", "no lift of 500 kg is seen"),
+    ("identify M @/moves.log -o @/o.toml --known-kg nan --lift @/moves.log", "--known-kg nan: .*lift 75 to 3000 kg"),
+    ("identify M @/moves.log -o @/o.toml --known-kg inf --lift @/moves.log", "--known-kg inf: .*lift 75 to 3000 kg"),
+    ("identify M @/moves.log -o @/o.toml --known-kg 0 --lift @/moves.log", "--known-kg 0: .*lift 75 to 3000 kg"),
     ("replay M @/absent.log", r"absent\.log: does not exist"),
+    ("replay @/other.toml @/run.log", r"run\.log: was recorded with machine file .*20t\.toml, not with .*other\.toml"),
+    ("replay @/other.toml @/run.log --bus virtual:a", r"run\.log: was recorded with machine file"),
+    ("identify @/other.toml @/moves.log -o @/o.toml", r"moves\.log: was recorded with machine file"),
+    ("identify M @/moves.log --lift @/other.log --known-kg 500 -o @/o.toml", r"other\.log: was recorded with machine"),
+    ("identify M @/moves.log @/moves.log -o @/o.toml", r"moves\.log: is named twice"),
+    ("run M --bus virtual:a --log @/a.log --log-size nan", "give 1 to 100000 MB"),
+    ("run M --bus virtual:a --log @/a.log --log-size 1e400", r"--log-size inf: .*give 1 to 100000 MB"),
     ("replay M @/bad.log", r"bad\.log, line 1"),
     ("replay M @/lacking.csv", r"lacking\.csv: has no column"),
     ("replay M @/words.csv", r"words\.csv"),
@@ -125,7 +138,11 @@ MENDABLE = [
     ("sim M --scenario dance", "choose moves or cycles"),
     ("sim @/broken.toml", r"broken\.toml:1: .* is not TOML"),
     ("sim M --mass-error nan", "is not a fraction"),
-    ("sim M --scenario moves --duration nan", "nothing to simulate"),
+    ("sim M --scenario moves --duration nan", "--duration nan: .*give 10 to 36000 s"),
+    ("sim M --scenario moves --duration 1e400 --log @/t.log", "--duration inf: .*give 10 to 36000 s"),
+    ("sim M --cycles 10001 --log @/t.log", "--cycles 10001: .*give 1 to 10000"),
+    ("sim M --scenario moves --payload-kg 3001 --log @/t.log", "--payload-kg 3001: .*give 0 to 3000 kg"),
+    ("sim M --scenario moves --payload-kg nan --log @/t.log", "--payload-kg nan: .*give 0 to 3000 kg"),
     ("sim M", "this run would write nothing: give --bus"),
     ("sim M --cycles 1 --table @/t.txt", r"t\.txt: must end in \.csv or \.parquet"),
     ("sim M --cycles 1 --log @/t.log --truth @/t.log", r"t\.log: would replace another file"),
@@ -228,3 +245,12 @@ def test_the_package_runs_as_the_command():
     done = subprocess.run([sys.executable, "-m", "cylforce", "--help"], capture_output=True, text=True, check=False)
     assert done.returncode == 0
     assert "gap" in done.stdout
+
+
+def test_a_log_whose_machine_file_is_gone_says_which_it_names(tmp_path, capsys):
+    machine, log = tmp_path / "digger.toml", tmp_path / "moves.log"
+    machine.write_text(EXCAVATOR.read_text())
+    assert cylforce_("sim", machine, "--cycles", 1, "--seed", 3, "--log", log) == 0
+    machine.unlink()
+    assert cylforce_("identify", log, "-o", tmp_path / "o.toml") == 2
+    assert re.search(r"moves\.log: names the machine file .*digger\.toml, which is not there", capsys.readouterr().err)

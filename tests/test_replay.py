@@ -4,6 +4,7 @@ changed since is told."""
 import asyncio
 import io
 import json
+import re
 from itertools import count, pairwise
 
 import numpy as np
@@ -19,7 +20,7 @@ from cylforce.files.logreader import log_header, read_events
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import header_of, make_core, model_of
 from cylforce.programs.live.sim_bus import play_until
-from cylforce.programs.replay import run_replay, write_estimates
+from cylforce.programs.replay import run_replay, unbooked, write_estimates
 from cylforce.programs.run import Daemon, configure_messages
 from cylforce.programs.sim import run_sim
 from cylforce.service.publication import published
@@ -27,7 +28,7 @@ from cylforce.service.step import Scale
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
-from cylforce.signals.estimate import Status
+from cylforce.signals.estimate import Quantity, Reason, Status, invalid
 from cylforce.signals.events import Frame, Tick
 from scenarios import EXCAVATOR, moved
 
@@ -157,6 +158,23 @@ def test_a_changed_machine_file_is_told(folder, machine, live):
     assert "recorded with another machine file" in told
     assert str(machine.path) in told
     assert str(path) in told
+
+
+@pytest.mark.parametrize(
+    ("weights", "said"),
+    [
+        (((1200.0, 92.0), (1100.0, 60.0), (10.0, 15.0)), r"UNCERTAIN, \+- 60 kg of at most 34 kg: .*--lift"),
+        (((100.0, 80.0), (10.0, 50.0)), r"UNCERTAIN, \+- 50 kg of at most 34 kg"),
+        (((10.0, 15.0), (160.0, 15.0)), "no load above 170 kg was lifted"),
+        (((1200.0, 15.0), (600.0, 60.0)), "the empty tool was not seen in the air"),
+        ((), "mostly AT_REST: see the table of reasons"),
+    ],
+)
+def test_why_nothing_was_booked(weights, said):
+    """With a rated payload of 3400 kg: an error of 34 kg is enough, a load begins at 170 kg."""
+    withheld = [invalid(Reason.STARTING), *[invalid(Reason.AT_REST)] * 2]
+    known = [Quantity(value, error, Status.OK, Reason.NONE) for value, error in weights]
+    assert re.search(said, unbooked([*withheld, *known], 3400.0))
 
 
 def test_other_tares_are_told(folder, machine, live):

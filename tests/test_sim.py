@@ -135,7 +135,7 @@ def test_quantised_values_are_whole_steps():
     ("change", "told"),
     [
         ({"scenario": "dance"}, "choose moves or cycles"),
-        ({"cycles": 0}, "at least one cycle"),
+        ({"cycles": 0}, "give 1 to 10000"),
         ({"mass_error": 2.0}, "fraction"),
     ],
 )

@@ -2,6 +2,7 @@
 rigid-body library, levers by hand; its trajectories keep to the machine's limits; a seed gives the same
 run."""
 
+import tracemalloc
 from itertools import pairwise
 from math import pi, radians
 
@@ -377,3 +378,36 @@ def test_a_course_without_strokes_stays():
     np.testing.assert_array_equal(course.at(np.arange(3.0)), [[0.3] * 3, [0] * 3, [0] * 3])
     scene = Scene(1.0, (course, JointCourse(0.1, (Move(0.0, 1.0, 0.5),))), JointCourse(0.0), ((0.0, Phase.AIR),))
     assert follow(scene, np.array([2.0])).theta[0].tolist() == [0.3, 0.6]
+
+
+def test_hours_of_strokes_need_memory_in_proportion():
+    """Forty thousand times and four thousand strokes: a table of one by the other would be 1.3 GB."""
+    steps = tuple(Move(9.0 * k, 9.0 * k + 8.0, 0.5 if k % 2 == 0 else -0.5) for k in range(4000))
+    t = np.arange(0.0, 36000.0, 0.9)
+    tracemalloc.start()
+    found = JointCourse(0.3, steps).at(t)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * found.nbytes
+    up, down = (np.clip((t % 18.0 - start) / 8.0, 0.0, 1.0) for start in (0.0, 9.0))
+    share = [u**3 * (10 - 15 * u + 6 * u**2) for u in (up, down)]
+    np.testing.assert_allclose(found[0], 0.3 + 0.5 * (share[0] - share[1]), atol=1e-9)
+
+
+def test_a_long_scene_comes_in_parts_that_join_without_a_step(monkeypatch):
+    machine = excavator()
+    truth = draw_truth(machine, np.random.default_rng(1), 0.1)
+    scene = moves(machine, np.random.default_rng(2), 30.0)
+
+    def records():
+        made = perfect(machine)._replace(lag=np.full(len(machine.signals), 0.01))
+        return list(run(machine, truth, made, [scene], dt=0.01, rng=np.random.default_rng(3)))
+
+    whole = records()
+    monkeypatch.setattr("cylforce.simulation.sensing.PART_S", 7.0)
+    parts = records()
+    assert (len(whole), len(parts)) == (1, 5)
+    assert {part.scene for part in parts} == {0}
+    np.testing.assert_array_equal(np.concatenate([part.t for part in parts]), whole[0].t)
+    joined = np.concatenate([part.values for part in parts])
+    np.testing.assert_allclose(joined, whole[0].values, rtol=1e-9, atol=1e-9)

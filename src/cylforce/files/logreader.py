@@ -65,6 +65,8 @@ def log_header(path: Path) -> Header | None:
     """The header of one of our own logs; None for any other recording. Raises RecordingError if it cannot be read."""
     if path.suffix.lower() != ".log":
         return None
+    if not path.exists():
+        raise RecordingError(f"{path}: does not exist")
     return header_from(path, _candump(path, lambda _: None, ours=False))
 
 

@@ -55,14 +55,14 @@ def describe(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
     }
 
 
-def truth_columns(machine: Machine, record: Record, cycle: int) -> tuple[tuple[str, ...], Array]:
-    """Names and values (T, K): motion time `t_s`, `cycle` (0: none), `phase` (see `Phase`), load `mass` and
+def truth_columns(machine: Machine, record: Record) -> tuple[tuple[str, ...], Array]:
+    """Names and values (T, K): motion time `t_s`, `cycle` (the scene's number), `phase` (see `Phase`), load `mass` and
     `centre_x`, `centre_z` in the last link's frame, soil's force and the teeth's place (x forward, z up, true
     vertical; place from the first pin), `pitch`, `roll`, `slew`, joint angles, cylinder forces and the
     friction within them."""
     p = record.physics
     house = [np.broadcast_to(x, p.t.shape) for x in (p.attitude.pitch, p.attitude.roll, p.course.slew)]
-    single = [record.t, np.full_like(p.t, cycle), p.course.phase, p.load.mass, *p.load.centre.T]
+    single = [record.t, np.full_like(p.t, record.scene), p.course.phase, p.load.mass, *p.load.centre.T]
     names = ["t_s", "cycle", "phase", "mass", "centre_x", "centre_z", "soil_x", "soil_z", "tip_x", "tip_z"]
     names += ["pitch", "roll", "slew", *(f"theta.{link.name}" for link in machine.links)]
     names += [f"{what}.{c.name}" for what in ("force", "friction") for c in machine.cylinders]

@@ -19,7 +19,7 @@ from cylforce.estimation.model import Tares
 from cylforce.files.atomic import RecordingError, check_outputs
 from cylforce.files.logfile import LogWriter, file_sha256
 from cylforce.programs.common.progress import progress_bar
-from cylforce.programs.common.readings import calibrated, header_of, model_of
+from cylforce.programs.common.readings import calibrated, check_known_kg, header_of, model_of
 from cylforce.programs.identify import run_identify, show
 from cylforce.programs.live.collector import Collector, View
 from cylforce.programs.live.picture import Screen, known, picture, summary
@@ -52,7 +52,7 @@ class Order(NamedTuple):
 def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
     """Guide, identify and write; False when it was interrupted, in which case the log is kept. Raises ValueError,
     RecordingError, BusError or SettingsError with a sentence."""
-    _check(loaded.path, order)
+    _check(loaded, order)
     configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
     guide = Guide(model_of(loaded), every_s=THINK_S)
     console.print(f"recording to {order.log}", soft_wrap=True)
@@ -78,17 +78,15 @@ def unbooked(tares: Tares) -> str:
     )
 
 
-def _check(machine: Path, order: Order) -> None:
-    """Check first what would otherwise fail after minutes of motion. Raises RecordingError or ValueError."""
+def _check(loaded: Loaded, order: Order) -> None:
+    """Check first what would otherwise fail after minutes of motion. Raises RecordingError."""
     if order.log.suffix != ".log":
         raise RecordingError(
             f"{order.log}: the log must end in .log: by that ending `cylforce identify` knows its format"
         )
-    check_outputs((order.output, order.log), (machine,))
-    if order.known_kg is not None and not 0.0 < order.known_kg < float("inf"):
-        raise ValueError(
-            f"a known weight of {order.known_kg:g} kg cannot be lifted: --known-kg wants kilograms above 0"
-        )
+    check_outputs((order.output, order.log), (loaded.path,))
+    if order.known_kg is not None:
+        check_known_kg(order.known_kg, loaded)
 
 
 def _writer(loaded: Loaded, order: Order, path: Path) -> LogWriter:

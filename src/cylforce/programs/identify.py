@@ -1,6 +1,7 @@
 """`cylforce identify`: the dynamic tares from recordings of the empty machine."""
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,8 +12,9 @@ from rich.markup import escape
 from cylforce.commissioning.identification import Identification, identify
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
+from cylforce.files.logreader import log_header
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.common.readings import calibrated, model_of, named_segments
+from cylforce.programs.common.readings import calibrated, check_known_kg, check_machine, model_of, named_segments
 from cylforce.programs.common.tables import print_table
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import Loaded
@@ -38,8 +40,11 @@ def run_identify(
     loaded: Loaded, recordings: Sequence[Path], output: Path, how: How = JOINTLY, watch: Watch = silent
 ) -> Identification:
     """Identify, write `output`, and return what was found. Raises RecordingError or ValueError with a sentence."""
+    _check_recordings(loaded, recordings, how.lift)
     if (how.lift is None) != (how.known_kg is None):
         raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
+    if how.known_kg is not None:
+        check_known_kg(how.known_kg, loaded)
     found = identify(
         model_of(loaded),
         _then_fit(loaded, recordings, watch),
@@ -51,6 +56,15 @@ def run_identify(
         found = calibrated(loaded, found, how.lift, how.known_kg)
     write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
+
+
+def _check_recordings(loaded: Loaded, recordings: Sequence[Path], lift: Path | None) -> None:
+    """Each recording is named once and is of this machine. Raises RecordingError."""
+    for path, more in combinations(recordings, 2):
+        if path.resolve() == more.resolve():
+            raise RecordingError(f"{path}: is named twice, so that its motion would count double: name it once")
+    for path in (*recordings, *([lift] if lift else [])):
+        check_machine(path, log_header(path), loaded)
 
 
 def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch) -> Iterator[Array]:

@@ -1,13 +1,15 @@
 """`cylforce replay`: a recording through the core of the service; with a bus, played as if its sensors sent it."""
 
 import csv
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
 
+from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
 from cylforce.files.atomic import replacing, warn
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import Header, mismatches
@@ -17,7 +19,7 @@ from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.service.publication import published
 from cylforce.service.step import Core, State, step
 from cylforce.settings.machine_file import Loaded
-from cylforce.signals.estimate import Array, Booking, Estimate, Status
+from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Status
 from cylforce.signals.events import Event
 
 
@@ -101,11 +103,29 @@ def column(estimates: list[Estimate], name: str) -> Array:
     return np.array([published(estimate)[name] for estimate in estimates])
 
 
-def show(found: Replayed, console: Console) -> None:
-    """What was booked, how much was measured, whether the frames sent live came out again."""
+def unbooked(weights: Sequence[Quantity], rated_kg: float) -> str:
+    """Why none of these weights [kg] became a booking, with the cure; `rated_kg`: the rated payload."""
+    enough, known = GOOD_ENOUGH * rated_kg, [w for w in weights if w.status is not Status.INVALID]
+    if not known:
+        reason, _ = Counter(w.reason for w in weights).most_common(1)[0]
+        return f"there was no weight at any time, mostly {reason.name}: see the table of reasons in service/README.md"
+    loads = [w for w in known if w.value >= max(SMALLEST * rated_kg, 3.0 * w.standard_error)]
+    best = min(w.standard_error for w in loads or known)
+    if best > enough:
+        cure = "move all joints, lift a known weight (identify --lift)"
+        return f"UNCERTAIN, +- {best:.0f} kg of at most {enough:.0f} kg: {cure}"
+    if not loads:
+        return f"no load above {SMALLEST * rated_kg:.0f} kg was lifted"
+    return "a load was weighed, but afterwards the empty tool was not seen in the air: lift it clear of the ground"
+
+
+def show(found: Replayed, rated_kg: float, console: Console) -> None:
+    """What was booked or why nothing was, how much was measured, whether the frames sent live came out again."""
     for booking in found.bookings:
         at = (booking.t_us - found.estimates[0].t_us) * 1e-6
         console.print(f"{at:8.1f} s  booked {booking.mass:.1f} kg +- {booking.standard_error:.1f} kg")
+    if found.estimates and not found.bookings:
+        console.print(f"no weight was booked: {unbooked([e.gross for e in found.estimates], rated_kg)}")
     if found.estimates:
         good = np.mean([e.gross.status is Status.OK for e in found.estimates])
         force = np.mean([e.force.magnitude.status is Status.OK for e in found.estimates])

@@ -1,7 +1,8 @@
 """`cylforce sim`: the simulated excavator, into files faster than real time or onto a bus as its sensors."""
 
 import secrets
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import Play, prepare
 from cylforce.programs.live.sim_bus import play_on_bus
 from cylforce.settings.machine_file import SettingsError
+from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import Record
 from cylforce.simulation.sensor_bus import bus_events
 
@@ -72,8 +74,10 @@ def run_sim(
     _check_moves(scenario, payload, turning)
     check_outputs((truth, log, table), (machine_file, effects))
     seed = secrets.randbits(32) if seed is None else seed
+    loaded = load_machine(machine_file)
+    _check_payload(payload, loaded.service.machine.rated_payload)
     play = prepare(
-        load_machine(machine_file),
+        loaded,
         scenario,
         seed,
         mass_error,
@@ -94,8 +98,10 @@ def run_sim(
 def _check(scenario: str, cycles: int, duration: float, mass_error: float) -> None:
     if scenario not in SCENARIOS:
         raise SettingsError(f"there is no scenario {scenario!r}: choose moves or cycles")
-    if cycles < 1 or not 10.0 <= duration <= 36000.0:
-        raise SettingsError("nothing to simulate: give at least one cycle, or moves of 10 s to 10 h")
+    if scenario == "cycles" and not 1 <= cycles <= 10_000:
+        raise SettingsError(f"--cycles {cycles}: cannot be simulated: give 1 to 10000")
+    if scenario == "moves" and not 10.0 <= duration <= 36_000.0:
+        raise SettingsError(f"--duration {duration:g}: moves of this length cannot be simulated: give 10 to 36000 s")
     if not 0.0 <= mass_error <= 0.5:
         raise SettingsError(f"a mass error of {mass_error} is not a fraction from 0 to 0.5")
 
@@ -103,8 +109,13 @@ def _check(scenario: str, cycles: int, duration: float, mass_error: float) -> No
 def _check_moves(scenario: str, payload: float, turning: bool) -> None:
     if scenario != "moves" and (payload or turning):
         raise SettingsError("a payload and turning belong to the scenario moves: cycles dig their own load and swing")
-    if not 0.0 <= payload <= 1e5:
-        raise SettingsError(f"a payload of {payload} kg cannot be carried: give 0 to 100000 kg")
+
+
+def _check_payload(payload: float, rated: float) -> None:
+    if not 0.0 <= payload <= 2.0 * rated:
+        raise SettingsError(
+            f"--payload-kg {payload:g}: cannot be carried: give 0 to {2.0 * rated:g} kg, twice the rated payload"
+        )
 
 
 def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: Path | None) -> None:
@@ -118,18 +129,38 @@ def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: 
 
 
 def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | None) -> None:
-    """The run into files, faster than real time."""
-    machine, records = play.service.machine, list(play.records)
-    if truth is not None:
-        names = truth_columns(machine, records[0], 0)[0]
-        with TruthWriter(truth, play.header, names) as out:
-            for cycle, record in enumerate(records):
-                out.write((times_us(record)), truth_columns(machine, record, cycle)[1])
+    """The run into files, faster than real time, part by part."""
+    parts: list[tuple[Array, Array]] = []
+    with ExitStack() as files:
+        records = play.records
+        if truth is not None:
+            records = _with_truth(play, records, truth, files)
+        if table is not None:
+            records = _remembered(records, parts)
+        if log is not None:
+            write_log(play, records, log)
+        for _ in records:
+            pass
     if table is not None:
-        t, values = (np.concatenate(parts) for parts in zip(*((r.t, r.values) for r in records), strict=True))
-        write_table(table, Table(t, values, tuple(signal.name for signal in machine.signals)))
-    if log is not None:
-        write_log(play, records, log)
+        t, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+        write_table(table, Table(t, values, tuple(signal.name for signal in play.service.machine.signals)))
+
+
+def _with_truth(play: Play, records: Iterable[Record], path: Path, files: ExitStack) -> Iterator[Record]:
+    """The records as they come, each after its truth was written."""
+    writer: TruthWriter | None = None
+    for record in records:
+        names, rows = truth_columns(play.service.machine, record)
+        writer = writer or files.enter_context(TruthWriter(path, play.header, names))
+        writer.write(times_us(record), rows)
+        yield record
+
+
+def _remembered(records: Iterable[Record], parts: list[tuple[Array, Array]]) -> Iterator[Record]:
+    """The records as they come; `parts` receives their times and values."""
+    for record in records:
+        parts.append((record.t, record.values))
+        yield record
 
 
 def times_us(record: Record) -> list[int]:

@@ -17,6 +17,7 @@ from cylforce.simulation.trajectory import Scene
 
 PRESSURE_LAG = 1.5e-3  # s, time constant of a typical pressure transmitter; chosen
 ANGLE_LAG = 3e-3  # s, time constant of a magnetic encoder or of an inclinometer with gyro; chosen
+PART_S = 600.0  # longest part of a scene that is computed at once, about 300 MB at 100 Hz; chosen
 LAG = {Kind.HEAD_PRESSURE: PRESSURE_LAG, Kind.ROD_PRESSURE: PRESSURE_LAG, Kind.FORCE_PIN: PRESSURE_LAG}
 OIL = (318.0, 0.01)  # oil temperature: K at the start, and its rise in K/s; chosen
 
@@ -33,9 +34,11 @@ class Sensors(NamedTuple):
 
 
 class Record(NamedTuple):
-    """A scene as measured at T instants: `t` (T,) [s] from the start of the run; the physics; `analog` (T, S): sensor
-    values with lag and errors, before noise and resolution; `values` (T, S) as sent. SI units."""
+    """A scene, or a part of a long one, as measured at T instants: `scene`: its number in the run, from 0; `t` (T,) [s]
+    from the start of the run; the physics; `analog` (T, S): sensor values with lag and errors, before noise and
+    resolution; `values` (T, S) as sent. SI units."""
 
+    scene: int
     t: Array
     physics: Physics
     analog: Array
@@ -111,13 +114,12 @@ def run(
     dt: float,
     rng: np.random.Generator,
 ) -> Iterator[Record]:
-    """Records of scenes one after the other, sampled at the multiples of `dt` [s] that fall into each scene. Sensor
-    lags and delays continue across scenes."""
+    """Records of scenes one after the other, long ones in parts, sampled at the multiples of `dt` [s] that fall into
+    each scene. Sensor lags and delays continue across scenes."""
     filters = [lag_filter(float(lag), dt) for lag in made.lag]
     states: list[Array] = []
-    begin, before = 0.0, np.zeros((0, len(machine.signals)))
-    for scene in scenes:
-        grid = dt * np.arange(ceil(begin / dt), ceil((begin + scene.duration) / dt), dtype=np.float64)
+    before = np.zeros((0, len(machine.signals)))
+    for number, scene, begin, grid in _parts(scenes, dt):
         found = simulate(machine, truth, scene, grid - begin, begin)
         ideal = true_values(machine, found)
         states = states or [f.steady(x) for f, x in zip(filters, ideal[0], strict=True)]
@@ -127,5 +129,14 @@ def run(
         both, last = np.concatenate([before, analog]), slice(len(before), None)
         t = grid[0] + dt * (np.arange(len(both)) - len(before)) if len(grid) else grid
         before, seen = analog, distorted(machine, truth.effects, both, t)[last]
-        yield Record(grid, found, seen, as_sent(made, seen, rng))
+        yield Record(number, grid, found, seen, as_sent(made, seen, rng))
+
+
+def _parts(scenes: Iterable[Scene], dt: float) -> Iterator[tuple[int, Scene, float, Array]]:
+    """The scenes' numbers, scenes, starts [s] and times (T,) [s] from the start of the run, long ones in parts."""
+    begin, most = 0.0, round(PART_S / dt)
+    for number, scene in enumerate(scenes):
+        first, after = ceil(begin / dt), ceil((begin + scene.duration) / dt)
+        for k in range(first, max(after, first + 1), most):
+            yield number, scene, begin, dt * np.arange(k, min(k + most, after), dtype=np.float64)
         begin += scene.duration

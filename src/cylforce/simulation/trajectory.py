@@ -45,14 +45,26 @@ class JointCourse(NamedTuple):
         return self.begin + sum(step.rise for step in self.steps)
 
     def at(self, t: Array) -> Array:
-        """Angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at times (T,) [s]:
-        rise (10 u^3 - 15 u^4 + 6 u^5), u = (t - start)/(stop - start) within 0..1."""
-        start, stop, rise = np.array(self.steps).reshape(-1, 3).T
-        length = stop - start
-        u = np.clip((t[:, None] - start) / length, 0.0, 1.0)
-        angle = self.begin + (u**3 * (10 - 15 * u + 6 * u**2)) @ rise
-        rate = (30 * u**2 * (1 - u) ** 2) @ (rise / length)
-        return np.stack([angle, rate, (60 * u * (1 - u) * (1 - 2 * u)) @ (rise / length**2)])
+        """Angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at times (T,) [s], which ascend:
+        rise (10 u^3 - 15 u^4 + 6 u^5), u = (t - start)/(stop - start) within 0..1.
+
+        Each stroke is evaluated where it moves only, so that hours of strokes take memory and time in proportion."""
+        found, done = np.zeros((3, len(t))), np.zeros(len(t) + 1)
+        for step in self.steps:
+            first, after = np.searchsorted(t, (step.start, step.stop))
+            found[:, first:after] += _stroke(step, t[first:after])
+            done[after] += step.rise
+        found[0] += self.begin + np.cumsum(done[:-1])
+        return found
+
+
+def _stroke(step: Move, t: Array) -> Array:
+    """Angle, rate and acceleration (3, T) that a stroke adds at times (T,) [s] between its start and its stop."""
+    length = step.stop - step.start
+    u = (t - step.start) / length
+    angle = u**3 * (10 - 15 * u + 6 * u**2)
+    rate = 30 * u**2 * (1 - u) ** 2 * (step.rise / length)
+    return np.stack([angle * step.rise, rate, 60 * u * (1 - u) * (1 - 2 * u) * (step.rise / length**2)])
 
 
 class Scene(NamedTuple):

@@ -23,11 +23,14 @@ def replay(
     from rich.console import Console
 
     from cylforce.files.atomic import check_outputs
+    from cylforce.files.logreader import log_header
     from cylforce.programs.common.machine_file import load_machine
+    from cylforce.programs.common.readings import check_machine
     from cylforce.programs.replay import run_replay, show, write_estimates
 
     check_outputs((output,), (machine, recording, identified))
     loaded = load_machine(machine)
+    check_machine(recording, log_header(recording), loaded)
     if bus is not None:
         from cylforce.programs.live.player import play
 
@@ -36,5 +39,5 @@ def replay(
     found = run_replay(loaded, recording, identified)
     if output is not None:
         write_estimates(output, found.estimates)
-    show(found, Console())
+    show(found, loaded.service.machine.rated_payload, Console())
     raise typer.Exit(1 if found.different else 0)

@@ -18,13 +18,17 @@ def run(
     identified: IdentifiedFile = None,
     log: Annotated[Path | None, typer.Option(help="Write the event log there (candump text).")] = None,
     log_size: Annotated[
-        float, typer.Option(metavar="MB", min=1.0, help="Begin a new log file at this size; 100 MB are half an hour.")
+        float,
+        typer.Option(metavar="MB", help="Begin a new log file at this size, 1 to 100000; 100 MB are half an hour."),
     ] = 100.0,
     log_keep: Annotated[int, typer.Option(min=0, help="How many older files to keep, FILE.NUMBER.log.")] = 9,
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
+    from cylforce.files.atomic import RecordingError
     from cylforce.files.logfile import Rotation
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.run import run_daemon
 
+    if not 1.0 <= log_size <= 100_000.0:
+        raise RecordingError(f"--log-size {log_size:g}: is no size of a log: give 1 to 100000 MB")
     run_daemon(load_machine(machine), bus, identified, log, Rotation(round(1e6 * log_size), log_keep))

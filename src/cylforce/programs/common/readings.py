@@ -25,6 +25,8 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame, Tick
 
+KNOWN = (0.05, 2.0)  # times the rated payload: known weights from which the scale can be taken; chosen
+
 
 def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
     """(machine file, recordings): the machine file comes first, or our own log names it."""
@@ -37,7 +39,23 @@ def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
         raise RecordingError(
             f"{files[0]}: does not say which machine it is of; name the machine file (.toml) before it"
         )
-    return Path(header.machine), list(files)
+    machine = Path(header.machine)
+    if not machine.exists():
+        raise RecordingError(
+            f"{files[0]}: names the machine file {machine}, which is not there: name the machine file (.toml) before it"
+        )
+    return machine, list(files)
+
+
+def check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
+    """A log says of which machine it is: a state of the file that has changed since is worth a warning. Raises
+    RecordingError when it is of a machine file of another name."""
+    if header is None or header.machine_sha256 == loaded.sha256:
+        return
+    then, now = Path(header.machine), loaded.path
+    if then.name != now.name:
+        raise RecordingError(f"{path}: was recorded with machine file {then}, not with {now}: name that one")
+    warn(f"{path}: was recorded with another state of {now.name} than this one")
 
 
 def model_of(loaded: Loaded) -> Model:
@@ -82,6 +100,16 @@ def make_core(loaded: Loaded, identified: Path | None, tell: Tell = warn) -> Cor
     for sentence in identified_warnings(identified):
         tell(f"{identified}: {sentence}")
     return Core(loaded.service, tares)
+
+
+def check_known_kg(known_kg: float, loaded: Loaded) -> None:
+    """A known weight gives the scale if it is well above the errors and can be lifted. Raises RecordingError."""
+    least, most = (share * loaded.service.machine.rated_payload for share in KNOWN)
+    if not least <= known_kg <= most:
+        raise RecordingError(
+            f"--known-kg {known_kg:g}: gives no scale: lift {least:g} to {most:g} kg, {100 * KNOWN[0]:g} to "
+            f"{100 * KNOWN[1]:g} % of the rated payload"
+        )
 
 
 def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:

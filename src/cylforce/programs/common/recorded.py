@@ -8,11 +8,10 @@ from typing import NamedTuple
 from cylforce.diagnosis.rows import Recorded
 from cylforce.diagnosis.spread import Kept, Spread
 from cylforce.estimation.segments import parts
-from cylforce.files.atomic import RecordingError, warn
-from cylforce.files.logfile import Header
 from cylforce.files.recording import Events, open_pieces
 from cylforce.files.tables import Table
 from cylforce.programs.common.progress import Watch, silent, watched
+from cylforce.programs.common.readings import check_machine
 from cylforce.service.assembler import Assembler
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import Loaded
@@ -85,19 +84,7 @@ class _Source:
             yield table.values
 
     def _logged(self, recording: Events) -> Iterator[Array]:
-        _check_machine(self._path, recording.header, self._loaded)
+        check_machine(self._path, recording.header, self._loaded)
         service = self._loaded.service
         events = watched(self._path, (e for e in recording.events if isinstance(e, Frame | Tick)), self._watch)
         return samples(Assembler(service), events, round(1e6 / service.filters.rate_hz))
-
-
-def _check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
-    """A log says of which machine it is; a machine file that was changed since is worth a warning."""
-    if header is None or header.machine_sha256 == loaded.sha256:
-        return
-    then, now = Path(header.machine), loaded.path
-    if then.name != now.name:
-        raise RecordingError(
-            f"{path}: was recorded with machine file {then}, not with {now}: diagnose it with that one"
-        )
-    warn(f"{path}: was recorded with another state of {now.name} than this one")

@@ -34,10 +34,10 @@ class MovingStage:
     is computed in a thread while one is played."""
 
     def __init__(self, machine: Machine, records: Iterator[Record]) -> None:
-        self._machine, self._records, self._cycle = machine, records, 0
+        self._machine, self._records = machine, records
         self._pool = ThreadPoolExecutor(1, "next scene")
         first = next(records)
-        self.names, self._truth = truth_columns(machine, first, 0)
+        self.names, self._truth = truth_columns(machine, first)
         self._t, self._analog = first.t, first.analog
         self._next = self._ask()
         self.end: float | None = None
@@ -66,8 +66,7 @@ class MovingStage:
         if record is None:
             self.end = float(self._t[-1])
             return
-        self._cycle += 1
-        rows = truth_columns(self._machine, record, self._cycle)[1]
+        rows = truth_columns(self._machine, record)[1]
         self._t = np.concatenate([self._t[-1:], record.t])
         self._analog = np.concatenate([self._analog[-1:], record.analog])
         self._truth = np.concatenate([self._truth[-1:], rows])
