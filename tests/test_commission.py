@@ -111,7 +111,7 @@ def test_a_loaded_bucket_ends_it(collector):
             break
     assert view.say.startswith("the bucket is not empty")
     with pytest.raises(ValueError, match="the bucket is not empty"):
-        commission._check_hope(GUIDE, view)
+        commission._check_outcome(GUIDE, view)
 
 
 def test_a_silent_node_is_named_within_seconds(collector):

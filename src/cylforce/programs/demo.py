@@ -66,7 +66,8 @@ class Files(NamedTuple):
 
 
 def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None, output: Path | None) -> bool:
-    """Show the main job; whether every cycle's load was booked. Raises the programs' own errors."""
+    """Show the main job; whether every cycle's load was booked. Raises the programs' own errors, and KeyboardInterrupt
+    when a signal ended it: figures of some of the cycles are not shown."""
     seed = secrets.randbits(32) if seed is None else seed
     loaded, console = load_machine(machine), Console(highlight=False)
     console.print(f"seed {seed}, bus {bus}, {clock} clock, {loaded.service.machine.name}")
@@ -128,10 +129,12 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
     dig = _dig_here if bus.startswith("virtual:") else _dig_beside
     digging = asyncio.create_task(dig(loaded, files, bus, cycles, seed, until))
     try:
-        await serve(daemon, until, lambda: show_status(daemon))
+        stopped = await serve(daemon, until, lambda: show_status(daemon))
     finally:
         until.set()
         await digging
+    if stopped:
+        raise KeyboardInterrupt
     return watched._replace(counts=daemon.counts)
 
 

@@ -122,7 +122,7 @@ def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | 
     machine, records = play.service.machine, list(play.records)
     if truth is not None:
         names = truth_columns(machine, records[0], 0)[0]
-        with TruthWriter(truth, play.header, names) as out:
+        with replacing(truth) as temporary, TruthWriter(temporary, play.header, names) as out:
             for cycle, record in enumerate(records):
                 out.write((times_us(record)), truth_columns(machine, record, cycle)[1])
     if table is not None:
