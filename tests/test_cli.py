@@ -1,5 +1,6 @@
 """The command line: what users can mend is one sentence and exit code 2, never a traceback; the happy paths."""
 
+import os
 import re
 import subprocess
 import sys
@@ -39,6 +40,8 @@ def files(tmp_path_factory):
         "notes.txt": "junk",
     }.items():
         (folder / name).write_text(content)
+    os.mkfifo(folder / "pipe.toml")
+    os.mkfifo(folder / "pipe.log")
     return folder
 
 
@@ -69,6 +72,14 @@ MENDABLE = [
     ("run @/unknown_key.toml --bus virtual:a", r"unknown_key\.toml:\d+: oops is not a key"),
     ("run @/no_rod.toml --bus virtual:a", r"no_rod\.toml:\d+: cylinders\.boom"),
     ("run @ --bus virtual:a", "cannot be read"),
+    ("describe @/pipe.toml", r"pipe\.toml: is no ordinary file"),
+    ("describe /dev/zero", r"/dev/zero: is no ordinary file"),
+    ("describe M --svg @/pipe.log", r"pipe\.log: is no ordinary file"),
+    ("identify @/pipe.log -o @/o.toml", r"pipe\.log: is no ordinary file"),
+    ("replay M @/pipe.log", r"pipe\.log: is no ordinary file"),
+    ("replay M @/run.log --identified @/pipe.toml", r"pipe\.toml: is no ordinary file"),
+    ("gap M @/pipe.log", r"pipe\.log: is no ordinary file"),
+    ("sim M --effects @/pipe.toml", r"pipe\.toml: is no ordinary file"),
     ("run M --bus vcan0", "has no channel"),
     ("run M --bus virtual:", "has no channel"),
     ("run M --bus :", "has no channel"),

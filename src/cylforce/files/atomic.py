@@ -19,6 +19,17 @@ def warn(sentence: str) -> None:
     structlog.get_logger("cylforce").warning(sentence)
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a path is a pipe or a device, from which reading may never end."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def check_ordinary(path: Path) -> None:
+    """Raises RecordingError for a pipe or a device."""
+    if is_stream(path):
+        raise RecordingError(f"{path}: is no ordinary file but a pipe or a device: save its data as a file first")
+
+
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
     """Before anything is computed: these files can be written, and replace nothing that this command reads or writes.
 
@@ -33,6 +44,8 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] 
             continue
         if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
             raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
+        if is_stream(path):
+            raise RecordingError(f"{path}: is no ordinary file but a pipe or a device: choose a file to write")
         if path.resolve() in taken:
             raise RecordingError(f"{path}: would replace another file that this command names: choose another output")
         taken.add(path.resolve())

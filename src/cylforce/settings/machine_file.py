@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cylforce.estimation.model import FRICTION
+from cylforce.files.atomic import is_stream
 from cylforce.files.tables import TableMap
 from cylforce.mechanics.installation import Filters, Health, SensorNode, Service
 from cylforce.mechanics.machine import Machine
@@ -77,6 +78,8 @@ def default_filters() -> Filters:
 
 
 def _text(path: Path) -> str:
+    if is_stream(path):
+        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give the path of a machine file")
     try:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:

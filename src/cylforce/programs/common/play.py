@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from cylforce.effects.imposed import Imposed, imposed
+from cylforce.files.atomic import is_stream
 from cylforce.files.truth import describe
 from cylforce.mechanics.installation import Service
 from cylforce.settings.machine_file import Loaded, SettingsError
@@ -91,6 +92,8 @@ def _digging(service: Service, rng: np.random.Generator, count: int) -> Iterable
 
 def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
     """The effects of a file. Raises SettingsError."""
+    if is_stream(path):
+        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give a file with [[effects]]")
     try:
         file = _EffectsFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
         machine = loaded.service.machine
