@@ -72,7 +72,7 @@ def _check(machine: Path, order: Order) -> None:
         raise RecordingError(
             f"{order.log}: the log must end in .log: by that ending `cylforce identify` knows its format"
         )
-    check_outputs((order.output, order.log), (machine,))
+    check_outputs((order.output, order.log), (machine,), (".toml", ".log"))
     if order.known_kg is not None and not 0.0 < order.known_kg < float("inf"):
         raise ValueError(
             f"a known weight of {order.known_kg:g} kg cannot be lifted: --known-kg wants kilograms above 0"

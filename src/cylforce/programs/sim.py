@@ -70,7 +70,7 @@ def run_sim(
     """
     _check(scenario, cycles, duration, mass_error)
     _check_moves(scenario, payload, turning)
-    check_outputs((truth, log, table), (machine_file, effects))
+    check_outputs((truth, log, table), (machine_file, effects), (".csv", "", ""))
     seed = secrets.randbits(32) if seed is None else seed
     play = prepare(
         load_machine(machine_file),
@@ -115,6 +115,8 @@ def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: 
             raise SettingsError(
                 f"{option} {path}: must end in {' or '.join(suffixes)}: by that ending it is read again"
             )
+        if path is not None and path.exists():
+            raise SettingsError(f"{option} {path}: exists and is not replaced: choose another file, or remove it first")
 
 
 def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | None) -> None:

@@ -26,7 +26,7 @@ def replay(
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.replay import run_replay, show, write_estimates
 
-    check_outputs((output,), (machine, recording, identified))
+    check_outputs((output,), (machine, recording, identified), (".csv",))
     loaded = load_machine(machine)
     if bus is not None:
         from cylforce.programs.live.player import play
