@@ -83,10 +83,10 @@ def run_sim(
         turning=turning,
     )
     _check_wanted(bus, truth, log, table)
-    print(f"seed {seed}", flush=True)
     if bus is not None:
         play_on_bus(play, bus, truth)
     else:
+        print(f"seed {seed}", flush=True)
         write_files(play, truth, log, table)
     return seed
 
