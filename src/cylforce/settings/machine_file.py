@@ -63,6 +63,8 @@ def load(path: Path | str) -> Loaded:
     where, findings = Path(path), Inspection()
     text = _text(where)
     raw = _parsed(where, text)
+    if "provenance" in raw and "machine" not in raw:
+        raise SettingsError(f"{where}: is no machine file but one of `cylforce identify`: give it with --identified")
     source = Source(where, text, raw)
     file, parts = _checked(raw, where.parent, findings)
     if findings.errors or parts.machine is None:
