@@ -37,12 +37,15 @@ def files(tmp_path_factory):
         "lacking.csv": "t_s,boom_head_pressure\n0,1e5\n0.01,2e5\n",
         "words.csv": "t_s,boom_head_pressure\n0,one\n",
         "effects.toml": '[[effects]]\nname = "glue"\nat = "boom"\nvalue = 1.0\n',
+        "effects2.toml": '[[effects]]\nname = "coulomb_friction"\nat = "boom"\nvalue = 1.0\n'
+        '[[effects]]\nname = "leak"\nat = "boom"\nvalue = 1.0\nform_s = 1\n',
         "junk.blf": "junk",
         "junk.asc": "junk",
         "junk.parquet": "junk",
         "notes.txt": "junk",
     }.items():
         (folder / name).write_text(content)
+    (folder / "binary.toml").write_bytes(b"\xff\xfe\x00")
     os.mkfifo(folder / "pipe.toml")
     os.mkfifo(folder / "pipe.log")
     return folder
@@ -167,7 +170,11 @@ MENDABLE = [
     ("sim M --cycles 1 --log @/t.log --truth @/t.log", r"t\.log: would replace another file"),
     ("sim M --cycles 1 --truth @/t.csv --log @/absent/t.log", r"absent/t\.log: cannot be written"),
     ("sim M --effects @/absent.toml", r"absent\.toml: cannot be read \(No such file or directory\)"),
-    ("sim M --effects @/effects.toml", "effect 'glue' is not known"),
+    ("sim M --effects @/effects.toml", r"effects\.toml:1: effect 'glue' is not known: choose one of"),
+    ("sim M --effects @/effects2.toml", r"effects2\.toml:9: effects\.leak\.form_s is not a key.*did you mean from_s"),
+    ("sim M --effects @/binary.toml", r"binary\.toml: is no text"),
+    ("sim M --effects @/broken.toml", r"broken\.toml: is not TOML"),
+    ("sim M --effects @/empty.toml", r"empty\.toml:1: the file lacks the key effects: add it"),
     ("sim M --cycles 1 --truth @/absent/t.csv", r"t\.csv: cannot be written"),
     ("sim M --cycles 1 --log @/absent/t.log", r"t\.log: cannot be written"),
     ("sim M --cycles 1 --table @/absent/t.csv", r"t\.csv: cannot be written"),
