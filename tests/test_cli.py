@@ -193,6 +193,8 @@ MENDABLE = [
     ("describe @/no_rod.toml", r"no_rod\.toml:\d+: cylinders\.boom"),
     ("describe M --eds @/absent/a.eds", r"a\.eds: cannot be written"),
     ("describe M --dbc @", "cannot be written"),
+    (f"describe M --eds @/{'a' * 250}.eds", r"\.eds: cannot be written \(File name too long\)"),
+    (f"sim M --cycles 1 --truth @/{'a' * 250}.csv", r"\.csv: cannot be written \(File name too long\)"),
     ("describe @/copy.toml --eds @/copy.toml", "would replace another file"),
 ]
 

@@ -55,16 +55,27 @@ def check_outputs(
 
 
 def _check_place(path: Path) -> None:
-    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+    if path.is_dir() or not path.parent.is_dir():
         raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
     if is_stream(path):
         raise RecordingError(f"{path}: is no ordinary file but a pipe or a device: choose a file to write")
+    temporary = _temporary(path)
+    try:  # the only sure test: permissions do not know a read-only disk or a name that is too long
+        temporary.touch()
+        temporary.unlink()
+    except OSError as error:
+        why = error.strerror or error
+        raise RecordingError(f"{path}: cannot be written ({why}): choose another file, in a folder of yours") from error
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Path of a temporary file that takes the place of `path` once it is complete: readers see old or new."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = _temporary(path)
     try:
         yield temporary
         with temporary.open("rb+") as file:
