@@ -14,6 +14,7 @@ from rich.console import Console
 
 from cylforce.can.bus import BusError
 from cylforce.can.opening import open_bus
+from cylforce.can.python_can import Relay
 from cylforce.commissioning.guidance import Guide
 from cylforce.files.logreader import read_events
 from cylforce.programs import commission
@@ -156,9 +157,12 @@ def test_zero_is_refused_while_nothing_is_weighed(collector):
 
 def test_a_bus_without_sensors_is_given_up(monkeypatch, tmp_path):
     monkeypatch.setattr(commission, "GIVE_UP_S", 4.0)
-    out, order = io.StringIO(), Order("virtual:silent", tmp_path / "o.toml", tmp_path / "o.log")
-    with pytest.raises(BusError, match=r"nothing can be measured: .*silent, check its power, cable"):
-        run_commission(LOADED, order, Console(file=out, width=100))
+    out = io.StringIO()
+    said = r"nothing can be measured: .*silent, check its power, cable"
+    with Relay() as relay:
+        order = Order(relay.name, tmp_path / "o.toml", tmp_path / "o.log")
+        with pytest.raises(BusError, match=said):
+            run_commission(LOADED, order, Console(file=out, width=100))
     told = out.getvalue()
     for node in LOADED.service.nodes:
         assert f"(node {node.node_id})" in told
@@ -167,8 +171,12 @@ def test_a_bus_without_sensors_is_given_up(monkeypatch, tmp_path):
 
 def test_ctrl_c_keeps_the_log_and_says_how_to_go_on(tmp_path):
     output = tmp_path / "o.toml"
-    command = [sys.executable, "-m", "cylforce", "commission", EXCAVATOR, "--bus", "virtual:a"]
-    with subprocess.Popen([*command, "-o", output], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
+    command = [sys.executable, "-m", "cylforce", "commission", EXCAVATOR, "-o", output]
+    pipe = subprocess.PIPE
+    with (
+        Relay() as relay,
+        subprocess.Popen([*command, "--bus", relay.name], stdout=pipe, stderr=pipe, text=True) as it,
+    ):
         while "silent" not in it.stdout.readline():
             assert it.poll() is None
         it.send_signal(signal.SIGINT)

@@ -378,7 +378,10 @@ def test_a_broken_file_is_refused(written, loaded, change, told):
         read_identified(written, loaded)
 
 
-@pytest.mark.parametrize(("text", "told"), [("a = ", "is not TOML"), ("", "provenance"), ("\xff", "is not TOML")])
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("a = ", "is not TOML"), ("", "is empty"), ("a = 1", "is TOML, not the file"), ("\xff", "is not TOML")],
+)
 def test_what_is_no_such_file_is_refused(written, loaded, text, told):
     written.write_text(text, encoding="latin-1")
     with pytest.raises(SettingsError, match=told):

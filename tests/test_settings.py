@@ -618,3 +618,14 @@ def outcome(path):
     except SettingsError as error:
         return str(error)
     return None
+
+
+def test_entries_that_are_all_wrong_are_not_missing(tmp_path):
+    text = (CONFIG / "excavator_20t.toml").read_text()
+    path = tmp_path / "pins_mm.toml"
+    path.write_text(text.replace("[[cylinders]]\n", "[[cylinders]]\ntolerance = { pins_mm = 2 }\n"))
+    with pytest.raises(SettingsError) as found:
+        load(path)
+    first, *others = str(found.value).splitlines()
+    assert first.endswith(": 3 errors")
+    assert all("pins_mm is not a key of this table: did you mean pins_m?" in line for line in others)

@@ -158,7 +158,7 @@ def test_extra_effects_come_from_a_file(tmp_path):
     with pytest.raises(SettingsError, match="no cylinder"):
         run_sim(EXCAVATOR, cycles=1, effects=path)
     path.write_text('[[effects]]\nname = "coulomb"\nplace = "boom"\nvalue = 1.0\n')
-    with pytest.raises(SettingsError, match=r"effects\.0"):
+    with pytest.raises(SettingsError, match=r"effects.coulomb lacks the key at"):
         run_sim(EXCAVATOR, cycles=1, effects=path)
 
 

@@ -7,6 +7,16 @@ from cylforce.can.clock import now_us
 from cylforce.can.socketcan import SocketCan
 
 
+def open_shared_bus(name: str) -> Bus:
+    """`open_bus` for a program whose counterparts are other programs. Raises BusError with a sentence."""
+    if name.startswith("virtual:") and name != "virtual:":
+        raise BusError(
+            f"{name}: exists inside one process only, so no other program is on it: use socketcan:NAME or "
+            "remote:127.0.0.1:PORT; only `cylforce demo` can use it"
+        )
+    return open_bus(name)
+
+
 def open_bus(name: str, now: Callable[[], int] = now_us) -> Bus:
     """A bus by "INTERFACE:CHANNEL": `socketcan:can0`, `virtual:NAME` (inside one process),
     `remote:127.0.0.1:PORT`.

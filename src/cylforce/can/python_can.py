@@ -117,14 +117,16 @@ class Remote(Bus):
         host, _, port = channel.rpartition(":")
         if host != HOST:
             raise BusError(f"{self.name}: frames stay on this machine, so the address must be {HOST}:PORT")
-        if not port.isdecimal():
-            raise BusError(f"{self.name}: {port!r} is no port number")
+        if not (port.isascii() and port.isdecimal() and len(port) <= 5 and 1 <= int(port) <= 65535):
+            raise BusError(f"{self.name}: {port!r} is no port number: write one from 1 to 65535")
         self._address, self._now = channel, now
         self._bus: can_remote.RemoteBus | None = None
         try:
             self._open()
         except OSError as error:
-            raise BusError(f"{self.name}: no relay answers there ({error})") from error
+            relay = f"python -m can_remote -i virtual -c x -p {port} -H {HOST}"
+            why = error.strerror or error
+            raise BusError(f"{self.name}: no relay answers there ({why}): start `{relay}`") from error
 
     def _open(self) -> None:
         self._bus = _can_remote().RemoteBus(f"ws://{self._address}")

@@ -31,7 +31,7 @@ class SocketCan(Bus):
 
     def _sentence(self, error: OSError) -> str:
         if error.errno in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
-            return f"{self.name}: this kernel has no SocketCAN; tools/vcan runs a command on one that has"
+            return f"{self.name}: this kernel has no SocketCAN; remote:127.0.0.1:PORT works without, on this computer"
         if error.errno == errno.ENODEV:
             return f"{self.name}: there is no such interface; `ip link show type can` lists those there are"
         return f"{self.name}: cannot be opened: {error}"

@@ -1,7 +1,7 @@
 """What readers and writers of files share: one kind of error, a way to warn, files that are replaced whole."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,8 +19,23 @@ def warn(sentence: str) -> None:
     structlog.get_logger("cylforce").warning(sentence)
 
 
-def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
+def is_stream(path: Path) -> bool:
+    """Whether a path is a pipe or a device, from which reading may never end."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def check_ordinary(path: Path) -> None:
+    """Raises RecordingError for a pipe or a device."""
+    if is_stream(path):
+        raise RecordingError(f"{path}: is no ordinary file but a pipe or a device: save its data as a file first")
+
+
+def check_outputs(
+    outputs: Sequence[Path | None], inputs: Iterable[Path | None] = (), suffixes: Sequence[str] = ()
+) -> None:
     """Before anything is computed: these files can be written, and replace nothing that this command reads or writes.
+    Where `suffixes` are given, one for each output, a file that exists and ends otherwise is not replaced either: it
+    may be a recording, named by mistake.
 
     Raises
     ------
@@ -28,20 +43,39 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] 
         For the first that cannot, or would.
     """
     taken = {path.resolve() for path in inputs if path is not None}
-    for path in outputs:
+    for path, suffix in zip(outputs, suffixes or [""] * len(outputs), strict=True):
         if path is None:
             continue
-        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-            raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
+        _check_place(path)
         if path.resolve() in taken:
             raise RecordingError(f"{path}: would replace another file that this command names: choose another output")
+        if path.exists() and suffix and path.suffix.lower() != suffix:
+            raise RecordingError(f"{path}: exists and is no {suffix} file, so it is kept: choose another output")
         taken.add(path.resolve())
+
+
+def _check_place(path: Path) -> None:
+    if path.is_dir() or not path.parent.is_dir():
+        raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
+    if is_stream(path):
+        raise RecordingError(f"{path}: is no ordinary file but a pipe or a device: choose a file to write")
+    temporary = _temporary(path)
+    try:  # the only sure test: permissions do not know a read-only disk or a name that is too long
+        temporary.touch()
+        temporary.unlink()
+    except OSError as error:
+        why = error.strerror or error
+        raise RecordingError(f"{path}: cannot be written ({why}): choose another file, in a folder of yours") from error
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Path of a temporary file that takes the place of `path` once it is complete: readers see old or new."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = _temporary(path)
     try:
         yield temporary
         with temporary.open("rb+") as file:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.files.atomic import RecordingError, Tell, check_ordinary, warn
 from cylforce.files.candump import HEAD, Line, Sent, is_newer_frame, own_event, parsed
 from cylforce.files.logfile import Header, header_from
 from cylforce.files.messages import messages
@@ -65,6 +65,7 @@ def log_header(path: Path) -> Header | None:
     """The header of one of our own logs; None for any other recording. Raises RecordingError if it cannot be read."""
     if path.suffix.lower() != ".log":
         return None
+    check_ordinary(path)
     if not path.exists():
         raise RecordingError(f"{path}: does not exist")
     return header_from(path, _candump(path, lambda _: None, ours=False))

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cylforce.files import logreader, tables
-from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.files.atomic import RecordingError, Tell, check_ordinary, warn
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import Header
 from cylforce.files.tables import SlowTableError, Table, TableMap, joined, resampled, table_pieces
@@ -57,6 +57,7 @@ def open_pieces(
     rate_hz = service.filters.rate_hz
     if not path.exists():
         raise RecordingError(f"{path}: does not exist")
+    check_ordinary(path)
     if path.suffix.lower() in tables.SUFFIXES:
         names = [signal.name for signal in service.machine.signals]
         return _at_rate(path, table_pieces(path, names, mapping), rate_hz)

@@ -4,11 +4,26 @@ import sys
 from typing import Annotated
 
 import typer
+from typer.core import TyperGroup
 
 import cylforce
 from cylforce.programs.commands import commission, config, demo, describe, gap, identify, new, replay, run, sim
+from cylforce.programs.commands.options import INTERRUPTED
+
+
+class _Commands(TyperGroup):
+    """The commands. One that Ctrl-C ends says so and leaves nothing unfinished behind: files are replaced whole."""
+
+    def invoke(self, ctx: typer.Context) -> object:  # type: ignore[override]  # the base class is private
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            print("cylforce: stopped; no unfinished file was written", file=sys.stderr)
+            raise typer.Exit(INTERRUPTED) from error
+
 
 app = typer.Typer(
+    cls=_Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # help is text: square brackets in it mean what can be left out

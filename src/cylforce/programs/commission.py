@@ -12,7 +12,7 @@ from rich.text import Text
 
 from cylforce.can.bus import Bus, BusError
 from cylforce.can.clock import now_us
-from cylforce.can.opening import open_bus
+from cylforce.can.opening import open_shared_bus
 from cylforce.commissioning.guidance import GOOD_ENOUGH, Guide
 from cylforce.commissioning.identification import MIN_SECONDS, Identification
 from cylforce.estimation.model import Tares
@@ -55,7 +55,6 @@ def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
     _check(loaded, order)
     configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
     guide = Guide(model_of(loaded), every_s=THINK_S)
-    console.print(f"recording to {order.log}", soft_wrap=True)
     view = _collected(loaded, guide, order, console)
     if not view.advice.done:
         _stop(loaded, order, view, console)
@@ -84,7 +83,7 @@ def _check(loaded: Loaded, order: Order) -> None:
         raise RecordingError(
             f"{order.log}: the log must end in .log: by that ending `cylforce identify` knows its format"
         )
-    check_outputs((order.output, order.log), (loaded.path,))
+    check_outputs((order.output, order.log), (loaded.path,), (".toml", ".log"))
     if order.known_kg is not None:
         check_known_kg(order.known_kg, loaded)
 
@@ -95,9 +94,10 @@ def _writer(loaded: Loaded, order: Order, path: Path) -> LogWriter:
 
 def _collected(loaded: Loaded, guide: Guide, order: Order, console: Console) -> View:
     """What was seen last when it was enough, refused (raises ValueError), given up (raises) or interrupted."""
-    bus = open_bus(order.bus)
+    bus = open_shared_bus(order.bus)
     try:
         writer = _writer(loaded, order, order.log)
+        console.print(f"recording to {order.log}", soft_wrap=True)
         return asyncio.run(_collect(loaded, guide, bus, writer, console))
     finally:
         bus.close()
@@ -151,7 +151,7 @@ def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float
     """Watch the lift of a known weight, take the scale from it; False when it was interrupted."""
     core = Core(loaded.service, found.tares)
     console.print(f"recording the lift to {order.lift_log}", soft_wrap=True)
-    bus = open_bus(order.bus)
+    bus = open_shared_bus(order.bus)
     try:
         writer = _writer(loaded, order, order.lift_log)
         booked = asyncio.run(_lifted(Daemon(loaded, core, bus, writer, Scale()), known_kg, console))

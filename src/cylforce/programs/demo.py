@@ -18,7 +18,7 @@ from rich.table import Table
 
 import cylforce
 from cylforce.can.opening import open_bus
-from cylforce.files.atomic import replacing
+from cylforce.files.atomic import check_outputs, replacing
 from cylforce.files.truth import read_truth
 from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import prepare
@@ -66,13 +66,16 @@ class Files(NamedTuple):
 
 
 def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None, output: Path | None) -> bool:
-    """Show the main job; whether every cycle's load was booked. Raises the programs' own errors."""
+    """Show the main job; whether every cycle's load was booked. Raises the programs' own errors, and KeyboardInterrupt
+    when a signal ended it: figures of some of the cycles are not shown."""
     seed = secrets.randbits(32) if seed is None else seed
+    check_outputs((output,), (machine,), (".json",))
     loaded, console = load_machine(machine), Console(highlight=False)
-    console.print(f"seed {seed}, bus {bus}, {clock} clock, {loaded.service.machine.name}")
     with TemporaryDirectory(prefix="cylforce-demo-") as folder:
         files = Files(Path(folder))
         with _relay(bus) as named, (files.folder / "daemon.jsonl").open("w") as messages:
+            open_bus(named).close()  # a bus that is not there is noticed before minutes of work
+            console.print(f"seed {seed}, bus {bus}, {clock} clock, {loaded.service.machine.name}")
             _prepare(machine, files, seed, console)
             configure_messages(messages)
             watched = asyncio.run(_work(loaded, files, named, cycles, seed, console))
@@ -128,10 +131,12 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
     dig = _dig_here if bus.startswith("virtual:") else _dig_beside
     digging = asyncio.create_task(dig(loaded, files, bus, cycles, seed, until))
     try:
-        await serve(daemon, until, lambda: show_status(daemon))
+        stopped = await serve(daemon, until, lambda: show_status(daemon))
     finally:
         until.set()
         await digging
+    if stopped:
+        raise KeyboardInterrupt
     return watched._replace(counts=daemon.counts)
 
 

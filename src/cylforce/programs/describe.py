@@ -25,7 +25,7 @@ class DescriptionFiles(NamedTuple):
 
 def run_describe(machine: Path, outputs: DescriptionFiles) -> None:
     """Load, write what is asked for, print. Raises SettingsError or RecordingError with a sentence."""
-    check_outputs(outputs, (machine,))
+    check_outputs(outputs, (machine,), (".svg", ".html", ".eds", ".dbc", ".json"))
     loaded = load_machine(machine)
     shown = tables(loaded.service)
     if outputs.svg is not None:

@@ -3,7 +3,7 @@
 
 import asyncio
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from math import degrees
@@ -14,9 +14,9 @@ import structlog
 
 from cylforce.can.bus import Bus
 from cylforce.can.clock import now_us
-from cylforce.can.opening import open_bus
+from cylforce.can.opening import open_shared_bus
 from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
-from cylforce.files.atomic import RecordingError
+from cylforce.files.atomic import RecordingError, check_outputs, warn
 from cylforce.files.logfile import Header, LogWriter, Rotation
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.station import Counts, Station, serve
@@ -153,17 +153,26 @@ def show_status(daemon: Daemon) -> None:
         sys.stdout.flush()
 
 
-def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
+def _check_log(log: Path, inputs: Sequence[Path | None]) -> None:
     if log.suffix.lower() != ".log":
         raise RecordingError(f"--log {log}: must end in .log: by that ending it is read again")
+    check_outputs((log,), inputs)
+
+
+def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
     return LogWriter(log, header, now_us(), header.bus.partition(":")[2], rotation=rotation)
 
 
 def run_daemon(loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None, rotation: Rotation) -> Counts:
     """The daemon until a signal. Raises BusError, SettingsError or RecordingError with a sentence."""
     configure_messages()
-    core = make_core(loaded, identified)
-    bus = open_bus(bus_name)
+    if log is not None:
+        _check_log(log, (loaded.path, identified))
+    warnings: list[str] = []
+    core = make_core(loaded, identified, warnings.append)
+    bus = open_shared_bus(bus_name)
+    for sentence in warnings:
+        warn(sentence)
     writer = _writer(header_of(loaded, identified, bus_name), log, rotation) if log else None
 
     async def main() -> Counts:

@@ -72,7 +72,7 @@ def run_sim(
     """
     _check(scenario, cycles, duration, mass_error)
     _check_moves(scenario, payload, turning)
-    check_outputs((truth, log, table), (machine_file, effects))
+    check_outputs((truth, log, table), (machine_file, effects), (".csv", "", ""))
     seed = secrets.randbits(32) if seed is None else seed
     loaded = load_machine(machine_file)
     _check_payload(payload, loaded.service.machine.rated_payload)
@@ -87,10 +87,10 @@ def run_sim(
         turning=turning,
     )
     _check_wanted(bus, truth, log, table)
-    print(f"seed {seed}", flush=True)
     if bus is not None:
         play_on_bus(play, bus, truth)
     else:
+        print(f"seed {seed}", flush=True)
         write_files(play, truth, log, table)
     return seed
 
@@ -126,6 +126,8 @@ def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: 
             raise SettingsError(
                 f"{option} {path}: must end in {' or '.join(suffixes)}: by that ending it is read again"
             )
+        if path is not None and path.exists():
+            raise SettingsError(f"{option} {path}: exists and is not replaced: choose another file, or remove it first")
 
 
 def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | None) -> None:
@@ -151,7 +153,9 @@ def _with_truth(play: Play, records: Iterable[Record], path: Path, files: ExitSt
     writer: TruthWriter | None = None
     for record in records:
         names, rows = truth_columns(play.service.machine, record)
-        writer = writer or files.enter_context(TruthWriter(path, play.header, names))
+        if writer is None:
+            whole = files.enter_context(replacing(path))
+            writer = files.enter_context(TruthWriter(whole, play.header, names))
         writer.write(times_us(record), rows)
         yield record
 

@@ -2,7 +2,7 @@
 identify`, accepted only with the machine file that it was identified with."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +14,7 @@ from pydantic import AllowInfNan, BaseModel, ConfigDict, ValidationError
 import cylforce
 from cylforce.commissioning.identification import Identification
 from cylforce.estimation.model import FRICTION, Model, Tares
-from cylforce.files.atomic import replacing
+from cylforce.files.atomic import is_stream, replacing
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.signals.estimate import Array
 
@@ -124,8 +124,12 @@ def identified_warnings(path: Path) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> IdentifiedFile:
+    if is_stream(path):
+        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device; run `cylforce identify` first")
     try:
-        return IdentifiedFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        _check_kind(path, raw)
+        return IdentifiedFile.model_validate(raw)
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read ({error.strerror}); run `cylforce identify` first") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -134,6 +138,15 @@ def _read(path: Path) -> IdentifiedFile:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise SettingsError(f"{path}: {key}: {first['msg']}; run `cylforce identify` again") from error
+
+
+def _check_kind(path: Path, raw: Mapping[str, object]) -> None:
+    """Whether it is a file of `cylforce identify` at all. Raises SettingsError."""
+    if not raw:
+        raise SettingsError(f"{path}: is empty; run `cylforce identify` again")
+    if "provenance" not in raw:
+        kind = "is a machine file" if "machine" in raw else "is TOML"
+        raise SettingsError(f"{path}: {kind}, not the file that `cylforce identify` writes; run it first")
 
 
 def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cylforce.estimation.model import FRICTION
+from cylforce.files.atomic import is_stream
 from cylforce.files.tables import TableMap
 from cylforce.mechanics.installation import Filters, Health, SensorNode, Service
 from cylforce.mechanics.machine import Machine
@@ -62,6 +63,8 @@ def load(path: Path | str) -> Loaded:
     where, findings = Path(path), Inspection()
     text = _text(where)
     raw = _parsed(where, text)
+    if "provenance" in raw and "machine" not in raw:
+        raise SettingsError(f"{where}: is no machine file but one of `cylforce identify`: give it with --identified")
     source = Source(where, text, raw)
     file, parts = _checked(raw, where.parent, findings)
     if findings.errors or parts.machine is None:
@@ -77,6 +80,8 @@ def default_filters() -> Filters:
 
 
 def _text(path: Path) -> str:
+    if is_stream(path):
+        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give the path of a machine file")
     try:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:

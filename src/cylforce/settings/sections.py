@@ -54,6 +54,8 @@ def read_sections(
 
 def _faults(error: ValidationError, name: str, written: Mapping[str, object]) -> Iterable[FaultError]:
     for found in error.errors():
+        if found["type"] == "too_short" and len(found["input"]) >= found["ctx"]["min_length"]:
+            continue  # pydantic counts good entries only; the others' errors are found too
         key = tuple(part for part in (name, *found["loc"]) if part not in TAGS)
         here = written_key(written, key) if found["type"] != "missing" else key
         if here != key:  # say the value in the unit of the file

@@ -42,7 +42,8 @@ def gap(
 
     if html is not None:
         check_extra()
-    check_outputs((output, patch, html, residuals), (machine, *field, *(reference or ()), identified))
+    inputs = (machine, *field, *(reference or ()), identified)
+    check_outputs((output, patch, html, residuals), inputs, (".json", ".toml", ".html", ".npz"))
     question = Question(tuple(field), tuple(reference or ()), identified, known_loads(load or ()), only)
     loaded = load_machine(machine)
     with progress_bar() as watch:

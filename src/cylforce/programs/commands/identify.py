@@ -44,7 +44,7 @@ def identify(
     if report is not None:
         check_extra()
     machine, recordings = machine_file_of(files)
-    check_outputs((output, report), (machine, *recordings, lift))
+    check_outputs((output, report), (machine, *recordings, lift), (".toml", ".html"))
     loaded = load_machine(machine)
     with progress_bar() as watch:
         found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg, refuse), watch)

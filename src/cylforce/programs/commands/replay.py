@@ -28,7 +28,7 @@ def replay(
     from cylforce.programs.common.readings import check_machine
     from cylforce.programs.replay import run_replay, show, write_estimates
 
-    check_outputs((output,), (machine, recording, identified))
+    check_outputs((output,), (machine, recording, identified), (".csv",))
     loaded = load_machine(machine)
     check_machine(recording, log_header(recording), loaded)
     if bus is not None:

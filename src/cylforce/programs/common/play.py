@@ -8,11 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+from pydantic_core import ErrorDetails
 
 from cylforce.effects.imposed import Imposed, imposed
+from cylforce.files.atomic import is_stream
 from cylforce.files.truth import describe
 from cylforce.mechanics.installation import Service
+from cylforce.settings.error import FaultError, Source, line_of, report
 from cylforce.settings.machine_file import Loaded, SettingsError
+from cylforce.settings.sections import fault
 from cylforce.signals.kinds import Kind
 from cylforce.simulation.scenario import cycles as digging_cycles
 from cylforce.simulation.scenario import moves
@@ -91,16 +95,43 @@ def _digging(service: Service, rng: np.random.Generator, count: int) -> Iterable
 
 def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
     """The effects of a file. Raises SettingsError."""
+    text = _effects_text(path)
     try:
-        file = _EffectsFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        machine = loaded.service.machine
-        return tuple(
-            imposed(machine, e.name, e.at, e.value, shape=e.shape, begin=e.from_s, end=e.until_s) for e in file.effects
-        )
+        raw = tomllib.loads(text)
+    except ValueError as error:
+        raise SettingsError(f"{path}: is not TOML: {error}; correct it") from error
+    source = Source(path, text, raw)
+    try:
+        tables = _EffectsFile.model_validate(raw).effects
     except ValidationError as error:
-        first = error.errors()[0]
-        raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+        faults = [_fault(found) for found in error.errors()]
+        raise SettingsError(report(source, faults)) from error
+    return tuple(_imposed(loaded, each, source, k) for k, each in enumerate(tables))
+
+
+def _effects_text(path: Path) -> str:
+    if is_stream(path):
+        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give a file with [[effects]]")
+    try:
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read ({error.strerror}): give a file with [[effects]]") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{path}: is no text (byte {error.start}): give a file with [[effects]]") from error
+
+
+def _fault(found: ErrorDetails) -> FaultError:
+    key = found["loc"]
+    return fault(found, key, _EffectsFile if len(key) == 1 else _EffectTable)
+
+
+def _imposed(loaded: Loaded, table: _EffectTable, source: Source, k: int) -> Imposed:
+    """One effect of a file. Raises SettingsError with file and line."""
+    machine = loaded.service.machine
+    try:
+        return imposed(
+            machine, table.name, table.at, table.value, shape=table.shape, begin=table.from_s, end=table.until_s
+        )
     except ValueError as error:
-        raise SettingsError(f"{path}: {error}") from error
+        line = line_of(source.text, ("effects", k))
+        raise SettingsError(f"{source.path}:{line}: {error}") from error

@@ -10,7 +10,7 @@ import numpy as np
 
 from cylforce.can.bus import Bus
 from cylforce.can.clock import Timer, now_us
-from cylforce.can.opening import open_bus
+from cylforce.can.opening import open_shared_bus
 from cylforce.canopen.devices import sensor_node
 from cylforce.canopen.network import Network, Send
 from cylforce.files.recording import Events, open_recording, sensor_frames
@@ -125,7 +125,7 @@ class LogPlayer:
 
 def play(loaded: Loaded, recording: Path, bus: str) -> None:
     """Play until the recording ends, or SIGTERM or SIGINT. Raises RecordingError or BusError with a sentence."""
-    opened = open_bus(bus)
+    opened = open_shared_bus(bus)
     try:
         asyncio.run(_until_stopped(loaded, recording, opened))
     finally:

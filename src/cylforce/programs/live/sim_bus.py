@@ -12,7 +12,7 @@ import numpy as np
 
 from cylforce.can.bus import Bus
 from cylforce.can.clock import Timer, now_us
-from cylforce.can.opening import open_bus
+from cylforce.can.opening import open_shared_bus
 from cylforce.canopen.devices import sensor_node
 from cylforce.canopen.network import Network, Send
 from cylforce.files.truth import TruthWriter, truth_columns
@@ -148,7 +148,8 @@ class SensorNodes:
 def play_on_bus(play: Play, bus: str, truth: Path | None) -> None:
     """Be the sensors on `bus` ("INTERFACE:CHANNEL") until the run is over, or SIGTERM or SIGINT. Raises
     BusError."""
-    opened = open_bus(bus)
+    opened = open_shared_bus(bus)
+    print(f"seed {play.seed}", flush=True)
     try:
         asyncio.run(_until_stopped(play, opened, truth))
     finally:

@@ -141,11 +141,16 @@ class Station(Generic[S]):
         say("sensor", name=outcome.node.name, node=outcome.node.node_id, stage=outcome.stage, why=outcome.reason)
 
 
-async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], None], every_s: float = 1.0) -> None:
-    """Run until `until` is set or SIGTERM or SIGINT comes; meanwhile `look` every so often."""
-    loop = asyncio.get_running_loop()
+async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], None], every_s: float = 1.0) -> bool:
+    """Run until `until` is set or SIGTERM or SIGINT comes; meanwhile `look` every so often. Whether a signal came."""
+    loop, came = asyncio.get_running_loop(), asyncio.Event()
+
+    def on_signal() -> None:
+        came.set()
+        until.set()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, until.set)
+        loop.add_signal_handler(number, on_signal)
     station.start(loop)
     gc.collect()
     gc.freeze()  # objects of the start are not collected again: this avoids pauses of tens of milliseconds
@@ -157,3 +162,4 @@ async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], No
                 look()
     finally:
         await station.stop(loop)
+    return came.is_set()
