@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from cylforce.commissioning.identification import identify
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
@@ -23,6 +24,8 @@ from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
 from pages import Page, check_one_file
+from scenarios import EXCAVATOR
+from scenarios import moved as empty_moves
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 MACHINES = sorted(CONFIG.glob("excavator*.toml"))
@@ -183,3 +186,10 @@ def test_the_bar_knows_how_far_a_text_has_been_read(tmp_path):
     with progress_bar() as watch:  # no terminal: nothing is drawn
         watch("reading", 0.5)
         watch("fitting", None)
+
+
+def test_a_scale_is_called_known_only_after_a_lift():
+    loaded = load(EXCAVATOR)
+    found = identify(model_of(loaded), [empty_moves(loaded)])
+    assert not found.knows_scale
+    assert found._replace(tares=found.tares._replace(scale_error=0.001)).knows_scale

@@ -44,6 +44,11 @@ class Identification(NamedTuple):
     explained: Array
     warnings: tuple[str, ...]
 
+    @property
+    def knows_scale(self) -> bool:
+        """Whether a known weight was lifted; else the scale and its error are those of the data sheet."""
+        return (self.tares.scale, self.tares.scale_error) != (1.0, self.model.scale_error)
+
 
 def identify(
     model: Model, segments: Iterable[Array], *, two_steps: bool = False, enforce: bool = False, refuse: bool = True

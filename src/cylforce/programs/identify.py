@@ -91,7 +91,7 @@ def show(found: Identification, console: Console) -> None:
     console.print(f"explained share of the variance of the torque: {', '.join(shares)}")
     tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
     console.print(f"friction: {', '.join(model.friction)} (mean squared error in data left out of the fit: {tried})")
-    if found.tares.scale != 1.0:
+    if found.knows_scale:
         console.print(f"scale from the known weight: {found.tares.scale:.4f} +- {found.tares.scale_error:.4f}")
     for sentence in found.violations:
         console.print(f"[bold]not physical:[/bold] {sentence}; --enforce finds the nearest tares that are")

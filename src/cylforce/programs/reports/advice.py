@@ -121,8 +121,14 @@ def next_steps(
         )
     if covered < ENOUGH:
         steps.append(Advised("To be sure in every posture, record also:", gaps[:MOST]))
-    if found.tares.scale_error == 0.0:
-        steps.append(Advised("Lift a known weight once (--lift, --known-kg): the scale is still the data sheet's."))
+    if not found.knows_scale:
+        error = 100.0 * found.tares.scale_error
+        steps.append(
+            Advised(
+                "Measure the pins (pins_m), or lift a known weight once (--lift, --known-kg): the scale is still the "
+                f"data sheet's, +- {error:.1f} % of every weight."
+            )
+        )
     return tuple(steps)
 
 

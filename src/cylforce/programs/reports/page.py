@@ -45,8 +45,9 @@ def _median(expected: Expected) -> str:
 
 def _scale(found: Identification) -> str:
     tares = found.tares
-    if tares.scale_error == 0.0:
-        return "It does not contain errors of scale (bores, pins, gains), which the empty machine does not show."
+    if not found.knows_scale:
+        error = f"± {100.0 * tares.scale_error:.1f} %"
+        return f"It contains the error of the data sheet's scale (bores, pins), {error}: no known weight was lifted."
     return f"It contains the error of the scale from a known weight, {tares.scale:.4f} ± {tares.scale_error:.4f}."
 
 
