@@ -56,10 +56,10 @@ def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
     print(
         f"{output}: {answers.values['name']}; {len(answers.given)} figures from the data sheet, the others are typical"
     )
+    print("Every pin is a guess: search the file for MEASURE THIS. Heavy loads are not booked until the pins are")
     print(
-        "Every pin is a guess: search the file for MEASURE THIS. No weight is booked until the pins are measured (then"
+        "measured (then set pins_m to the accuracy of the measurement) or a known weight was lifted (identify --lift)."
     )
-    print("set pins_m to the accuracy of the measurement) or a known weight was lifted (cylforce identify --lift).")
     for warning in warnings:
         print(f"warning: {warning}")
     print(f"Next: cylforce describe {output} --svg {output.with_suffix('.svg')}")

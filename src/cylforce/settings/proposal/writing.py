@@ -17,7 +17,7 @@ HEAD = """\
 # Figures marked "data sheet" were given. Figures marked "typical" are those of a machine of this size: replace them.
 # Pins marked "{measure}" are the nearest to typical ones with which each cylinder's stroke covers its joint's angle
 # range. The tolerances are as large as such guesses are wrong: until the pins are measured (then set pins_m, for
-# example to 0.002) or a known weight was lifted (cylforce identify --lift), no weight is good enough to be booked.
+# example to 0.002) or a known weight was lifted (cylforce identify --lift), heavy loads are not booked.
 # `cylforce describe FILE --svg arm.svg` draws every pin.
 """
 PINS = ("foot", "eye", "rocker_pin", "link_pin", "inner_pin", "outer_pin")
