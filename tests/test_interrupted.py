@@ -16,15 +16,24 @@ def interrupted(folder, *words, after):
     """Standard output, standard error and exit code of a command that gets Ctrl-C once it prints `after`."""
     command = [sys.executable, "-u", "-m", "cylforce", *map(str, words)]
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as it:
+    with subprocess.Popen(
+        command, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe, text=True, preexec_fn=listen_to_ctrl_c
+    ) as it:
         begun = ""
-        while after not in begun:
-            assert it.poll() is None
+        while after not in begun and it.poll() is None:
             begun += it.stdout.read(1)
         time.sleep(0.5)
         it.send_signal(signal.SIGINT)
-        said, told = it.communicate(timeout=30.0)
+        try:
+            said, told = it.communicate(timeout=30.0)
+        finally:
+            it.kill()
     return begun + said, told, it.returncode
+
+
+def listen_to_ctrl_c():
+    """A command that a shell starts in the background ignores SIGINT, and so does what it starts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.mark.parametrize("after", ["1. the empty machine", "3. 1 digging"])
