@@ -17,7 +17,13 @@ def interrupted(folder, *words, after):
     command = [sys.executable, "-u", "-m", "cylforce", *map(str, words)]
     pipe = subprocess.PIPE
     with subprocess.Popen(
-        command, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe, text=True, preexec_fn=listen_to_ctrl_c
+        command,
+        cwd=folder,
+        stdin=pipe,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
+        preexec_fn=listen_to_ctrl_c,  # noqa: PLW1509
     ) as it:
         begun = ""
         while after not in begun and it.poll() is None:
@@ -47,6 +53,6 @@ def test_an_interrupted_demo_shows_no_figures(tmp_path, after):
 
 
 def test_interrupted_questions_write_nothing(tmp_path):
-    _, told, code = interrupted(tmp_path, "new", "-o", "m.toml", after="type of machine: ")
+    _, told, code = interrupted(tmp_path, "new", "-o", "m.toml", after="type of machine")
     assert (code, told.lstrip("\n")) == (130, STOPPED)
     assert list(tmp_path.iterdir()) == []
