@@ -297,7 +297,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
     (tmp_path / "empty.log").touch()
     with pytest.raises(RecordingError, match=r"empty\.log: holds no frame"):
         read(tmp_path / "empty.log")
-    with pytest.raises(RecordingError, match=r"absent\.log: cannot be read: No such file"):
+    with pytest.raises(RecordingError, match=r"absent\.log: does not exist"):
         read(tmp_path / "absent.log")
     with pytest.raises(RecordingError, match=r"x\.trc: is none of the recordings that can be read"):
         read(tmp_path / "x.trc")
