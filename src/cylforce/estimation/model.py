@@ -138,6 +138,11 @@ class Model:
         return float(np.hypot(areas, pins))
 
     @cached_property
+    def changing_friction(self) -> list[int]:
+        """Numbers of the columns whose friction changes with temperature and wear: Coulomb and viscous."""
+        return [k for k, p in enumerate(self.parameters) if p.name.endswith((".coulomb", ".viscous"))]
+
+    @cached_property
     def coulomb(self) -> list[int]:
         """The columns of the Coulomb friction."""
         return [k for k, p in enumerate(self.parameters) if p.name.endswith(".coulomb")]

@@ -44,14 +44,8 @@ class Adapter:
     tares: Tares
 
     @cached_property
-    def _friction(self) -> list[int]:
-        """Numbers of the columns whose friction is adapted: Coulomb and viscous."""
-        wanted = (".coulomb", ".viscous")
-        return [k for k, p in enumerate(self.model.parameters) if p.name.endswith(wanted)]
-
-    @cached_property
     def _limits(self) -> tuple[Array, Array]:
-        friction = np.abs(self.tares.values[self._friction])
+        friction = np.abs(self.tares.values[self.model.changing_friction])
         zero = np.array([ZERO_LIMIT * c.area_head for c in self.model.machine.cylinders])
         low = np.concatenate([(FRICTION_RANGE[0] - 1.0) * friction, -zero])
         return low, np.concatenate([(FRICTION_RANGE[1] - 1.0) * friction, zero])
@@ -64,14 +58,16 @@ class Adapter:
     def begin(self) -> Drift:
         """The state without drift, with the prior standard errors above; old information fades within the memory."""
         zero = [ZERO_ERROR * c.area_head for c in self.model.machine.cylinders]
-        floor = [1e-3 * self.model.machine.cylinders[0].area_head * 1e5] * len(self._friction)
-        friction = np.maximum(FRICTION_ERROR * np.abs(self.tares.values[self._friction]), floor)
+        floor = [1e-3 * self.model.machine.cylinders[0].area_head * 1e5] * len(self.model.changing_friction)
+        friction = np.maximum(FRICTION_ERROR * np.abs(self.tares.values[self.model.changing_friction]), floor)
         spread = np.concatenate([friction, zero])
         return Drift(known(np.zeros_like(spread), spread), np.zeros_like(spread), 0, 0.0, False)
 
     def columns(self, rows: Rows) -> Array:
         """Columns (R, D) of the adapted parameters."""
-        return np.concatenate([rows.columns[..., self._friction], rows.columns[..., self.model.zero]], axis=-1)
+        return np.concatenate(
+            [rows.columns[..., self.model.changing_friction], rows.columns[..., self.model.zero]], axis=-1
+        )
 
     def step(self, drift: Drift, rows: Rows, torque: Array, variance: Array) -> Drift:
         """The drift after one instant with residual `torque` (R,) [N m], from which the drift so far is already

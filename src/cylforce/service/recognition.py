@@ -50,15 +50,10 @@ class Recognizer:
     tares: Tares
 
     @cached_property
-    def _friction(self) -> list[int]:
-        wanted = (".coulomb", ".viscous")
-        return [k for k, p in enumerate(self.model.parameters) if p.name.endswith(wanted)]
-
-    @cached_property
     def _spread(self) -> Array:
         """What friction and zeros may have changed by."""
         zeros = [ZERO * c.area_head for c in self.model.machine.cylinders]
-        return np.concatenate([FRICTION * np.abs(self.tares.values[self._friction]), zeros])
+        return np.concatenate([FRICTION * np.abs(self.tares.values[self.model.changing_friction]), zeros])
 
     @cached_property
     def _memory(self) -> float:
@@ -100,7 +95,9 @@ class Recognizer:
     def _gathered(self, state: Recognition, rows: Rows, left: Residual, telling: Array) -> Recognition:
         columns = left.columns[telling]
         unsure = np.sum((columns @ self.tares.covariance) * columns, axis=1)
-        drift = np.concatenate([columns[:, self._friction], rows.columns[telling, self.model.zero]], axis=1)
+        drift = np.concatenate(
+            [columns[:, self.model.changing_friction], rows.columns[telling, self.model.zero]], axis=1
+        )
         each = np.concatenate([columns @ self.model.load, drift * self._spread, left.torque[telling, None]], axis=1)
         each /= np.sqrt((left.variance + left.rest)[telling] + unsure)[:, None]
         return state._replace(gram=state.gram + each.T @ each / self._memory, rows=state.rows + len(columns))
