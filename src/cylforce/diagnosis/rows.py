@@ -165,8 +165,11 @@ class Viewer:
         """By how much a row comes after its samples [s]."""
         return self.channel_lag + self.filter_lag
 
-    def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> GapRows:
-        """The rows of a recording; see `columns_of` for the order of the effects' columns."""
+    def rows(
+        self, recorded: Recorded, wanted: Sequence[Proposal], lost: NDArray[np.bool_] | None = None
+    ) -> GapRows:
+        """The rows of a recording, effects' columns in the order of `wanted`; `lost` (T', R): which rows are not
+        usable, if that is known already."""
         values, late = recorded.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
@@ -177,8 +180,7 @@ class Viewer:
         base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
         forces = iter(np.moveaxis(found.columns[..., size : size + len(laws)], -1, 0))
         lasting = [(p, e) for p in wanted for e in p.group if not isinstance(e, Incident)]
-        lost = self._lost(moved)
-        left = np.where(lost, np.nan, left)
+        left = np.where(self._lost(moved) if lost is None else np.pad(lost, self._before(lost, left)), np.nan, left)
         tares = self.tares + self._carried(recorded.load, base[late], left[late])
         still = quiet(self.model.machine, values, self.model.filters.rate_hz)
         turning = self.slow.channels.turning(self.thinned(still))
@@ -199,6 +201,11 @@ class Viewer:
             posture[late],
             turning[late],
         )
+
+    @staticmethod
+    def _before(late: NDArray[np.bool_], whole: Array) -> tuple[tuple[int, int], tuple[int, int]]:
+        """What settles before the rows begin."""
+        return (len(whole) - len(late), 0), (0, 0)
 
     def _carried(self, load: float, base: Array, left: Array) -> Array:
         """What a known load [kg] adds to the tares (P,): it matters for what an error of the sensors does. Its moments
