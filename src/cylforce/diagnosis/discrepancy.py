@@ -21,10 +21,12 @@ VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (SMOOTH, G) along each polynomial
 
 
 class Noise(NamedTuple):
-    """Of every joint (R,): level of the discrepancy and scale of the noise."""
+    """Of every joint (R,): level of the discrepancy and scale of the noise; `unsure`: times as uncertain as between
+    two recordings of one machine is what is usual (of the usual noise only)."""
 
     rho: Array
     v: Array
+    unsure: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -106,8 +108,9 @@ def likeliest(found: Sums, white: Array, smooth: Array, usual: Noise | None) -> 
 
 def log_prior(rho: Array, v: Array, usual: Noise, joint: int) -> Array:
     """Log density of level and scale: what references show, and the flat tail."""
-    apart = (np.log(rho / usual.rho[joint]) / APART[0]) ** 2 + (np.log(v / usual.v[joint]) / APART[1]) ** 2
-    core = np.log(1.0 - TAIL) - 0.5 * apart - np.log(2.0 * np.pi * APART[0] * APART[1])
+    level, scale = usual.unsure * APART[0], usual.unsure * APART[1]
+    apart = (np.log(rho / usual.rho[joint]) / level) ** 2 + (np.log(v / usual.v[joint]) / scale) ** 2
+    core = np.log(1.0 - TAIL) - 0.5 * apart - np.log(2.0 * np.pi * level * scale)
     flat = np.log(TAIL) - np.log(np.log(LEVELS[-1] / LEVELS[0]) * np.log(SCALES[-1] / SCALES[0]))
     return np.asarray(np.logaddexp(core, flat))
 

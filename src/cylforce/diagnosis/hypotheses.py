@@ -16,14 +16,17 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cylforce.diagnosis.discrepancy import Moments, Noise, Sums, likeliest, log_prior
+from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND
 from cylforce.diagnosis.sizes import WIDE, Scene, beside, log_size
 from cylforce.signals.estimate import Array
 
 USUALLY = 0.2  # of the least plausible size: everyday differences before any are learnt
 LEARNT = 0.02, 3.0  # the least and the largest that is learnt
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
+WIDTH, DEEPEST = 2, 6  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
+UNSURE = 3.0  # times as uncertain as between two recordings is the discrepancy that no reference shows
 UNSEEN = 1.0  # level of the discrepancy where no reference shows it: that of the noise
 
 
@@ -84,7 +87,7 @@ class Machine:
         """The same without references: parameters as they were identified, no effects, the noise told by the floor."""
         size, joints = len(self.scene.spread), self.joints
         known = np.where(np.arange(size) < self.scene.first, (self.scene.always / self.scene.spread) ** 2, 0.0)
-        return Noise(np.full(joints, UNSEEN), np.ones(joints)), np.zeros(size), np.diag(known)
+        return Noise(np.full(joints, UNSEEN), np.ones(joints), UNSURE), np.zeros(size), np.diag(known)
 
     def with_everyday(self, everyday: Mapping[str, float]) -> "Machine":
         """The same machine with other everyday differences; its references are not fitted again."""
@@ -248,7 +251,7 @@ class Case:
             left, before = self.under(which, state)[2], noise
             energies = self._energies(left, state.covariance, noise)
             noise = _one(likeliest(self.sums, *_each(energies), self.usual)[0])
-            if all(np.array_equal(a, b) for a, b in zip(noise, before, strict=True)):
+            if np.array_equal(noise.rho, before.rho) and np.array_equal(noise.v, before.v):
                 break
             state = self.state(noise)
         log, fitted, left = self.under(which, state)
@@ -296,19 +299,22 @@ class Case:
         free = [p for p in asked if self.scene.forms[p][:2] not in named]
         return sorted(free, key=lambda p: -self.under((*base.which, p), state)[0])
 
-    def searched(self, asked: Sequence[int], depth: int = 2, width: int = 2) -> list[Hypothesis]:
-        """Hypotheses of up to `depth` proposals, found by a beam."""
+    def searched(self, asked: Sequence[int]) -> list[Hypothesis]:
+        """Hypotheses of more and more forms, found by a beam, as long as one more is worth its prior."""
         none = self.hypothesis((), self.usual)
         found, beam = dict[tuple[int, ...], Hypothesis]({(): none}), [none]
-        for _ in range(depth):
-            grown = []
+        worth = -float(np.log(SECOND * (1.0 - IN_ORDER - ODD) / max(len(asked), 1)))
+        for _ in range(DEEPEST):
+            best, grown = beam[0].log, list[Hypothesis]()
             for base in beam:
                 for p in self.screened(base, asked)[:KEPT]:
                     which = tuple(sorted((*base.which, p)))
                     if which not in found:
                         found[which] = self.hypothesis(which, base.noise)
                         grown.append(found[which])
-            beam = sorted(grown, key=lambda h: -h.log)[:width]
+            beam = sorted(grown, key=lambda h: -h.log)[:WIDTH]
+            if not beam or (len(beam[0].which) > 1 and beam[0].log < best + worth):
+                break
         return list(found.values())
 
 
