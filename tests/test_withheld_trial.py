@@ -15,10 +15,10 @@ from reference_machine import draw
 from reference_machine.sensors import SIGNALS
 from trial.cases import sealed, simulated, write
 from trial.diagnosis import Diagnosis
-from trial.fault import Draw, same_physics
+from trial.effects.fault import Draw, same_physics
 from trial.field import Lengths, Site, faulty, lacking, scene
-from trial.foreign import FOREIGN
-from trial.library import CLUTTER, KNOWN, clutter
+from trial.effects.foreign import FOREIGN
+from trial.effects.library import CLUTTER, KNOWN, clutter
 from trial.orders import FIRST_SCORED, KINDS, PER_MACHINE, POOR, Order, machine_seed, order
 from trial.run import Trial, Truth, records
 from trial.scoring import Judged, Share, bounds, calibration_error, figures, shares, true_closure

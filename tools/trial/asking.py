@@ -1,0 +1,79 @@
+"""Which cases are still to be asked, and asking them, machine by machine, in several processes."""
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from rich.progress import track
+
+from .orders import Order
+from .run import Trial, run_machine
+from .source import Labelled, labelled, orders, source_records
+
+Record = dict[str, Any]
+Work = Callable[[], int]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The order of every case by its name, and the work on a machine's cases, given their names."""
+
+    orders: dict[str | int, Record]
+    machine: Callable[[Sequence[str | int]], Work]
+
+
+def of_machines(trial: Trial, wanted: Sequence[Order]) -> Asked:
+    """Cases of reference machines."""
+    by_name = {order.number: order for order in wanted}
+
+    def machine(names: Sequence[str | int]) -> Work:
+        return partial(run_machine, trial, [by_name[int(name)] for name in names])
+
+    return Asked({o.number: json.loads(json.dumps(asdict(o))) for o in wanted}, machine)
+
+
+def of_folder(trial: Trial, folder: Path, prefixes: tuple[str, ...]) -> Asked:
+    """Cases of labelled machines. Raises OSError, ValueError or KeyError where the folder lacks something."""
+    found = [each for each in labelled(folder) if each.key[1].startswith(prefixes)]
+    told = orders(found)
+    by_name = {order["case"]: (each, order) for each, order in zip(found, told, strict=True)}
+
+    def machine(names: Sequence[str | int]) -> Work:
+        return partial(ask_folder, trial, [by_name[str(name)] for name in names])
+
+    return Asked({order["case"]: order for order in told}, machine)
+
+
+def ask_folder(trial: Trial, asked: Sequence[tuple[Labelled, Record]]) -> int:
+    """Cases of one labelled machine."""
+    for record in source_records(trial.diagnosis, asked):
+        trial.append(record)
+    return len(asked)
+
+
+def run(trial: Trial, asked: Asked, workers: int) -> list[str | int]:
+    """Asks the cases that the table lacks; those that are missing still."""
+    known = {r["case"]: r["order"] for r in trial.done()}
+    if any(known[name] != order for name, order in asked.orders.items() if name in known):
+        raise SystemExit(f"withheld_trial: {trial.table} holds other cases: give another --table or remove it")
+    left = [name for name in asked.orders if name not in known]
+    work = [asked.machine(names) for names in machines(asked, left)]
+    with ProcessPoolExecutor(workers) as pool:
+        futures = [pool.submit(each) for each in work]
+        for done in track(as_completed(futures), f"{len(left)} cases", total=len(futures)):
+            if error := done.exception():
+                print(f"withheld_trial: a machine's cases stopped: {error!r}", file=sys.stderr)
+    had = {r["case"] for r in trial.done()}
+    return [name for name in asked.orders if name not in had]
+
+
+def machines(asked: Asked, names: Iterable[str | int]) -> Iterator[list[str | int]]:
+    """Names of the cases of one machine after the other."""
+    for _, group in groupby(names, key=lambda name: asked.orders[name]["machine"]):
+        yield list(group)
