@@ -32,11 +32,14 @@ def weighed(case: Judged) -> bool:
 
 
 def calibration_error(found: Sequence[Stated]) -> float | None:
-    """Expected calibration error, in five bins of equal count."""
+    """Expected calibration error, in five bins of equal count; cases of one probability share what was right of them,
+    so that their order does not count."""
     if len(found) < BINS:
         return None
-    parts = np.array_split(np.array(sorted(found, key=lambda s: s.probability), dtype=np.float64), BINS)
-    return float(sum(len(p) * abs(np.mean(p[:, 0]) - np.mean(p[:, 1])) for p in parts) / len(found))
+    ordered = np.array(sorted(found, key=lambda s: s.probability), dtype=np.float64)
+    _, same, counts = np.unique(ordered[:, 0], return_inverse=True, return_counts=True)
+    right = (np.bincount(same, ordered[:, 1]) / counts)[same]
+    return float(sum(abs(np.sum(part)) for part in np.array_split(ordered[:, 0] - right, BINS)) / len(found))
 
 
 def brier(found: Sequence[Stated]) -> float | None:
