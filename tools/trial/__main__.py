@@ -68,7 +68,11 @@ def _asked(asked: argparse.Namespace, trial: Trial) -> Asked:
     if asked.source is None:
         print(f"seed {asked.seed}", flush=True)
         return of_machines(trial, _orders(asked))
-    return of_folder(trial, asked.source, tuple(asked.only))
+    try:
+        return of_folder(trial, asked.source, tuple(asked.only))
+    except (OSError, ValueError, KeyError) as error:
+        print(f"withheld_trial: {asked.source}: needs labels.json: {error}", file=sys.stderr)
+        raise SystemExit(2) from error
 
 
 def _name(asked: argparse.Namespace) -> str:
@@ -88,11 +92,7 @@ def main() -> int:
     table = asked.table or ROOT / ".cache" / f"withheld_trial_{_name(asked)}.jsonl"
     table.parent.mkdir(parents=True, exist_ok=True)
     trial = Trial(table, diagnosis=Diagnosis(tuple(asked.diagnosis)), oracle=not asked.no_oracle)
-    try:
-        cases = _asked(asked, trial)
-    except (OSError, ValueError, KeyError) as error:
-        print(f"withheld_trial: {asked.source}: needs labels.json and its recordings: {error}", file=sys.stderr)
-        return 2
+    cases = _asked(asked, trial)
     missing = [] if asked.summary else run(trial, cases, asked.workers)
     _told(asked, trial)
     if missing:

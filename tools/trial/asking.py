@@ -40,14 +40,14 @@ def of_machines(trial: Trial, wanted: Sequence[Order]) -> Asked:
 
 def of_folder(trial: Trial, folder: Path, prefixes: tuple[str, ...]) -> Asked:
     """Cases of labelled machines. Raises OSError, ValueError or KeyError where the folder lacks something."""
-    found = [each for each in labelled(folder) if each.key[1].startswith(prefixes)]
-    told = orders(found)
-    by_name = {order["case"]: (each, order) for each, order in zip(found, told, strict=True)}
+    found = labelled(folder)
+    pairs = zip(found, orders(found), strict=True)
+    by_name = {order["case"]: (each, order) for each, order in pairs if each.key[1].startswith(prefixes)}
 
     def machine(names: Sequence[str | int]) -> Work:
         return partial(ask_folder, trial, [by_name[str(name)] for name in names])
 
-    return Asked({order["case"]: order for order in told}, machine)
+    return Asked({name: order for name, (_, order) in by_name.items()}, machine)
 
 
 def ask_folder(trial: Trial, asked: Sequence[tuple[Labelled, Record]]) -> int:
