@@ -183,6 +183,15 @@ def test_an_effect_at_several_places_is_right_at_each():
     assert case.covered
 
 
+def test_a_failed_answer_is_nothing():
+    """Neither silence nor a name: no set, no probability, and on a machine in order an alarm."""
+    failed = {"verdict": "failed", "effects": [], "reason": "none"}
+    case = judged("known", failed)
+    assert (case.possible, case.first, case.confidence, case.right) == (set(), None, 0.0, False)
+    assert shares([judged("none", failed, ())])["false_alarms"] == (1, 1)
+    assert figures([case])["brier"] is None
+
+
 def test_every_figure_with_an_aim_has_words():
     assert set(AIMS) == set(WORDS)
     assert {"brier_skill", "log_score", "leave_one_out_named", "dig_first", "source"} <= set(result([]))

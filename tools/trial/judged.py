@@ -14,6 +14,7 @@ Place = tuple[str, str]
 SILENT = ("no_gap", "not_observable")
 NAMED = ("explained", "partly_explained", "ambiguous")
 NO_GAP, UNKNOWN = ("no_gap", ""), ("unknown", "")
+SAID = {"unknown": (UNKNOWN,), "no_gap": (NO_GAP,), "not_observable": (NO_GAP,)}  # by a verdict without a name
 CERTAIN = 10.0  # sigma: twice the smallest detectable size
 VISIBLE = 2.5  # times the floor, at the joint where the effect leaves most
 DIGGING = "dig_cycles"  # how scenarios of normal work begin
@@ -106,7 +107,7 @@ class Judged:
             return {place(member) for member in self.answer["set"]}
         if self.named:
             return {place(self.effects[0])} | {place(e) for e in self.effects[0].get("confused_with") or []}
-        return {UNKNOWN if self.answer["verdict"] == "unknown" else NO_GAP}
+        return set(SAID.get(self.answer["verdict"], ()))
 
     @property
     def covered(self) -> bool:
@@ -155,7 +156,9 @@ class Judged:
     @property
     def confidence(self) -> float:
         """Probability of the first name that is given; 0 where none is."""
-        return self.probabilities.get(place(self.effects[0]), 0.0) if self.named else 0.0
+        if not self.named:
+            return 0.0
+        return self.probabilities.get(place(self.effects[0]), float(self.effects[0].get("confidence", 0.0)))
 
 
 def place(effect: Record) -> Place:
