@@ -23,6 +23,7 @@ from trial.orders import PER_MACHINE, Order, order
 from trial.run import Trial
 from trial.summary import OWN, listed, result, show
 
+WIDTH = 140  # of the tables, at least
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -103,7 +104,7 @@ def main() -> int:
 def _told(asked: argparse.Namespace, trial: Trial) -> None:
     """Tables and files of what has been asked so far."""
     records, source = sorted(trial.done(), key=lambda r: r["case"]), _name(asked) if asked.source else OWN
-    show(records, Console(), source)
+    show(records, Console(width=max(Console().width, WIDTH)), source)
     if asked.csv:
         with asked.csv.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows(listed(records))

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from layers.intervals import wilson
 
@@ -19,9 +19,9 @@ OWN = "reference machines"
 AIMS = {  # at least, or at most; of reference machines, of labelled folders
     "detected": (">=", 0.95, 0.95),
     "first": (">=", 0.85, 0.80),
+    "dig_first": (">=", 0.60, 0.60),
     "top1_clean": (">=", 0.88, 0.80),
     "top1_clutter": (">=", 0.80, 0.80),
-    "dig_first": (">=", 0.60, 0.60),
     "in_set": (">=", 0.93, 0.93),
     "set_size": ("<=", 1.6, 1.6),
     "set_coverage": (">=", 0.93, 0.93),
@@ -133,7 +133,7 @@ def show(records: Sequence[Record], console: Console, source: str = OWN) -> None
     """The table."""
     cases, found = judged(records), result(records, source)
     title = f"{source}: {found['cases']:.0f} cases, {found['failed']} failed"
-    table = Table("figure", "value", "95 % (Wilson)", "of", "aim", "met", title=title)
+    table = Table(Column("figure", no_wrap=True), "value", "95 % (Wilson)", "of", "aim", "met", title=title)
     for name, (way, *aims) in AIMS.items():
         aim = aims[source != OWN]
         value, part = found[name], Share(*found["counts"].get(name, (0, 0)))
@@ -192,7 +192,7 @@ def by_effect(cases: Sequence[Judged]) -> dict[str, dict[str, Share]]:
 
 def _effects(cases: Sequence[Judged], source: str) -> Table:
     """By effect: how often detected, right, named alone; what it was taken for."""
-    table = Table(source, "cases", *COLUMNS, "right, 95 %", "taken for")
+    table = Table(Column(source, no_wrap=True), "cases", *COLUMNS, Column("right, 95 %", no_wrap=True), "taken for")
     for row, found in by_effect(cases).items():
         wrong = Counter(c.effects[0]["name"] for c in cases if stratum(c) == row and c.wrong)
         low, high = wilson(*found["right"])
