@@ -6,9 +6,10 @@ import sys
 import numpy as np
 import pytest
 
-from trial.asking import of_folder, run
+from trial.asking import of_folder, of_machines, run
 from trial.diagnosis import Diagnosis
 from trial.judged import NO_GAP, UNKNOWN, Judged, Share
+from trial.orders import order
 from trial.probability import LEAST, Stated, brier, brier_skill, calibration_error, log_score, stated
 from trial.run import Trial
 from trial.scoring import figures, shares, true_closure
@@ -272,6 +273,20 @@ def test_labelled_machines_are_asked_like_any_other(source, tmp_path, monkeypatc
     assert found["counts"]["leave_one_out_named"] == [0, 2]
     assert found["cases"] == 6
     assert len(judged_of(list(records.values()))) == 8
+
+
+def test_a_stratum_is_called_by_words(source, tmp_path):
+    trial = Trial(tmp_path / "table.jsonl")
+    asked = of_folder(trial, source, ("",))
+    assert [name[-6:] for name in asked.stratum(["known", "stribeck"]).orders] == ["case_1", "case_2", "case_3"]
+    assert asked.stratum([]).orders == asked.orders
+    with pytest.raises(ValueError, match=r"no case is glue: words are dig_cycles_slew, foreign"):
+        asked.stratum(["glue"])
+    wanted = of_machines(trial, [order(1, k, development=True) for k in range(80)])
+    work = wanted.stratum(["known", "work", "clean"]).orders
+    assert {o["kind"] for o in work.values()} == {"known"}
+    assert not any(o["clutter"] for o in work.values())
+    assert 0 < len(work) < 32
 
 
 def test_labels_are_read_in_the_library_s_words(source):

@@ -20,7 +20,7 @@ from trial.cases import simulated, write
 from trial.diagnosis import COMMAND, Diagnosis
 from trial.field import Site
 from trial.orders import PER_MACHINE, Order, order
-from trial.run import Trial
+from trial.run import Record, Trial
 from trial.summary import OWN, listed, result, show
 
 WIDTH = 140  # of the tables, at least
@@ -36,6 +36,7 @@ def _arguments() -> argparse.Namespace:
     add("--development", action="store_true", help="machines for development, never scored")
     add("--source", type=Path, metavar="FOLDER", help="labelled machines instead: labels.json, a folder each")
     add("--only", nargs="+", default=[""], metavar="PREFIX", help="with --source: recordings whose name begins so")
+    add("--stratum", nargs="+", default=[], metavar="WORD", help="cases of a kind, effect, motion: all words hold")
     add("--summary", action="store_true", help="asks nothing: the tables of what has been asked")
     add("--json", type=Path, metavar="OUT", help="all figures")
     add("--csv", type=Path, metavar="OUT", help="a line per case: what was hidden, what was answered")
@@ -93,17 +94,21 @@ def main() -> int:
     table = asked.table or ROOT / ".cache" / f"withheld_trial_{_name(asked)}.jsonl"
     table.parent.mkdir(parents=True, exist_ok=True)
     trial = Trial(table, diagnosis=Diagnosis(tuple(asked.diagnosis)), oracle=not asked.no_oracle)
-    cases = _asked(asked, trial)
+    try:
+        cases = _asked(asked, trial).stratum(asked.stratum)
+    except ValueError as error:
+        print(f"withheld_trial: {error}", file=sys.stderr)
+        return 2
     missing = [] if asked.summary else run(trial, cases, asked.workers)
-    _told(asked, trial)
+    _told(asked, [r for r in trial.done() if not asked.stratum or r["case"] in cases.orders])
     if missing:
         print(f"withheld_trial: {len(missing)} cases are missing: call it again", file=sys.stderr)
     return 1 if missing else 0
 
 
-def _told(asked: argparse.Namespace, trial: Trial) -> None:
+def _told(asked: argparse.Namespace, done: list[Record]) -> None:
     """Tables and files of what has been asked so far."""
-    records, source = sorted(trial.done(), key=lambda r: r["case"]), _name(asked) if asked.source else OWN
+    records, source = sorted(done, key=lambda r: r["case"]), _name(asked) if asked.source else OWN
     show(records, Console(width=max(Console().width, WIDTH)), source)
     if asked.csv:
         with asked.csv.open("w", newline="", encoding="utf-8") as file:

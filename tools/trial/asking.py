@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 from rich.progress import track
 
 from .orders import Order
+from .repertoire import drawn
 from .run import Trial, run_machine
 from .source import Labelled, labelled, orders, source_records
 
@@ -22,10 +23,20 @@ Work = Callable[[], int]
 
 @dataclass(frozen=True)
 class Asked:
-    """The order of every case by its name, and the work on a machine's cases, given their names."""
+    """The order of every case by its name, the words that a stratum may be called by, and the work on a machine's
+    cases, given their names."""
 
     orders: dict[str | int, Record]
+    words: dict[str | int, set[str]]
     machine: Callable[[Sequence[str | int]], Work]
+
+    def stratum(self, words: Sequence[str]) -> "Asked":
+        """The cases that all of the words hold for. Raises ValueError where none is left."""
+        found = {name: order for name, order in self.orders.items() if set(words) <= self.words[name]}
+        if not found:
+            known = ", ".join(sorted(set[str]().union(*self.words.values())))
+            raise ValueError(f"no case is {' and '.join(words)}: words are {known}")
+        return replace(self, orders=found)
 
 
 def of_machines(trial: Trial, wanted: Sequence[Order]) -> Asked:
@@ -35,7 +46,17 @@ def of_machines(trial: Trial, wanted: Sequence[Order]) -> Asked:
     def machine(names: Sequence[str | int]) -> Work:
         return partial(run_machine, trial, [by_name[int(name)] for name in names])
 
-    return Asked({o.number: json.loads(json.dumps(asdict(o))) for o in wanted}, machine)
+    words: dict[str | int, set[str]] = {o.number: _words(o) for o in wanted}
+    return Asked({o.number: json.loads(json.dumps(asdict(o))) for o in wanted}, words, machine)
+
+
+def _words(order: Order) -> set[str]:
+    """Kind, effects, motion of the machine's field, whether with clutter, what is lacking."""
+    motion = drawn(order.machine).field[0].kind
+    motion = "strokes" if order.poor or (order.two_links and motion == "work") else motion
+    asked = {"left_out"} if order.without else set[str]()
+    size = {"clutter" if order.clutter else "clean"} if order.kind == "known" else set[str]()
+    return {order.kind, *order.names, motion} | asked | size | ({order.poor} - {""})
 
 
 def of_folder(trial: Trial, folder: Path, prefixes: tuple[str, ...]) -> Asked:
@@ -47,7 +68,10 @@ def of_folder(trial: Trial, folder: Path, prefixes: tuple[str, ...]) -> Asked:
     def machine(names: Sequence[str | int]) -> Work:
         return partial(ask_folder, trial, [by_name[str(name)] for name in names])
 
-    return Asked({name: order for name, (_, order) in by_name.items()}, machine)
+    words = {
+        name: {each.kind, each.truth[0], str(each.label["scenario"])} - {""} for name, (each, _) in by_name.items()
+    }
+    return Asked({name: order for name, (_, order) in by_name.items()}, words, machine)
 
 
 def ask_folder(trial: Trial, asked: Sequence[tuple[Labelled, Record]]) -> int:
