@@ -32,13 +32,13 @@ from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.common.recorded import chosen
 from cylforce.settings.machine_file import Loaded, load
 from layers.intervals import wilson
-from layers.logistic import fitted
-from studies.labelled import VISIBLE, Labelled, labelled, references
 from trial.cases import simulated, write
-from trial.field import Lengths, Site
+from trial.field import Site
+from trial.judged import CERTAIN, VISIBLE
 from trial.orders import PER_MACHINE, order
+from trial.repertoire import PLAIN
 from trial.run import Truth
-from trial.scoring import CERTAIN
+from trial.source import Labelled, labelled, references
 
 CACHE = Path.home() / ".cache/cylforce/decisions2"
 SEED = 2026  # of the trial's development cases
@@ -108,7 +108,7 @@ def cases_reference(place: int, cache: Path) -> list[Case]:
 def _simulate(place: int, own: Path) -> None:
     numbers, labels = range(PER_MACHINE * place, PER_MACHINE * (place + 1)), {}
     orders = [o for n in numbers if not (o := order(SEED, n, development=True)).poor and not o.two_links]
-    site = Site(orders[0].machine, orders[0].friction, Lengths())
+    site = Site(orders[0].machine, orders[0].friction, repertoire=PLAIN)
     for each in orders:
         case, twin = simulated(site, each)
         folder = own / f"case_{each.number}"
