@@ -56,10 +56,10 @@ def test_a_force_law_acts_in_its_cylinder_and_shows_in_its_pressures(plain):
 def test_a_drifting_law_knows_the_time_of_the_run(plain):
     share = -0.8 * (1.0 - np.exp(-plain.t / 900.0))
     for at, cylinders in (("boom", [0]), ("machine", [0, 1, 2])):
-        found = simulated(imposed(MACHINE, "friction_temperature_drift", at, -0.8)).physics.friction
+        found = simulated(imposed(MACHINE, "friction_temperature_drift", at, -0.8, shape={"settling": 900.0}))
         usual = plain.physics.friction
         expected = usual + share[:, None] * usual * np.isin(np.arange(3), cylinders)
-        np.testing.assert_allclose(found, expected, atol=1e-6)
+        np.testing.assert_allclose(found.physics.friction, expected, atol=1e-6)
 
 
 def test_a_drift_of_viscous_friction_leaves_the_dry_one(plain):
