@@ -31,6 +31,7 @@ from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.angle_offset import AngleOffset
 from cylforce.effects.sensors.angle_scale import AngleScale
 from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
@@ -86,6 +87,9 @@ LIBRARY: tuple[Group, ...] = (
     (PayloadShift(),),
     (ClockFault(),),
 )
+
+# What a simulated machine can have: the library, and what no column of a fixed course can find.
+SIMULATED: tuple[Group, ...] = (*LIBRARY, (IntermittentGlitch(),))
 
 
 class Proposal(NamedTuple):
