@@ -25,6 +25,7 @@ from cylforce.effects.fault import (
     Fault,
     ForceLaw,
     Incident,
+    JointLaw,
     MassChange,
     PartOfFriction,
     TimeCourse,
@@ -443,4 +444,4 @@ def _small(effect: Fault) -> tuple[float, ...]:
         return tuple(STILL * size for size in effect.typical)
     if isinstance(effect, MassChange):
         return tuple(size * about.low / effect.typical[0] for size in effect.typical)
-    return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)
+    return (about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else _sizes(effect)

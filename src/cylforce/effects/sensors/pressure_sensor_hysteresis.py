@@ -4,10 +4,13 @@ from dataclasses import dataclass
 from math import copysign, exp
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from cylforce.effects.fault import About, Place
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
+
+STILL = 0.1  # share of the play by which a reading moves at least, and not by noise alone; chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +21,7 @@ class PressureSensorHysteresis:
     exp(-way / opening): a diaphragm that is not quite elastic."""
 
     opening: float = 0.0  # Pa of pressure within which the other branch is approached; 0: play
+    smoothing: float = 0.1  # s: only the mean over so long turns the sensor round, not a reading's noise; chosen
 
     @property
     def about(self) -> About:
@@ -35,10 +39,20 @@ class PressureSensorHysteresis:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed to p - error; a negative size has the opposite error."""
-        found, pressure = values.copy(), values[:, where]
-        found[:, where] -= size / 2.0 * self._branch(pressure, abs(size))
+        """The signals (T, S) with signal `where` changed to p - error. A negative size takes the error out of a
+        reading."""
+        found, window = values.copy(), 2 * int(self.smoothing / 2.0 * (len(t) - 1) / max(t[-1] - t[0], 1e-9)) + 1
+        pressure = uniform_filter1d(values[:, where], window, mode="nearest")
+        still = size < 0.0 and not self.opening
+        found[:, where] -= size / 2.0 * (self._told(pressure, -size) if still else self._branch(pressure, abs(size)))
         return found
+
+    def _told(self, reading: Array, width: float) -> Array:
+        """The branch that readings (T,) [Pa] tell: the one of their last way, from and to the samples at which they
+        move; even between them, where they stand still while the pressure crosses the play."""
+        branch = self._branch(reading, STILL * width)
+        moving = np.flatnonzero(np.diff(reading, prepend=reading[0]) * branch * (np.abs(branch) == 1.0) > 0.0)
+        return np.interp(np.arange(len(reading)), moving, branch[moving]) if moving.size else branch
 
     def _branch(self, pressure: Array, width: float) -> Array:
         """Where between both branches (-1 falling .. 1 rising) the reading of the pressures (T,) [Pa] is; in the middle
