@@ -24,6 +24,7 @@ from cylforce.effects.fault import (
     Distortion,
     Fault,
     ForceLaw,
+    GrowingMass,
     Incident,
     JointLaw,
     MassChange,
@@ -436,11 +437,12 @@ def bent(effect: Fault) -> bool:
 def _small(effect: Fault) -> tuple[float, ...]:
     """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
     proportion; friction is never quite of the model's form, but one that bends with the load would be anything under
-    loads that no clean recording has; how a base always moved has columns of its own."""
+    loads that no clean recording has; how a base always moved has columns of its own; what grows does so on no machine
+    in order."""
     about = effect.about
     if bent(effect):
         return (STILL * about.low,)
-    if isinstance(effect, BaseMotion):
+    if isinstance(effect, BaseMotion | GrowingMass):
         return tuple(STILL * size for size in effect.typical)
     if isinstance(effect, MassChange):
         return tuple(size * about.low / effect.typical[0] for size in effect.typical)
