@@ -15,8 +15,8 @@ from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.common.recorded import chosen
 from cylforce.settings.machine_file import load
 
-# Friction that changes one way only is a sum of Coulomb and asymmetric friction, which are there: its columns would only
-# widen what is known of both (with them machine 4 leaves 1.31 of what is predicted at its boom).
+# Friction that changes one way only is a sum of Coulomb and asymmetric friction, which are there: its columns would
+# only widen what is known of both (with them machine 4 leaves 1.31 of what is predicted at its boom).
 SUMS = [(AsymmetricFriction(way=way),) for way in (1, -1)]
 LAWS = tuple(group for group in LIBRARY if isinstance(group[0], ForceLaw) and group not in SUMS)
 REFERENCES = ("reference_static", "reference_moving")
