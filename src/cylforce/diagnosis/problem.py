@@ -23,7 +23,9 @@ from cylforce.effects.fault import (
     Distortion,
     Fault,
     ForceLaw,
+    GrowingMass,
     Incident,
+    JointLaw,
     MassChange,
     PartOfFriction,
 )
@@ -146,15 +148,18 @@ class Problem:
     @cached_property
     def mechanical(self) -> list[int]:
         """The columns of the machine itself, in which no reading of a sensor stands for itself: the model's parameters,
-        and every law of friction of the library."""
-        laws = [
-            isinstance(e, ForceLaw)
-            for p in self.proposals
-            for e in p.group
-            if not isinstance(e, Incident)
-            for _ in _sizes(e)
-        ]
-        return [*range(self.first), *(self.first + k for k, law in enumerate(laws) if law)]
+        and of every law of friction of the library the first form at each cylinder: others are sums of these, or
+        nearly."""
+        seen, found, k = set[tuple[str, str]](), [*range(self.first)], self.first
+        for p in self.proposals:
+            if isinstance(p.group[0], Incident):
+                continue
+            m = sum(len(_sizes(e)) for e in p.group)
+            if isinstance(p.group[0], ForceLaw) and (p.name, p.at) not in seen:
+                seen.add((p.name, p.at))
+                found += range(k, k + m)
+            k += m
+        return found
 
     @property
     def of_the_floor(self) -> Sequence[int]:
@@ -279,10 +284,11 @@ def _half(t: Array) -> float:
 
 def _small(effect: Fault) -> tuple[float, ...]:
     """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
-    proportion; friction is never quite of the model's form; how a base always moved has columns of its own."""
+    proportion; friction is never quite of the model's form; how a base always moved has columns of its own; what grows
+    does so on no machine in order."""
     about = effect.about
-    if isinstance(effect, BaseMotion):
+    if isinstance(effect, BaseMotion | GrowingMass):
         return tuple(STILL * size for size in effect.typical)
     if isinstance(effect, MassChange):
         return tuple(size * about.low / effect.typical[0] for size in effect.typical)
-    return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)
+    return (about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else _sizes(effect)

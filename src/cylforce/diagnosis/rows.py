@@ -21,11 +21,15 @@ from cylforce.effects.fault import (
     Distortion,
     Fault,
     ForceLaw,
+    GrowingMass,
     Incident,
+    JointLaw,
     MassChange,
     Place,
     Share,
+    acting,
     places,
+    rubbing,
 )
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
@@ -93,9 +97,9 @@ def shapes(share: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Laws:
-    """Force laws at cylinders, as one effect of the regressor."""
+    """Laws of force and torque at their places, as one effect of the regressor."""
 
-    laws: tuple[tuple[ForceLaw, int], ...]
+    laws: tuple[tuple[ForceLaw | JointLaw, int], ...]
     t: Array
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
@@ -104,9 +108,8 @@ class _Laws:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (T, N, E)."""
-        each = [law.force(moving.speed[:, c], moving.force[:, c], self.t) for law, c in self.laws]
-        levers = np.stack([moving.lever[:, c] for _, c in self.laws], axis=-1)
-        return Halves(None, levers * np.stack(each, axis=-1)[:, None, :])
+        each = [acting(law, machine, moving, self.t, where) for law, where in self.laws]
+        return Halves(None, np.stack(each, axis=-1))
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ class Viewer:
         moved = self.slow.channels.run(self.thinned(values))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         t = recorded.begins + (steps - 0.5) / self.slow.filters.rate_hz  # the middle of four samples
-        laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
+        laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw | JointLaw))
         found = self._filtered(*([_Laws(laws, t)] if laws else []), *self._bars).run(moved.motion)
         size = len(self.tares)
         base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
@@ -261,22 +264,29 @@ class Viewer:
 
     def _columns(self, p: Proposal, effect: Fault, loaded: RecordedRun, base: Array, forces: Iterator[Array]) -> Array:
         """Columns (T', R, M) of one effect at its place."""
-        if isinstance(effect, ForceLaw):
+        if isinstance(effect, ForceLaw | JointLaw):
             return next(forces)[..., None]
         if isinstance(effect, MassChange):
-            return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
+            t = self._times(loaded, base)
+            grown = effect.grown(t)[:, None, None] if isinstance(effect, GrowingMass) else np.ones(1)
+            rigid = base[..., : 3 * self.model.machine.size]
+            return np.asarray(rigid @ effect.change(self.model.machine, p.where) * grown)
         if isinstance(effect, Share):
-            return self._known_friction(p, effect, base, loaded.recorded.begins)
+            return self._known_friction(p, effect, base, self._times(loaded, base))
         if isinstance(effect, BaseMotion):
             return self._base_motion(effect, loaded)
         return self._difference(p, effect, loaded)
 
-    def _known_friction(self, p: Proposal, effect: Share, base: Array, begins: float) -> Array:
-        names = [f"{self.model.machine.cylinders[p.where].name}.{law}" for law in effect.laws]
+    def _known_friction(self, p: Proposal, effect: Share, base: Array, t: Array) -> Array:
+        cylinders = self.model.machine.cylinders
+        own = [cylinders[c].name for c in rubbing(effect, p.where, len(cylinders))]
+        names = [f"{name}.{law}" for name in own for law in effect.laws]
         chosen = [k for k, parameter in enumerate(self.model.parameters) if parameter.name in names]
-        steps = np.arange(len(base), dtype=np.float64)
-        course = effect.course(begins + (steps - 0.5) / self.slow.filters.rate_hz)
-        return np.asarray((base[..., chosen] @ self.tares[chosen] * course[:, None])[..., None])
+        return np.asarray((base[..., chosen] @ self.tares[chosen] * effect.course(t)[:, None])[..., None])
+
+    def _times(self, loaded: RecordedRun, base: Array) -> Array:
+        """Times (T',) [s] of a recording's rows since its start."""
+        return np.asarray(loaded.recorded.begins + (np.arange(len(base)) - 0.5) / self.slow.filters.rate_hz)
 
     def _base_motion(self, effect: BaseMotion, loaded: RecordedRun) -> Array:
         """Columns (T', R, M) of a base that moves as its pitch tells."""

@@ -21,6 +21,7 @@ from cylforce.effects.imposed import (
     changed_load,
     contact_force,
     excess_force,
+    excess_torque,
     friction_level,
     unseen_slew,
 )
@@ -137,6 +138,7 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     value = base_values(truth.links, carried)
     value[..., :3] += added_parameters(machine, truth.effects, clock)
     tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
+    tau += excess_torque(machine, truth.effects, moving, clock)
     tau += carrying_torque(machine, truth.effects, value, course, attitude, swung)
     moving, friction = balance(truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
