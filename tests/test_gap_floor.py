@@ -9,16 +9,12 @@ from cylforce.diagnosis.problem import Problem, looked_at
 from cylforce.diagnosis.rows import Viewer
 from cylforce.diagnosis.whitening import whitened
 from cylforce.effects.fault import ForceLaw
-from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.common.recorded import chosen
 from cylforce.settings.machine_file import load
 
-# Friction that changes one way only is a sum of Coulomb and asymmetric friction, which are there: its columns would
-# only widen what is known of both (with them machine 4 leaves 1.31 of what is predicted at its boom).
-SUMS = [(AsymmetricFriction(way=way),) for way in (1, -1)]
-LAWS = tuple(group for group in LIBRARY if isinstance(group[0], ForceLaw) and group not in SUMS)
+LAWS = tuple(group for group in LIBRARY if isinstance(group[0], ForceLaw))
 REFERENCES = ("reference_static", "reference_moving")
 MACHINES = ("machine_1", "machine_4")  # both without the imperfections of a used machine
 

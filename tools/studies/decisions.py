@@ -40,7 +40,7 @@ from trial.repertoire import PLAIN
 from trial.run import Truth
 from trial.source import Labelled, labelled, references
 
-CACHE = Path.home() / ".cache/cylforce/decisions2"
+CACHE = Path.home() / ".cache/cylforce/decisions3"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
@@ -232,7 +232,7 @@ def figures(cases: Sequence[Scored]) -> dict[str, str]:
     brier = float(np.mean([(c.answer.probability - c.right) ** 2 for c in air])) if air else 0.0
     return {
         "first right": _share(known, lambda c: c.right),
-        "in 90 % set": _share(known, lambda c: bool(c.true & c.answer.credible)),
+        "in 90 % set": _share(known, lambda c: bool(c.true & set(c.answer.credible))),
         "its size": f"{np.mean(sizes):.1f}" if sizes else "-",
         "named alone": _share(known, lambda c: c.alone),
         "of these right": _share(alone, lambda c: c.right),
