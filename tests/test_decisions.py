@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm
-
 from layers.answers import NOTHING, UNKNOWN, Answer, Asked, calibrated, selected
 from layers.bayes import Case, Machine, learnt
 from layers.discrepancy import DECAY, Noise, Sums, likeliest, moments, sums
-from layers.intervals import wilson
 from layers.sizes import BEYOND, log_size
 from layers.statistics import SMOOTH, Column, Scene, Statistics, one_way
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
+
+from layers.intervals import wilson
 
 ROWS, BLOCKS, JOINTS, COUNT = 60, 40, 2, 4  # rows of a block, blocks, joints, columns
 PARTS = (Column("one", "a", (2,), 0.2, 8.0, 0, 1), Column("two", "b", (3,), 0.2, 8.0, 0, 1))

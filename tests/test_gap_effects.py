@@ -1,5 +1,6 @@
 """Every effect of the library finds itself: switched on in the simulated machine, it is in the set that holds the
-cause with 90 %, and where it is the likeliest its size is right. (Our own simulator: this shows that the programs work.)"""
+cause with 90 %, and where it is the likeliest its size is right. (Our own
+simulator: this shows that the programs work.)"""
 
 import numpy as np
 import pytest

@@ -4,6 +4,8 @@ the programs work.)"""
 
 import numpy as np
 import pytest
+from cylforce.diagnosis.rank import ranking
+from cylforce.diagnosis.selection import together
 
 from cylforce.diagnosis.answer import reason
 from cylforce.diagnosis.correction import FADED, UNSURE_S, Applied, aside, unsure
@@ -11,8 +13,6 @@ from cylforce.diagnosis.diagnosis import asked, jumping, search
 from cylforce.diagnosis.evidence import Evidence, Term
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.problem import RARE, Option, Problem, looked_at
-from cylforce.diagnosis.rank import ranking
-from cylforce.diagnosis.selection import together
 from cylforce.diagnosis.shrinkage import tried, written
 from cylforce.diagnosis.unknown import UnknownTorque
 from cylforce.diagnosis.verdict import CLEAR, STRONG, Verdict, judged

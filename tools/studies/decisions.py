@@ -25,13 +25,23 @@ from cylforce.diagnosis.diagnosis import asked, examined
 from cylforce.diagnosis.discrepancy import Sums
 from cylforce.diagnosis.floor import fitted_tares, noise_floor
 from cylforce.diagnosis.hypotheses import Machine, learnt
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Logistic, believed, calibrated, largest_evidence
+from cylforce.diagnosis.posterior import (
+    NOTHING,
+    UNKNOWN,
+    Asked,
+    Belief,
+    Logistic,
+    believed,
+    calibrated,
+    largest_evidence,
+)
 from cylforce.diagnosis.problem import Problem, looked_at
 from cylforce.diagnosis.rows import Viewer
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.common.recorded import chosen
 from cylforce.settings.machine_file import Loaded, load
 from layers.intervals import wilson
+from layers.logistic import fitted
 from trial.cases import simulated, write
 from trial.field import Site
 from trial.judged import CERTAIN, VISIBLE
@@ -149,12 +159,13 @@ def in_order(work: tuple[Case, Path]) -> tuple[Machine, Sums]:
         wanted = asked(viewer.model.machine)
         known = np.sqrt(np.diag(viewer.model.prior.covariance))
         seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
-        problem = Problem(viewer.model, known, wanted, *seen, tares=viewer.tares)
+        problem = Problem(viewer.model, known, wanted, seen[0], seen[1], tares=viewer.tares)
         floor = noise_floor(problem)
         put = Put(viewer, problem, floor, noisy(viewer, problem, floor, np.random.default_rng(1)))
         pair = put.machine({}), put.sums(problem.faulty, put.noisy.faulty)
         _pickled(file, pair)
-    return pickle.loads(file.read_bytes())  # written by this program
+    found: tuple[Machine, Sums] = pickle.loads(file.read_bytes())  # written by this program
+    return found
 
 
 def _pickled(file: Path, value: object) -> None:
@@ -205,7 +216,7 @@ class Scored:
         truth = self.row.truth
         if not truth.effects:
             return {NOTHING}
-        return set(truth.effects) if truth.nameable else {UNKNOWN}
+        return set(truth.effects) if truth.nameable else {UNKNOWN, *truth.effects}
 
     @property
     def alone(self) -> bool:
@@ -275,7 +286,7 @@ def calibration(rows: Sequence[Row]) -> Logistic:
     return fitted(np.array([f for f, _ in air]), np.array([x for _, x in air]))
 
 
-HEAD = '''"""What was learnt from machines in order and from labelled cases, by `tools/accuracy decisions --write`: data."""
+HEAD = '''"""What was learnt from machines in order and labelled cases, by `tools/accuracy decisions --write`: data."""
 
 from cylforce.diagnosis.posterior import Logistic
 
@@ -310,7 +321,8 @@ def main() -> int:
     cases = [c for c in cases if not (options.air and c.truth.work)]
     plain = [c for c in cases if not c.truth.effects and not c.truth.work]
     with ProcessPoolExecutor(options.processes) as pool:
-        pairs = dict(zip(((*c.place, c.name) for c in plain), pool.map(in_order, [(c, options.cache) for c in plain])))
+        told = pool.map(in_order, [(c, options.cache) for c in plain])
+        pairs = {(*c.place, c.name): pair for c, pair in zip(plain, told, strict=True)}
         places = list(dict.fromkeys(c.place for c in cases))
         others = [[pair for key, pair in pairs.items() if key[:2] != place] for place in places]
         usual = dict(zip(places, pool.map(learnt, others), strict=True))

@@ -9,7 +9,6 @@ from cylforce.diagnosis.bars import measured
 from cylforce.diagnosis.baselines import baselines
 from cylforce.diagnosis.clocks import Slip
 from cylforce.diagnosis.forward import Forward
-from cylforce.diagnosis.numbers import SIGMAS
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
 from cylforce.diagnosis.residuals import Ends
 from cylforce.diagnosis.shrinkage import Gap, written

@@ -68,11 +68,11 @@ class Question:
     def _with_more(self, each: White, seen: Seen, block: int) -> White:
         """`block`: number of the recording's first."""
         clock = each.rows[..., self.problem.lasting + CLOCK]
-        more = [(clock * (seen.rows.t / GROWTH_S)[:, None])[..., None]]
+        more = [np.asarray((clock * (seen.rows.t / GROWTH_S)[:, None])[..., None], dtype=np.float64)]
         if self.step:
             number = block + np.arange(len(seen.rows.t)) // BLOCK
             on = (number >= self.step.first) & (number < self.step.last)
-            more.append(each.rows[..., self._incidental(LOAD)] * on[:, None, None])
+            more.append(np.asarray(each.rows[..., self._incidental(LOAD)] * on[:, None, None], dtype=np.float64))
         rows = np.concatenate([each.rows[..., :-1], *more, each.rows[..., -1:]], axis=-1)
         return White(rows.astype(np.float32), each.good)
 
@@ -112,9 +112,7 @@ class Question:
         about = p.about
         return Column(p.name, p.at, own, about.low, max(self.problem.largest(p), about.low), about.sign, about.axes)
 
-    def sums(
-        self, group: Sequence[Seen], shared: Sequence[Array], kept: NDArray[np.bool_] | None = None
-    ) -> Sums:
+    def sums(self, group: Sequence[Seen], shared: Sequence[Array], kept: NDArray[np.bool_] | None = None) -> Sums:
         """Statistics of recordings; `shared`: noise of each one's columns that is also in what is left; `kept` (B,):
         the blocks that count, by default all."""
         whites = self.whites(group) if kept is None else _kept(self.whites(group), kept)
@@ -185,5 +183,3 @@ def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generat
         pairs = [(problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True)]
         found.append(tuple(crossed(a[: len(b)], b, floor, own) for a, b in pairs))
     return Noisy(*found)
-
-

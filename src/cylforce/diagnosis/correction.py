@@ -53,9 +53,7 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied]) -> Pro
     return replace(problem, faulty=tuple(faulty), same=problem.same or problem, base=problem.riding)
 
 
-def _renewed(
-    problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded, applied: Sequence[Applied]
-) -> GapRows:
+def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded, applied: Sequence[Applied]) -> GapRows:
     """The rows of a corrected recording; the columns of effects that were not applied stay as they were."""
     proposals = [each.proposal for each in applied]
     new = viewer.rows(recorded, proposals, np.isnan(old.left))

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cylforce.diagnosis.asking import Noisy, Question, Step, noisy
+from cylforce.diagnosis.asking import Question, Step, noisy
 from cylforce.diagnosis.correction import Applied, bends, without
 from cylforce.diagnosis.discrepancy import Moments, Noise
 from cylforce.diagnosis.floor import noise_floor
@@ -18,8 +18,8 @@ from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.rows import Recorded, Viewer
 from cylforce.diagnosis.sizes import Column
-from cylforce.diagnosis.working import Blocks, Work
 from cylforce.diagnosis.unknown import NAME, UNKNOWN_TORQUES
+from cylforce.diagnosis.working import Blocks, Work
 from cylforce.effects.fault import SHAPES, Distortion, Place, TimeCourse
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
 from cylforce.mechanics.machine import Machine as Arm
@@ -45,14 +45,14 @@ def asked(machine: Arm, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal,
 @dataclass(frozen=True)
 class Found:
     """What was found: the question, the machine, all that was `asked`; of the hypotheses that were looked at again the
-    problem with their effects taken out, and these; in which blocks (B,) something happens at moments, by key; whether the machine was at work; the smallest size of
-    each effect that could be seen, `least`."""
+    problem with their effects taken out, and these; in which blocks (B,) something happens at moments, by key; whether
+    the machine was at work; the smallest size of each effect that could be seen, `least`."""
 
     question: Question
     machine: Machine
     asked: Asked
     again: Mapping[tuple[int, ...], tuple[Problem, list[Applied]]]
-    when: Mapping[Key, Array]
+    when: Mapping[Key, Blocks]
     working: bool
     least: dict[Key, float]
 
@@ -151,10 +151,10 @@ class _Search:
         hypotheses = case.searched(self._wanted)
         happened, when = self._happened(case)
         blocks: dict[tuple[int, ...], Blocks] = {}
-        if min(h.rest for h in (*hypotheses, *happened)) > GAP:
+        if min([h.rest for h in hypotheses] + [h.rest for h in happened]) > GAP:
             work = Work(self._question, case)
             idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
-            if idle.log > max(h.log for h in (*hypotheses, *happened)):
+            if idle.log > max([h.log for h in hypotheses] + [h.log for h in happened]):
                 case, happened, when = at_work, (), {}
                 hypotheses, blocks = self._at_work(work, idle, at_work, kept)
         gap = case.rest(np.append(-case.mean, 1.0), case.usual)
@@ -178,12 +178,12 @@ class _Search:
         self, work: Work, idle: Hypothesis, case: Case, kept: Blocks
     ) -> tuple[list[Hypothesis], dict[tuple[int, ...], Blocks]]:
         """Hypotheses of a machine at work, each with the blocks in which it holds."""
-        found, blocks = {(): idle}, {(): kept}
+        found, blocks = dict[tuple[int, ...], Hypothesis]({(): idle}), dict[tuple[int, ...], Blocks]({(): kept})
         for p in case.screened(idle, self._wanted)[:MANY]:
             found[(p,)], _, blocks[(p,)] = work.hypothesis((p,), kept, idle.noise)
         return list(found.values()), blocks
 
-    def _happened(self, case: Case) -> tuple[tuple[Happened, ...], dict[Key, Array]]:
+    def _happened(self, case: Case) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
         """What may have happened at moments, and in which blocks (B,)."""
         found, when = [], {}
         for key, each in self._incidents():
@@ -233,7 +233,10 @@ class _Search:
         self, case: Case, h: Hypothesis, kept: Blocks | None
     ) -> tuple[Hypothesis, tuple[Problem, list[Applied]], Case]:
         """A hypothesis with its effects taken out of the recordings at their sizes, until these stay."""
-        original, case = self._question.problem, self._with_step(self._question.problem, kept) if kept is not None else case
+        original, case = (
+            self._question.problem,
+            self._with_step(self._question.problem, kept) if kept is not None else case,
+        )
         rows = float(np.sum(case.sums.rows))
         apart = h.log - case.hypothesis(h.which, h.noise).log  # what the blocks that are left out tell
         best: tuple[Hypothesis, tuple[Problem, list[Applied]], Case] = (h, (original, []), case)
@@ -271,12 +274,12 @@ def _possible(form: Column, sizes: Array) -> bool:
     return float(np.linalg.norm(sizes[: form.measured])) <= BEYOND * form.high
 
 
-def _settled(case: Case, moments: Moments) -> tuple[Hypothesis, Array]:
+def _settled(case: Case, moments: Moments) -> tuple[Hypothesis, Blocks]:
     """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not."""
     noise: Noise = case.usual
     left = np.append(-case.mean, 1.0)
     where = moments.happening(left, noise)
-    found = None
+    found = replace(case, moments=moments.only(where)).hypothesis((), noise)
     for _ in range(SETTLING):
         held = replace(case, moments=moments.only(where))
         found = held.hypothesis((), noise)
@@ -286,7 +289,6 @@ def _settled(case: Case, moments: Moments) -> tuple[Hypothesis, Array]:
         if np.array_equal(again, where):
             break
         where = again
-    assert found is not None
     return found, where
 
 

@@ -190,7 +190,7 @@ def moments(each: Sequence[White], own: Sequence[int], spread: Array, within: Se
 
 def _moments(each: White, own: Sequence[int], within: Sequence[int]) -> tuple[Array, Array, Array, Array]:
     columns, happening = (blocked(each.rows[..., list(k)].astype(np.float64)) for k in (own, within))
-    basis = polynomials(blocked(each.good))
+    basis = polynomials(blocked(each.good.astype(np.float64)))
     across = np.einsum("btri,btrk->brik", happening, columns, optimize=True)
     inner = np.einsum("btri,btrj->brij", happening, happening, optimize=True)
     waves, smooth = (np.einsum("btrk,btri->brki", basis, x, optimize=True) for x in (happening, columns))

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.verdict import Cause, Search
 from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen
 from cylforce.diagnosis.residuals import residuals
 from cylforce.diagnosis.resimulation import known, read_blocks
 from cylforce.diagnosis.rows import BLOCK, RATE_HZ, shapes
+from cylforce.diagnosis.verdict import Cause, Search
 from cylforce.effects.fault import SHAPES, Incident, Place, TimeCourse
 from cylforce.effects.loads.carried import RAMP
 from cylforce.signals.estimate import Array

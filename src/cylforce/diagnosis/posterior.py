@@ -84,7 +84,9 @@ class Asked:
 
     @cached_property
     def _names(self) -> int:
-        return len({p.name for p in self.forms if p.name != UNKNOWN[0]} | {h.key[0] for h in self.happened} - {"unknown"})
+        return len(
+            {p.name for p in self.forms if p.name != UNKNOWN[0]} | {h.key[0] for h in self.happened} - {"unknown"}
+        )
 
     @cached_property
     def prior(self) -> dict[int, float]:

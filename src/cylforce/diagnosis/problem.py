@@ -257,7 +257,11 @@ class Problem:
     def largest(self, proposal: Proposal) -> float:
         """The largest plausible size of an effect on this machine."""
         effect, high = proposal.group[0], proposal.about.high
-        return min(effect.of_dry * self._dry[proposal.where], high) if isinstance(effect, PartOfFriction) and self._dry else high
+        return (
+            min(effect.of_dry * self._dry[proposal.where], high)
+            if isinstance(effect, PartOfFriction) and self._dry
+            else high
+        )
 
     @cached_property
     def _dry(self) -> tuple[float, ...]:

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.closure import SPAN
-from cylforce.diagnosis.verdict import Search
 from cylforce.diagnosis.evidence import Blocks, Evidence, Term, own_blocks
 from cylforce.diagnosis.problem import Problem
 from cylforce.diagnosis.rows import BLOCK
+from cylforce.diagnosis.verdict import Search
 from cylforce.diagnosis.whitening import ORDER
 from cylforce.effects.fault import INCIDENTAL, SHAPES
 from cylforce.signals.estimate import Array

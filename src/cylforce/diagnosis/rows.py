@@ -168,9 +168,7 @@ class Viewer:
         """By how much a row comes after its samples [s]."""
         return self.channel_lag + self.filter_lag
 
-    def rows(
-        self, recorded: Recorded, wanted: Sequence[Proposal], lost: NDArray[np.bool_] | None = None
-    ) -> GapRows:
+    def rows(self, recorded: Recorded, wanted: Sequence[Proposal], lost: NDArray[np.bool_] | None = None) -> GapRows:
         """The rows of a recording, effects' columns in the order of `wanted`; `lost` (T', R): which rows are not
         usable, if that is known already."""
         values, late = recorded.values, slice(self.slow.settle_steps, None)

@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.diagnosis import momentary
-from cylforce.diagnosis.verdict import Search
 from cylforce.diagnosis.functions import FOLDS, SPAN_S, Family, families, foreseen
 from cylforce.diagnosis.residuals import held_out, held_out_clean
 from cylforce.diagnosis.track import Track, track
-from cylforce.diagnosis.verdict import Judged, Verdict
+from cylforce.diagnosis.verdict import Judged, Search, Verdict
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 

@@ -56,14 +56,15 @@ def statistics(each: Sequence[White], own: Sequence[int], shared: Array) -> Stat
 
 def _one(rows: Array, good: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
     padded = blocked(rows)
-    counted = blocked(good).sum(axis=1)
-    basis = polynomials(blocked(good))
+    usable = blocked(good.astype(np.float64))
+    counted = usable.sum(axis=1)
+    basis = polynomials(usable)
     whole = np.einsum("tri,trj->rij", rows, rows, optimize=True)
     smooth = np.einsum("btrk,btri->brki", basis, padded, optimize=True)
-    return whole, smooth, counted.astype(np.float64)
+    return np.asarray(whole), np.asarray(smooth), np.asarray(counted)
 
 
-def blocked(rows: NDArray[np.generic]) -> NDArray[np.generic]:
+def blocked(rows: Array) -> Array:
     """Rows (T, ...) as blocks (B, BLOCK, ...), filled with zeros."""
     count = -(-len(rows) // BLOCK)
     padded = np.zeros((count * BLOCK, *rows.shape[1:]), dtype=rows.dtype)
@@ -71,7 +72,7 @@ def blocked(rows: NDArray[np.generic]) -> NDArray[np.generic]:
     return padded.reshape(count, BLOCK, *rows.shape[1:])
 
 
-def polynomials(good: NDArray[np.generic]) -> Array:
+def polynomials(good: Array) -> Array:
     """Orthonormal polynomials (B, BLOCK, R, SMOOTH) on the usable rows (B, BLOCK, R) of each block; zero where these
     are too few."""
     shapes = legvander(2.0 * (np.arange(BLOCK) + 0.5) / BLOCK - 1.0, SMOOTH - 1)

@@ -181,7 +181,9 @@ def _cause(found: Found, proposal: Proposal, told: tuple[Array, Array], probabil
     form = proposal.about.form * np.abs(sizes)
     errors = np.hypot(errors, form)
     if proposal.course is TimeCourse.CLOCK:
-        return Cause(proposal, "", Term(places * 2, np.stack([one, problem.times / GROWTH_S])), sizes, errors, probability, nats)
+        return Cause(
+            proposal, "", Term(places * 2, np.stack([one, problem.times / GROWTH_S])), sizes, errors, probability, nats
+        )
     if proposal.course is TimeCourse.AFTER and found.question.step:
         first, last = found.question.step
         number = np.arange(len(one))
@@ -241,7 +243,9 @@ def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
     if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):
         return Judged(verdict, (), 0.0)
     h = _best(found, belief)
-    rest = h.rest if h else min((x.rest for x in told.happened if x.key == search.causes[0].key), default=told.none.rest)
+    rest = (
+        h.rest if h else min((x.rest for x in told.happened if x.key == search.causes[0].key), default=told.none.rest)
+    )
     return Judged(verdict, named, float(np.clip(told.share(rest), 0.0, 1.0)))
 
 

@@ -40,18 +40,20 @@ class Work:
     def _loads(self) -> Moments:
         found = self.question.moments(self.question.problem.faulty, (*CARRIED, *SLEW))
         size = np.concatenate([np.full(len(CARRIED), HEAVY), np.ones(len(SLEW))])
-        return Moments(found.across * size[:, None], found.within * np.outer(size, size), found.waves * size, found.smooth)
+        return Moments(
+            found.across * size[:, None], found.within * np.outer(size, size), found.waves * size, found.smooth
+        )
 
     @cached_property
     def _rows(self) -> tuple[Array, Array, Array]:
         """Columns asked with what is left (B, BLOCK, R, K+1) in units of their spread, smooth shapes, and how many rows
         a block has (B,)."""
-        unit = np.append(self.question.scene.spread, 1.0).astype(np.float32)
+        unit = np.append(self.question.scene.spread, 1.0)
         own = [*self.question.own, -1]
-        rows = np.concatenate([blocked(w.rows[..., own]) * unit for w in self._whites])
-        basis = np.concatenate([polynomials(blocked(w.good)) for w in self._whites])
-        count = np.concatenate([blocked(w.good).sum(axis=(1, 2)) for w in self._whites])
-        return rows, basis, count.astype(np.float64)
+        rows = np.concatenate([blocked(w.rows[..., own].astype(np.float64)) * unit for w in self._whites])
+        usable = [blocked(w.good.astype(np.float64)) for w in self._whites]
+        basis = np.concatenate([polynomials(good) for good in usable])
+        return rows, basis, np.concatenate([good.sum(axis=(1, 2)) for good in usable])
 
     def energies(self, left: Array, noise: Noise) -> Array:
         """What coefficients (K+1,) leave of every block (B,), weighed by the noise, a load of its own taken off."""
@@ -64,7 +66,7 @@ class Work:
         across, precision, _ = self._loads.weighed(noise)
         pull = across @ left
         load = np.einsum("bi,bi->b", pull, np.linalg.solve(precision, pull[..., None])[..., 0])
-        return np.maximum(np.sum(each / noise.v**2, axis=1) - load, 0.0)
+        return np.asarray(np.maximum(np.sum(each / noise.v**2, axis=1) - load, 0.0))
 
     def free(self, left: Array, noise: Noise) -> Blocks:
         """The blocks (B,) that are more probably free of contact than not."""
