@@ -1,9 +1,9 @@
 """Which layer that decides generalises best? Layers of a diagnosis compared on evidence that is computed once.
 
-Of every case the sufficient statistics (layers.statistics) are kept in a cache folder: of the labelled machines in
+Of every case what was searched is kept in a cache folder: of the labelled machines in
 FOLDER, and of reference machines from the development generator of the withheld trial. A layer turns them into
-probabilities of "no gap", of every effect at its place, and of "unknown". What a layer learns - everyday differences,
-the calibration - it learns on other machines than the one it is scored on (leave one machine out)."""
+probabilities of "no gap", of every effect at its place, and of "unknown". Everyday differences are learnt on the other
+source than the one that is scored, the calibration on other machines than the one that is scored."""
 
 import argparse
 import json
@@ -50,7 +50,7 @@ from trial.repertoire import PLAIN
 from trial.run import Truth
 from trial.source import Labelled, labelled, references
 
-CACHE = Path.home() / ".cache/cylforce/decisions3"
+CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
@@ -323,10 +323,9 @@ def main() -> int:
     with ProcessPoolExecutor(options.processes) as pool:
         told = pool.map(in_order, [(c, options.cache) for c in plain])
         pairs = {(*c.place, c.name): pair for c, pair in zip(plain, told, strict=True)}
-        places = list(dict.fromkeys(c.place for c in cases))
-        others = [[pair for key, pair in pairs.items() if key[:2] != place] for place in places]
-        usual = dict(zip(places, pool.map(learnt, others), strict=True))
-        rows = list(pool.map(searched, [(c, usual[c.place], options.cache) for c in cases]))
+        others = [[pair for key, pair in pairs.items() if key[0] != source] for source in (FOREIGN, REFERENCE)]
+        usual = dict(zip((FOREIGN, REFERENCE), pool.map(learnt, others), strict=True))
+        rows = list(pool.map(searched, [(c, usual[c.source], options.cache) for c in cases]))
     answers = layers(rows)
     report = {
         source: {name: figures([s for s in all_of if s.row.case.source == source]) for name, all_of in answers.items()}

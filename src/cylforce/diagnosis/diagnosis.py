@@ -187,7 +187,7 @@ class _Search:
         """What may have happened at moments, and in which blocks (B,)."""
         found, when = [], {}
         for key, each in self._incidents():
-            told, where = _settled(case, each)
+            told, where = settled(case, each)
             found.append(Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest))
             when[key] = where
         return tuple(found), when
@@ -274,7 +274,7 @@ def _possible(form: Column, sizes: Array) -> bool:
     return float(np.linalg.norm(sizes[: form.measured])) <= BEYOND * form.high
 
 
-def _settled(case: Case, moments: Moments) -> tuple[Hypothesis, Blocks]:
+def settled(case: Case, moments: Moments) -> tuple[Hypothesis, Blocks]:
     """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not."""
     noise: Noise = case.usual
     left = np.append(-case.mean, 1.0)

@@ -21,10 +21,10 @@ from cylforce.diagnosis.sizes import WIDE, Scene, beside, log_size
 from cylforce.signals.estimate import Array
 
 USUALLY = 0.2  # of the least plausible size: everyday differences before any are learnt
-LEARNT = 0.02, 3.0  # the least and the largest that is learnt
+LEARNT = 0.02, 1.0  # the least and the largest that is learnt: beyond the least plausible size it is a fault
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
 WIDTH, DEEPEST = 2, 6  # of the beam
-FASTER = 8.0  # power of a step of expectation maximisation
+FASTER, FURTHEST = 8.0, 0.7  # power of a step of expectation maximisation, its logarithm at most
 KEPT = 8  # hypotheses of a beam that are refined
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 UNSURE = 3.0  # times as uncertain as between two recordings is the discrepancy that no reference shows
@@ -129,10 +129,11 @@ class Machine:
         return Case(self.scene, recording, noise, mean, covariance + np.diag(self.usual**2 + 1e-12))
 
 
-def learnt(machines: Sequence[tuple[Machine, Sums]], rounds: int = 12) -> dict[str, float]:
+def learnt(machines: Sequence[tuple[Machine, Sums]], rounds: int = 40) -> dict[str, float]:
     """Everyday differences by name of the effect, of its least plausible size: empirical Bayes (expectation
-    maximisation) over recordings of machines in order."""
-    found = dict[str, float]()
+    maximisation) over recordings of machines in order. Steps go further than expectation maximisation, which creeps
+    where many places tell nothing, until they turn back."""
+    found, power, last = dict[str, float](), dict[str, float](), dict[str, float]()
     noises = [m.asked(each).hypothesis((), m.noise).noise for m, each in machines]
     for _ in range(rounds):
         told = dict[str, list[float]]()
@@ -140,15 +141,14 @@ def learnt(machines: Sequence[tuple[Machine, Sums]], rounds: int = 12) -> dict[s
             own = machine.with_everyday(found)
             for name, squares in own.differences(own.asked(recording), noise).items():
                 told.setdefault(name, []).extend(squares)
-        found = {name: _stepped(found.get(name, USUALLY), squares) for name, squares in told.items()}
+        for name, squares in told.items():
+            size = found.get(name, USUALLY)
+            step = float(np.log(np.sqrt(np.mean(squares)) / size))
+            turned = step * last.get(name, step) < 0.0
+            power[name] = max(1.0, power.get(name, FASTER) * (0.5 if turned else 1.0))
+            last[name] = step
+            found[name] = float(np.clip(size * np.exp(np.clip(power[name] * step, -FURTHEST, FURTHEST)), *LEARNT))
     return found
-
-
-def _stepped(size: float, squares: Sequence[float]) -> float:
-    """An everyday difference nearer to what expected squares tell: further than expectation maximisation goes, which
-    creeps where many places tell nothing."""
-    ratio = float(np.sqrt(np.mean(squares))) / size
-    return float(np.clip(size * np.clip(ratio**FASTER, 0.5, 2.0), *LEARNT))
 
 
 class State(NamedTuple):
