@@ -24,7 +24,7 @@ from cylforce.diagnosis.asking import noisy
 from cylforce.diagnosis.diagnosis import asked, examined
 from cylforce.diagnosis.discrepancy import Sums
 from cylforce.diagnosis.floor import fitted_tares, noise_floor
-from cylforce.diagnosis.hypotheses import Machine, learnt
+from cylforce.diagnosis.hypotheses import Machine
 from cylforce.diagnosis.posterior import (
     NOTHING,
     UNKNOWN,
@@ -40,6 +40,7 @@ from cylforce.diagnosis.rows import Viewer
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.common.recorded import chosen
 from cylforce.settings.machine_file import Loaded, load
+from layers.everyday import learnt
 from layers.intervals import wilson
 from layers.logistic import fitted
 from trial.cases import simulated, write
@@ -286,19 +287,17 @@ def calibration(rows: Sequence[Row]) -> Logistic:
     return fitted(np.array([f for f, _ in air]), np.array([x for _, x in air]))
 
 
-HEAD = '''"""What was learnt from machines in order and labelled cases, by `tools/accuracy decisions --write`: data."""
+HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
 
 from cylforce.diagnosis.posterior import Logistic
 
 '''
 
 
-def written(everyday: dict[str, float], by: Logistic) -> str:
+def written(by: Logistic) -> str:
     """The module that the diagnosis reads."""
-    lines = "".join(f'    "{name}": {size:.3g},\n' for name, size in sorted(everyday.items()))
     told = [tuple(round(x, 4) for x in each) for each in by]
-    text = f"EVERYDAY = {{  # everyday difference by effect, of its least plausible size\n{lines}}}\n"
-    return HEAD + text + "CALIBRATION = Logistic(\n" + "".join(f"    {each},\n" for each in told) + ")\n"
+    return HEAD + "CALIBRATION: Logistic | None = Logistic(\n" + "".join(f"    {each},\n" for each in told) + ")\n"
 
 
 def main() -> int:
@@ -307,6 +306,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="labelled machines (labels.json)")
     parser.add_argument("--reference-machines", type=int, default=6)
     parser.add_argument("--air", action="store_true", help="only recordings in the air")
+    parser.add_argument("--learn", action="store_true", help="learn everyday differences from the other source")
     parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--write", type=Path, help="write what was learnt: the diagnosis' learnt.py")
@@ -320,12 +320,15 @@ def main() -> int:
     cases += [c for place in range(options.reference_machines) for c in cases_reference(place, options.cache)]
     cases = [c for c in cases if not (options.air and c.truth.work)]
     plain = [c for c in cases if not c.truth.effects and not c.truth.work]
+    cache = options.cache / ("learnt" if options.learn else "usual")
     with ProcessPoolExecutor(options.processes) as pool:
-        told = pool.map(in_order, [(c, options.cache) for c in plain])
-        pairs = {(*c.place, c.name): pair for c, pair in zip(plain, told, strict=True)}
-        others = [[pair for key, pair in pairs.items() if key[0] != source] for source in (FOREIGN, REFERENCE)]
-        usual = dict(zip((FOREIGN, REFERENCE), pool.map(learnt, others), strict=True))
-        rows = list(pool.map(searched, [(c, usual[c.source], options.cache) for c in cases]))
+        usual = dict[str, dict[str, float]]({FOREIGN: {}, REFERENCE: {}})
+        if options.learn:
+            told = pool.map(in_order, [(c, options.cache) for c in plain])
+            pairs = list(zip(plain, told, strict=True))
+            others = [[pair for c, pair in pairs if c.source != source] for source in usual]
+            usual = dict(zip(usual, pool.map(learnt, others), strict=True))
+        rows = list(pool.map(searched, [(c, usual[c.source], cache) for c in cases]))
     answers = layers(rows)
     report = {
         source: {name: figures([s for s in all_of if s.row.case.source == source]) for name, all_of in answers.items()}
@@ -333,7 +336,7 @@ def main() -> int:
     }
     show(report, Console(highlight=False))
     if options.write:
-        options.write.write_text(written(learnt(list(pairs.values())), calibration(rows)))
+        options.write.write_text(written(calibration(rows)))
     if options.json:
         each = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
         options.json.write_text(json.dumps({"figures": report, "cases": each}, indent=1) + "\n")

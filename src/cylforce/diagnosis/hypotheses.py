@@ -21,10 +21,8 @@ from cylforce.diagnosis.sizes import WIDE, Scene, beside, log_size
 from cylforce.signals.estimate import Array
 
 USUALLY = 0.2  # of the least plausible size: everyday differences before any are learnt
-LEARNT = 0.02, 1.0  # the least and the largest that is learnt: beyond the least plausible size it is a fault
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
 WIDTH, DEEPEST = 2, 6  # of the beam
-FASTER, FURTHEST = 8.0, 0.7  # power of a step of expectation maximisation, its logarithm at most
 KEPT = 8  # hypotheses of a beam that are refined
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 UNSURE = 3.0  # times as uncertain as between two recordings is the discrepancy that no reference shows
@@ -110,45 +108,10 @@ class Machine:
             found[own] = self.everyday.get(p.name, USUALLY) * p.low / self.scene.spread[own[0]]
         return found
 
-    def differences(self, case: "Case", noise: Noise) -> dict[str, list[float]]:
-        """Expected squares of the everyday differences in a recording of the machine in order under its noise, of the
-        least plausible size, by name of the effect."""
-        state, found = case.state(noise), dict[str, list[float]]()
-        share = self.usual**2 / np.diag(case.covariance)
-        for p in self.scene.forms:
-            k = p.columns[0]
-            # what is fitted is the reference's error and the everyday difference together
-            pulled, variance = state.fitted[k] * share[k], self.usual[k] ** 2
-            known = state.covariance[k, k] * share[k] ** 2 + variance * (1.0 - share[k])
-            found.setdefault(p.name, []).append(float((pulled**2 + known) * (self.scene.spread[k] / p.low) ** 2))
-        return found
-
     def asked(self, recording: Sums) -> "Case":
         """The question put to a recording."""
         noise, mean, covariance = self._fit
         return Case(self.scene, recording, noise, mean, covariance + np.diag(self.usual**2 + 1e-12))
-
-
-def learnt(machines: Sequence[tuple[Machine, Sums]], rounds: int = 40) -> dict[str, float]:
-    """Everyday differences by name of the effect, of its least plausible size: empirical Bayes (expectation
-    maximisation) over recordings of machines in order. Steps go further than expectation maximisation, which creeps
-    where many places tell nothing, until they turn back."""
-    found, power, last = dict[str, float](), dict[str, float](), dict[str, float]()
-    noises = [m.asked(each).hypothesis((), m.noise).noise for m, each in machines]
-    for _ in range(rounds):
-        told = dict[str, list[float]]()
-        for (machine, recording), noise in zip(machines, noises, strict=True):
-            own = machine.with_everyday(found)
-            for name, squares in own.differences(own.asked(recording), noise).items():
-                told.setdefault(name, []).extend(squares)
-        for name, squares in told.items():
-            size = found.get(name, USUALLY)
-            step = float(np.log(np.sqrt(np.mean(squares)) / size))
-            turned = step * last.get(name, step) < 0.0
-            power[name] = max(1.0, power.get(name, FASTER) * (0.5 if turned else 1.0))
-            last[name] = step
-            found[name] = float(np.clip(size * np.exp(np.clip(power[name] * step, -FURTHEST, FURTHEST)), *LEARNT))
-    return found
 
 
 class State(NamedTuple):
@@ -291,6 +254,8 @@ class Case:
             return self._in_moments(base, asked, state)
         named = {self.scene.forms[p][:2] for p in base.which}
         free = [p for p in asked if self.scene.forms[p][:2] not in named]
+        if not free:
+            return []
         left, shift = [], []
         for p in free:
             own, sizes = self._sizes((*base.which, p), state)

@@ -14,6 +14,7 @@ from cylforce.diagnosis.sizes import Column
 
 Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
+NONE = 1e-3  # floors, below which a gap is none at all
 LITTLE = 0.1  # of the floor's energy, beyond which there is a gap to explain
 
 
@@ -171,7 +172,7 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     first = max(found, key=lambda k: found[k])
     effect = float(first not in {NOTHING, UNKNOWN})
     lead = (best.log - asked.none.log) / 50.0
-    gap, explained = float(np.log(asked.gap)), max(asked.explained(best), -1.0)
+    gap, explained = float(np.log(max(asked.gap, NONE))), max(asked.explained(best), -1.0)
     return (min(odds, 12.0), gap, explained, change, effect, min(lead, 4.0))
 
 
