@@ -1,5 +1,5 @@
-"""Single scenes, of one effect or of several at once: what is named, what stays without a name, what simulation refutes;
-and two laws of friction by themselves. (Our own simulator: this shows that the programs work.)"""
+"""Single scenes, of one effect or of several: what is named, what stays without a name, what simulation refutes; and
+two laws of friction by themselves. (Our own simulator: this shows that the programs work.)"""
 
 import numpy as np
 import pytest

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cylforce.diagnosis.discrepancy import Noise, Sums
-from cylforce.diagnosis.hypotheses import USUALLY, Case, Machine
+from cylforce.diagnosis.hypotheses import Case, Machine
+from cylforce.diagnosis.numbers import USUALLY
 
 LEARNT = 0.02, 1.0  # the least and the largest that is learnt: beyond the least plausible size it is a fault
 FASTER, FURTHEST = 8.0, 0.7  # power of a step of expectation maximisation, its logarithm at most

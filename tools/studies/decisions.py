@@ -25,6 +25,7 @@ from cylforce.diagnosis.diagnosis import asked, examined
 from cylforce.diagnosis.discrepancy import Sums
 from cylforce.diagnosis.floor import fitted_tares, noise_floor
 from cylforce.diagnosis.hypotheses import Machine
+from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.diagnosis.posterior import (
     NOTHING,
     UNKNOWN,
@@ -322,7 +323,7 @@ def main() -> int:
     plain = [c for c in cases if not c.truth.effects and not c.truth.work]
     cache = options.cache / ("learnt" if options.learn else "usual")
     with ProcessPoolExecutor(options.processes) as pool:
-        usual = dict[str, dict[str, float]]({FOREIGN: {}, REFERENCE: {}})
+        usual = dict[str, dict[str, float]]({FOREIGN: EVERYDAY, REFERENCE: EVERYDAY})
         if options.learn:
             told = pool.map(in_order, [(c, options.cache) for c in plain])
             pairs = list(zip(plain, told, strict=True))

@@ -12,7 +12,7 @@ from cylforce.diagnosis.correction import Applied, bends, without
 from cylforce.diagnosis.discrepancy import Moments, Noise
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import Case, Hypothesis, Machine
-from cylforce.diagnosis.numbers import BEYOND, GAP, SIGMAS
+from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.rows import Recorded, Viewer
@@ -65,7 +65,7 @@ def examined(
     watch: Watch = lambda _: None,
     known: Array | None = None,
     only: tuple[str, str] | None = None,
-    everyday: Mapping[str, float] | None = None,
+    everyday: Mapping[str, float] = EVERYDAY,
 ) -> Found:
     """What may explain what the model leaves of the faulty recordings; `known` (P,): standard errors of the viewer's
     tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause."""
@@ -77,7 +77,7 @@ def examined(
     floor = noise_floor(problem)
     watch("noise of the columns")
     question = Question(viewer, problem, floor, noisy(viewer, problem, floor, rng))
-    return _Search(question, dict(everyday or {}), only, watch).found()
+    return _Search(question, dict(everyday), only, watch).found()
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cylforce.diagnosis.discrepancy import Moments, Noise, Sums, likeliest, log_prior
-from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND
+from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, USUALLY
 from cylforce.diagnosis.sizes import WIDE, Scene, beside, log_size
 from cylforce.signals.estimate import Array
 
-USUALLY = 0.2  # of the least plausible size: everyday differences before any are learnt
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
 WIDTH, DEEPEST = 2, 6  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined

@@ -15,6 +15,11 @@ SCALE_CHANGE = 1.4  # times: scale of the noise
 # Sizes: log-uniform over what is plausible; conventions.
 BEYOND = 1.3  # of the largest plausible size: the end of the range
 
+# Everyday differences from one recording to another, of an effect's least plausible size.
+USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (measured, see the chapter)
+AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generators (`tools/accuracy decisions --learn`)
+EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
+
 # The answer: conventions.
 SIGMAS = 5.0  # standard errors from which on an effect is detectable
 MASS = 0.9  # probability that the set of causes holds
