@@ -9,9 +9,9 @@ from scipy.stats import multivariate_normal, norm
 
 from cylforce.diagnosis.diagnosis import settled
 from cylforce.diagnosis.discrepancy import DECAY, Moments, Noise, Sums, likeliest, sums
-from cylforce.diagnosis.hypotheses import Case, Machine
+from cylforce.diagnosis.hypotheses import Inference, InOrder
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, believed, calibrated
-from cylforce.diagnosis.sizes import BEYOND, Column, Scene, log_size
+from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.statistics import SMOOTH, Statistics
 from layers.everyday import learnt
 from layers.intervals import wilson
@@ -19,7 +19,7 @@ from layers.logistic import fitted
 
 ROWS, BLOCKS, JOINTS, COUNT = 60, 40, 2, 4  # rows of a block, blocks, joints, columns
 PARTS = (Column("one", "a", (2,), 0.2, 8.0, 0, 1), Column("two", "b", (3,), 0.2, 8.0, 0, 1))
-SCENE = Scene(np.array([1.0, 1.0, 0.2, 0.2]), np.array([1.0, 1.0, 4.0, 4.0]), PARTS, 2)
+SCENE = Terms(np.array([1.0, 1.0, 0.2, 0.2]), np.array([1.0, 1.0, 4.0, 4.0]), PARTS, 2)
 
 
 def basis():
@@ -64,7 +64,7 @@ def forces(rows):
 
 @pytest.fixture(scope="module")
 def machine():
-    return Machine(SCENE, (sums(SCENE.spread, [told(recording(1))]), sums(SCENE.spread, [told(recording(2))])), {})
+    return InOrder(SCENE, (sums(SCENE.spread, [told(recording(1))]), sums(SCENE.spread, [told(recording(2))])), {})
 
 
 def answer(machine, rows):
@@ -80,7 +80,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance():
     two = two._replace(rows=np.where(np.arange(BLOCKS)[:, None] < 2, float(ROWS), 0.0) * np.ones(JOINTS))
     plain = SCENE._replace(spread=np.ones(COUNT))
     prior = np.diag([1.0, 2.0, 0.5, 0.1])
-    case = Case(plain, sums(plain.spread, [two]), noise, np.array([0.2, 0.0, 0.0, 0.1]), prior)
+    case = Inference(plain, sums(plain.spread, [two]), noise, np.array([0.2, 0.0, 0.0, 0.1]), prior)
     q = basis()
     design = np.concatenate([rows[b, r, :, :-1] for b in range(2) for r in range(JOINTS)])
     left = np.concatenate([rows[b, r, :, -1] for b in range(2) for r in range(JOINTS)])

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from cylforce.diagnosis.discrepancy import Noise, Sums
-from cylforce.diagnosis.hypotheses import Case, Machine
+from cylforce.diagnosis.hypotheses import Inference, InOrder
 from cylforce.diagnosis.numbers import USUALLY
 
 LEARNT = 0.02, 1.0  # the least and the largest that is learnt: beyond the least plausible size it is a fault
 FASTER, FURTHEST = 8.0, 0.7  # power of a step of expectation maximisation, its logarithm at most
 
 
-def differences(machine: Machine, case: Case, noise: Noise) -> dict[str, list[float]]:
+def differences(machine: InOrder, case: Inference, noise: Noise) -> dict[str, list[float]]:
     """Expected squares of the everyday differences in a recording of the machine in order under its noise, of the
     least plausible size, by name of the effect."""
     state, found = case.state(noise), dict[str, list[float]]()
@@ -26,7 +26,7 @@ def differences(machine: Machine, case: Case, noise: Noise) -> dict[str, list[fl
     return found
 
 
-def learnt(machines: Sequence[tuple[Machine, Sums]], rounds: int = 40) -> dict[str, float]:
+def learnt(machines: Sequence[tuple[InOrder, Sums]], rounds: int = 40) -> dict[str, float]:
     """Everyday differences by name of the effect, of its least plausible size: empirical Bayes (expectation
     maximisation) over recordings of machines in order. Steps go further than expectation maximisation, which creeps
     where many places tell nothing, until they turn back."""

@@ -19,12 +19,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.asking import Question as Put
-from cylforce.diagnosis.asking import noisy
+from cylforce.diagnosis.asking import Asking, noisy
 from cylforce.diagnosis.diagnosis import asked, examined
 from cylforce.diagnosis.discrepancy import Sums
 from cylforce.diagnosis.floor import fitted_tares, noise_floor
-from cylforce.diagnosis.hypotheses import Machine
+from cylforce.diagnosis.hypotheses import InOrder
 from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.diagnosis.posterior import (
     NOTHING,
@@ -152,7 +151,7 @@ def viewed(loaded: Loaded, case: Case) -> tuple[Viewer, list[Any], list[Any]]:
     return Viewer(model, fitted_tares(model, clean)), clean, faulty
 
 
-def in_order(work: tuple[Case, Path]) -> tuple[Machine, Sums]:
+def in_order(work: tuple[Case, Path]) -> tuple[InOrder, Sums]:
     """A machine and a recording of it in order; kept in the cache folder."""
     case, cache = work
     file = cache / "order" / f"{case.source}_{case.machine}_{case.name}.pickle"
@@ -163,10 +162,10 @@ def in_order(work: tuple[Case, Path]) -> tuple[Machine, Sums]:
         seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
         problem = Problem(viewer.model, known, wanted, seen[0], seen[1], tares=viewer.tares)
         floor = noise_floor(problem)
-        put = Put(viewer, problem, floor, noisy(viewer, problem, floor, np.random.default_rng(1)))
+        put = Asking(viewer, problem, floor, noisy(viewer, problem, floor, np.random.default_rng(1)))
         pair = put.machine({}), put.sums(problem.faulty, put.noisy.faulty)
         _pickled(file, pair)
-    found: tuple[Machine, Sums] = pickle.loads(file.read_bytes())  # written by this program
+    found: tuple[InOrder, Sums] = pickle.loads(file.read_bytes())  # written by this program
     return found
 
 

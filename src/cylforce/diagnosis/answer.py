@@ -12,7 +12,7 @@ from cylforce.diagnosis.forward import Forward
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
 from cylforce.diagnosis.residuals import Ends
 from cylforce.diagnosis.shrinkage import Gap, written
-from cylforce.diagnosis.verdict import Candidate, Cause, Judged, Named, Search, Verdict
+from cylforce.diagnosis.verdict import Cause, Judged, Named, Search, Suspect, Verdict
 from cylforce.diagnosis.where import Spot
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import Proposal
@@ -254,6 +254,6 @@ def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
     return list(dict.fromkeys(wanted))
 
 
-def _candidate(candidate: Candidate) -> dict[str, Any]:
+def _candidate(candidate: Suspect) -> dict[str, Any]:
     name, at = candidate.key
     return {"name": name, "at": at, "nats": candidate.nats, "probability": candidate.probability}

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.discrepancy import Moments, Sums, moments, sums
-from cylforce.diagnosis.hypotheses import Machine
+from cylforce.diagnosis.hypotheses import InOrder
 from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.rows import BLOCK, Viewer
-from cylforce.diagnosis.sizes import Column, Scene
+from cylforce.diagnosis.sizes import Column, Terms
 from cylforce.diagnosis.statistics import White, crossed, statistics, white
 from cylforce.diagnosis.whitening import Floor
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
@@ -34,7 +34,7 @@ class Step(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Question:
+class Asking:
     """A problem under a noise floor; `step`: when a load may have changed."""
 
     viewer: Viewer
@@ -80,7 +80,7 @@ class Question:
         return [self.problem.lasting + INCIDENTAL.index(name) for name in names]
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> Terms:
         """What all recordings have in common."""
         problem, size = self.problem, self.problem.lasting
         clock = next((p.about for p in problem.proposals if p.course is TimeCourse.CLOCK), None)
@@ -91,7 +91,7 @@ class Question:
             always, spread = always + [NEVER * s for s in usual], spread + usual
         forms = tuple(form for _, form in self.forms)
         whole = [np.concatenate([problem.always[:size], always]), np.concatenate([problem.spread[:size], spread])]
-        return Scene(whole[0], whole[1], forms, problem.first)
+        return Terms(whole[0], whole[1], forms, problem.first)
 
     @cached_property
     def forms(self) -> list[tuple[Proposal, Column]]:
@@ -132,12 +132,12 @@ class Question:
         within = list(range(first, first + shapes))
         return moments(self.whites(group), self.own, self.scene.spread, within, self.problem.spread[within])
 
-    def machine(self, everyday: dict[str, float]) -> Machine:
+    def machine(self, everyday: dict[str, float]) -> InOrder:
         """The machine as its references show it."""
         plain = replace(self, step=None)
         pairs = zip(self.problem.clean, self.noisy.clean, strict=True)
         each = tuple(plain.sums([seen], [noise]) for seen, noise in pairs)
-        return Machine(plain.scene, each, everyday, len(self.floor.rms))
+        return InOrder(plain.scene, each, everyday, len(self.floor.rms))
 
 
 def _kept(whites: Sequence[White], kept: NDArray[np.bool_]) -> list[White]:

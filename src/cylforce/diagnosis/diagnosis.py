@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from cylforce.diagnosis.asking import Question, Step, noisy
+from cylforce.diagnosis.asking import Asking, Step, noisy
 from cylforce.diagnosis.correction import Applied, bends, without
 from cylforce.diagnosis.discrepancy import Moments, Noise
 from cylforce.diagnosis.floor import noise_floor
-from cylforce.diagnosis.hypotheses import Case, Hypothesis, Machine
+from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
 from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
@@ -21,7 +21,7 @@ from cylforce.diagnosis.unknown import NAME, UNKNOWN_TORQUES
 from cylforce.diagnosis.working import Blocks, Work
 from cylforce.effects.fault import SHAPES, Distortion, Place, TimeCourse
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
-from cylforce.mechanics.machine import Machine as Arm
+from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
 SETTLING = 4  # rounds in which the blocks in which something happens are found
@@ -36,7 +36,7 @@ CARRIED = ("load.mass", "load.X", "load.Z")
 Watch = Callable[[str], None]
 
 
-def asked(machine: Arm, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
+def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
     """Everything that is asked of the recordings: the library's proposals, and torques of which nothing is known."""
     return proposals(machine, (*library, *UNKNOWN_TORQUES))
 
@@ -47,8 +47,8 @@ class Found:
     problem with their effects taken out, and these; in which blocks (B,) something happens at moments, by key; whether
     the machine was at work; the smallest size of each effect that could be seen, `least`."""
 
-    question: Question
-    machine: Machine
+    question: Asking
+    machine: InOrder
     asked: Asked
     again: Mapping[tuple[int, ...], tuple[Problem, list[Applied]]]
     when: Mapping[Key, Blocks]
@@ -76,7 +76,7 @@ def examined(
     problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares)
     floor = noise_floor(problem)
     watch("noise of the columns")
-    question = Question(viewer, problem, floor, noisy(viewer, problem, floor, rng))
+    question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng))
     return _Search(question, dict(everyday), only, watch).found()
 
 
@@ -84,22 +84,22 @@ def examined(
 class _Search:
     """A search in progress."""
 
-    plain: Question
+    plain: Asking
     everyday: dict[str, float]
     only: tuple[str, str] | None
     watch: Watch
 
     @cached_property
-    def _machine(self) -> Machine:
+    def _machine(self) -> InOrder:
         return self.plain.machine(self.everyday)
 
     @cached_property
-    def _first(self) -> Case:
+    def _first(self) -> Inference:
         """The question without a change of load."""
         recording = self.plain.sums(self.plain.problem.faulty, self.plain.noisy.faulty)
         return replace(self._machine.asked(recording), told=self._told(self.plain))
 
-    def _told(self, question: Question) -> Callable[[int, Array], float]:
+    def _told(self, question: Asking) -> Callable[[int, Array], float]:
         """What return pressures say of errors of pressure sensors."""
         problem = question.problem
 
@@ -113,18 +113,18 @@ class _Search:
         return support
 
     @cached_property
-    def _question(self) -> Question:
+    def _question(self) -> Asking:
         """With the instant at which a known load most probably changed."""
         step = _changed(self.plain, self._first)
         return replace(self.plain, step=step) if step else self.plain
 
     @cached_property
-    def _case(self) -> Case:
+    def _case(self) -> Inference:
         if self._question.step is None:
             return self._first
         return replace(self._with_step(self._question.problem), told=self._told(self._question))
 
-    def _with_step(self, problem: Problem, kept: Blocks | None = None) -> Case:
+    def _with_step(self, problem: Problem, kept: Blocks | None = None) -> Inference:
         """A problem's recordings with what the references show; of a machine at work the blocks `kept` (B,)."""
         question = replace(self._question, problem=problem)
         case, size = self._machine.asked(self._first.sums), len(question.scene.spread)
@@ -162,7 +162,7 @@ class _Search:
         told, again = self._again(case, told, blocks)
         return Found(self._question, self._machine, told, again, when, bool(blocks), self._least(case, told.none))
 
-    def _least(self, case: Case, none: Hypothesis) -> dict[Key, float]:
+    def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
         state, found = case.state(none.noise), dict[Key, float]()
         for form in case.scene.forms:
@@ -174,7 +174,7 @@ class _Search:
         return found
 
     def _at_work(
-        self, work: Work, idle: Hypothesis, case: Case, kept: Blocks
+        self, work: Work, idle: Hypothesis, case: Inference, kept: Blocks
     ) -> tuple[list[Hypothesis], dict[tuple[int, ...], Blocks]]:
         """Hypotheses of a machine at work, each with the blocks in which it holds."""
         found, blocks = dict[tuple[int, ...], Hypothesis]({(): idle}), dict[tuple[int, ...], Blocks]({(): kept})
@@ -182,7 +182,7 @@ class _Search:
             found[(p,)], _, blocks[(p,)] = work.hypothesis((p,), kept, idle.noise)
         return list(found.values()), blocks
 
-    def _happened(self, case: Case) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
+    def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
         """What may have happened at moments, and in which blocks (B,)."""
         found, when = [], {}
         for key, each in self._incidents():
@@ -208,7 +208,7 @@ class _Search:
         return not self.only or (p.name == self.only[0] and self.only[1] in ("", p.at))
 
     def _again(
-        self, case: Case, told: Asked, blocks: Mapping[tuple[int, ...], Blocks]
+        self, case: Inference, told: Asked, blocks: Mapping[tuple[int, ...], Blocks]
     ) -> tuple[Asked, dict[tuple[int, ...], tuple[Problem, list[Applied]]]]:
         """The most probable hypotheses with the columns of their effects as they are at their sizes, and beside the
         first of them one effect more."""
@@ -229,8 +229,8 @@ class _Search:
         return replace(told, hypotheses=tuple(found.values())), again
 
     def _at_sizes(
-        self, case: Case, h: Hypothesis, kept: Blocks | None
-    ) -> tuple[Hypothesis, tuple[Problem, list[Applied]], Case]:
+        self, case: Inference, h: Hypothesis, kept: Blocks | None
+    ) -> tuple[Hypothesis, tuple[Problem, list[Applied]], Inference]:
         """A hypothesis with its effects taken out of the recordings at their sizes, until these stay."""
         original, case = (
             self._question.problem,
@@ -238,7 +238,7 @@ class _Search:
         )
         rows = float(np.sum(case.sums.rows))
         apart = h.log - case.hypothesis(h.which, h.noise).log  # what the blocks that are left out tell
-        best: tuple[Hypothesis, tuple[Problem, list[Applied]], Case] = (h, (original, []), case)
+        best: tuple[Hypothesis, tuple[Problem, list[Applied]], Inference] = (h, (original, []), case)
         for _ in range(ROUNDS):
             now = best[0]
             applied = self._applied(now, case)
@@ -256,7 +256,7 @@ class _Search:
                 break
         return best
 
-    def _applied(self, h: Hypothesis, case: Case) -> list[tuple[int, Applied]]:
+    def _applied(self, h: Hypothesis, case: Inference) -> list[tuple[int, Applied]]:
         """What of a hypothesis bends, with its sizes."""
         found, k = [], 0
         for p in h.which:
@@ -273,7 +273,7 @@ def _possible(form: Column, sizes: Array) -> bool:
     return float(np.linalg.norm(sizes[: form.measured])) <= BEYOND * form.high
 
 
-def settled(case: Case, moments: Moments) -> tuple[Hypothesis, Blocks]:
+def settled(case: Inference, moments: Moments) -> tuple[Hypothesis, Blocks]:
     """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not."""
     noise: Noise = case.usual
     left = np.append(-case.mean, 1.0)
@@ -291,7 +291,7 @@ def settled(case: Case, moments: Moments) -> tuple[Hypothesis, Blocks]:
     return found, where
 
 
-def _changed(question: Question, case: Case) -> Step | None:
+def _changed(question: Asking, case: Inference) -> Step | None:
     """When a known load most probably became another one: the first and last block of that; None without a load."""
     problem = question.problem
     loaded = [(span, seen) for span, seen in zip(problem.spans, problem.faulty, strict=True) if seen.recorded.load]

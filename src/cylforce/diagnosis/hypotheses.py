@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from cylforce.diagnosis.discrepancy import Moments, Noise, Sums, likeliest, log_prior
 from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, USUALLY
-from cylforce.diagnosis.sizes import WIDE, Scene, beside, log_size
+from cylforce.diagnosis.sizes import WIDE, Terms, beside, log_size
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
@@ -51,11 +51,11 @@ class Fitted(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Machine:
+class InOrder:
     """A machine as its references show it; `everyday`: how large an everyday difference is, of an effect's least
     plausible size."""
 
-    scene: Scene
+    scene: Terms
     references: tuple[Sums, ...]
     everyday: Mapping[str, float]
     joints: int = 0
@@ -87,7 +87,7 @@ class Machine:
         known = np.where(np.arange(size) < self.scene.first, (self.scene.always / self.scene.spread) ** 2, 0.0)
         return Noise(np.full(joints, UNSEEN), np.ones(joints), UNSURE), np.zeros(size), np.diag(known)
 
-    def with_everyday(self, everyday: Mapping[str, float]) -> "Machine":
+    def with_everyday(self, everyday: Mapping[str, float]) -> "InOrder":
         """The same machine with other everyday differences; its references are not fitted again."""
         found = replace(self, everyday=everyday)
         found.__dict__["_fit"] = self._fit
@@ -107,13 +107,13 @@ class Machine:
             found[own] = self.everyday.get(p.name, USUALLY) * p.low / self.scene.spread[own[0]]
         return found
 
-    def asked(self, recording: Sums) -> "Case":
+    def asked(self, recording: Sums) -> "Inference":
         """The question put to a recording."""
         noise, mean, covariance = self._fit
-        return Case(self.scene, recording, noise, mean, covariance + np.diag(self.usual**2 + 1e-12))
+        return Inference(self.scene, recording, noise, mean, covariance + np.diag(self.usual**2 + 1e-12))
 
 
-class State(NamedTuple):
+class Marginal(NamedTuple):
     """A recording under a noise: marginal information (K, K) and score (K,) of sizes, the log likelihood without any,
     what follows for the nuisances: `gain` (K, K) and `fitted` (K,)."""
 
@@ -130,12 +130,12 @@ def _nothing(*_: object) -> float:
 
 
 @dataclass(frozen=True)
-class Case:
+class Inference:
     """A recording, and what the machine's parameters are beforehand; `moments`: what may happen in single blocks;
     `taken`: sizes (M,) [of the prior spread] of forms that are taken out of the recording already; `told`: what else
     speaks for a form with sizes (M,) in their units [nats]; `apart`: the log of the probability of what is left out."""
 
-    scene: Scene
+    scene: Terms
     sums: Sums
     usual: Noise
     mean: Array
@@ -149,7 +149,7 @@ class Case:
     def _precision(self) -> tuple[Array, float]:
         return np.asarray(np.linalg.inv(self.covariance)), float(np.linalg.slogdet(self.covariance)[1])
 
-    def state(self, noise: Noise) -> State:
+    def state(self, noise: Noise) -> Marginal:
         """Everything that follows from a noise."""
         told, cost = self.sums.information(noise), 0.0
         rounding = np.diag(ROUNDING * np.diag(told)[:-1])
@@ -169,12 +169,14 @@ class Case:
         information = known - known @ gain
         for p, sizes in self.taken.items():  # what is taken out took its noise with it
             log -= float(common[list(self.scene.forms[p].columns)] @ sizes)
-        return State(information, score - known @ fitted, log - cost + self.sums.norm(noise), gain, fitted, covariance)
+        return Marginal(
+            information, score - known @ fitted, log - cost + self.sums.norm(noise), gain, fitted, covariance
+        )
 
     def _own(self, which: tuple[int, ...]) -> list[int]:
         return [c for p in which for c in self.scene.forms[p].columns]
 
-    def _sizes(self, which: tuple[int, ...], state: State) -> tuple[list[int], Fitted]:
+    def _sizes(self, which: tuple[int, ...], state: Marginal) -> tuple[list[int], Fitted]:
         """Columns and sizes of some forms."""
         own, taken = self._own(which), self._taken(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
@@ -191,12 +193,12 @@ class Case:
         zero = (np.zeros(len(self.scene.forms[p].columns)) for p in which)
         return np.concatenate([np.zeros(0), *(self.taken.get(p, z) for p, z in zip(which, zero, strict=True))])
 
-    def _left(self, own: list[int], sizes: Array, state: State) -> Array:
+    def _left(self, own: list[int], sizes: Array, state: Marginal) -> Array:
         left = np.append(-self.mean - state.fitted + state.gain[:, own] @ sizes, 1.0)
         left[own] -= sizes
         return left
 
-    def under(self, which: tuple[int, ...], state: State) -> tuple[float, Fitted, Array]:
+    def under(self, which: tuple[int, ...], state: Marginal) -> tuple[float, Fitted, Array]:
         """Log of the marginal likelihood with sizes of some forms, but for the prior of the noise; those sizes; the
         coefficients (K+1,) of what it leaves."""
         own, fitted = self._sizes(which, state)
@@ -265,7 +267,7 @@ class Case:
         log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision[0])
         return [free[k] for k in np.argsort(-log).tolist()]
 
-    def _in_moments(self, base: Hypothesis, asked: Sequence[int], state: State) -> list[int]:
+    def _in_moments(self, base: Hypothesis, asked: Sequence[int], state: Marginal) -> list[int]:
         """The same beside what happens at moments: at the hypothesis' noise."""
         named = {self.scene.forms[p][:2] for p in base.which}
         free = [p for p in asked if self.scene.forms[p][:2] not in named]

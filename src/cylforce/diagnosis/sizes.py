@@ -33,7 +33,7 @@ class Column(NamedTuple):
         return min(self.axes, len(self.columns))
 
 
-class Scene(NamedTuple):
+class Terms(NamedTuple):
     """What all recordings of a machine have in common: standard errors of all columns' sizes, `always` (K,) as part of
     the machine and `spread` (K,) as an effect; `forms`: all that may be the cause; how many columns are the machine's
     own, `first`."""

@@ -73,7 +73,7 @@ class Cause(NamedTuple):
         return float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
 
 
-class Candidate(NamedTuple):
+class Suspect(NamedTuple):
     """An effect by itself: name and place, its evidence against none [nats], its probability."""
 
     key: Key
@@ -97,7 +97,7 @@ class Search(NamedTuple):
     blocks: Blocks
     floor: Floor
     causes: tuple[Cause, ...]
-    first: tuple[Candidate, ...]
+    first: tuple[Suspect, ...]
     evidence: Evidence
     viewer: Viewer
     belief: Belief
@@ -111,7 +111,7 @@ class Named(NamedTuple):
     cause: Cause
     confidence: float
     share: float
-    confused: tuple[Candidate, ...]
+    confused: tuple[Suspect, ...]
 
 
 class Judged(NamedTuple):
@@ -194,7 +194,7 @@ def _cause(found: Found, proposal: Proposal, told: tuple[Array, Array], probabil
     return Cause(proposal, "", Term(places, np.tile(one, (len(places), 1))), sizes, errors, probability, nats)
 
 
-def _happened(found: Found, belief: Belief, candidates: Sequence[Candidate]) -> tuple[Cause, ...]:
+def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[Cause, ...]:
     """What happens at moments, if that is the likeliest effect: sizes of its own in every block."""
     problem = found.question.problem
     key = next((c.key for c in candidates), NOTHING)
@@ -211,21 +211,21 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Candidate]) -> 
     return (Cause(proposal, f"{len(where)} times", term, zero, zero, belief.of[key], nats),)
 
 
-def _candidates(found: Found, belief: Belief) -> tuple[Candidate, ...]:
+def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:
     """All effects by themselves, likeliest first, then by evidence."""
-    told, best = found.asked, dict[Key, Candidate]()
+    told, best = found.asked, dict[Key, Suspect]()
     alone = [(h.which[0], h.log) for h in told.hypotheses if len(h.which) == 1]
     for p, log in alone:
         key, proposal = told.key(p), found.question.forms[p][0]
-        _keep(best, Candidate(key, proposal, log - told.none.log, belief.of.get(key, 0.0)))
+        _keep(best, Suspect(key, proposal, log - told.none.log, belief.of.get(key, 0.0)))
     for h in told.happened:
         proposals = [p for p in found.question.problem.proposals if (p.name, p.at) == h.key]
         for proposal in proposals[:1]:
-            _keep(best, Candidate(h.key, proposal, h.log - told.none.log, belief.of.get(h.key, 0.0)))
+            _keep(best, Suspect(h.key, proposal, h.log - told.none.log, belief.of.get(h.key, 0.0)))
     return tuple(sorted(best.values(), key=lambda c: (-c.probability, -c.nats)))
 
 
-def _keep(best: dict[Key, Candidate], candidate: Candidate) -> None:
+def _keep(best: dict[Key, Suspect], candidate: Suspect) -> None:
     if candidate.key not in best or best[candidate.key].nats < candidate.nats:
         best[candidate.key] = candidate
 

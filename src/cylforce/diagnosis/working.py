@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.asking import Question
+from cylforce.diagnosis.asking import Asking
 from cylforce.diagnosis.discrepancy import DECAY, Moments, Noise
-from cylforce.diagnosis.hypotheses import Case, Hypothesis
+from cylforce.diagnosis.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.numbers import HAPPENS
 from cylforce.diagnosis.statistics import White, blocked, polynomials
 from cylforce.effects.fault import SHAPES
@@ -29,8 +29,8 @@ Blocks = NDArray[np.bool_]
 class Work:
     """Recordings of work, and what the references show (`case`, whose sums are not used)."""
 
-    question: Question
-    case: Case
+    question: Asking
+    case: Inference
 
     @cached_property
     def _whites(self) -> list[White]:
@@ -94,13 +94,13 @@ class Work:
         each = self.energies(left, self.case.usual) / np.maximum(count, 1.0)
         return np.asarray((count > 0.0) & (each <= np.quantile(each[count > 0.0], QUIET)))
 
-    def on(self, kept: Blocks) -> Case:
+    def on(self, kept: Blocks) -> Inference:
         """The question put to some blocks (B,)."""
         problem = self.question.problem
         recording = self.question.sums(problem.faulty, self.question.noisy.faulty, kept)
         return replace(self.case, sums=recording, moments=self._loads.only(kept), apart=0.0)
 
-    def hypothesis(self, which: tuple[int, ...], kept: Blocks, noise: Noise) -> tuple[Hypothesis, Case, Blocks]:
+    def hypothesis(self, which: tuple[int, ...], kept: Blocks, noise: Noise) -> tuple[Hypothesis, Inference, Blocks]:
         """A hypothesis with the blocks in which it holds, from those `kept` at first."""
         best = None
         for _ in range(ROUNDS):
