@@ -12,7 +12,7 @@ from cylforce.diagnosis.correction import Applied, bends, without
 from cylforce.diagnosis.discrepancy import Moments, Noise
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
-from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, SIGMAS
+from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, SELDOM, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.rows import Recorded, Viewer
@@ -154,9 +154,13 @@ class _Search:
             work = Work(self._question, case)
             idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
             if idle.log > max([h.log for h in hypotheses] + [h.log for h in happened]):
-                case, happened, when = at_work, (), {}
-                hypotheses, blocks = self._at_work(work, idle, at_work, kept)
-        gap = case.rest(np.append(-case.mean, 1.0), case.usual)
+                left_out = float(np.mean(~kept))
+                if left_out > SELDOM:
+                    case, happened, when = at_work, (), {}
+                    hypotheses, blocks = self._at_work(work, idle, at_work, kept)
+                else:
+                    happened = (*happened, Happened(UNKNOWN, idle.log, left_out, idle.rest))
+        gap = case.rest(_as_it_was(self._question.problem, case), case.usual)
         told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
         self.watch("effects at their sizes")
         told, again = self._again(case, told, blocks)
@@ -291,14 +295,22 @@ def settled(case: Inference, moments: Moments) -> tuple[Hypothesis, Blocks]:
     return found, where
 
 
+def _as_it_was(problem: Problem, case: Inference) -> Array:
+    """Coefficients (K+1,) of what the machine leaves as its references tell it, nothing fitted to the recording but
+    where its loads hang and how the base goes."""
+    state, own = case.state(case.usual), slice(len(problem.model.parameters), problem.first)
+    left = np.append(-case.mean, 1.0)
+    left[own] -= state.fitted[own]
+    return left
+
+
 def _changed(question: Asking, case: Inference) -> Step | None:
     """When a known load most probably became another one: the first and last block of that; None without a load."""
     problem = question.problem
     loaded = [(span, seen) for span, seen in zip(problem.spans, problem.faulty, strict=True) if seen.recorded.load]
     if not loaded:
         return None
-    moments = question.moments(problem.faulty, CARRIED)
-    left = np.append(-case.mean, 1.0)
+    moments, left = question.moments(problem.faulty, CARRIED), _as_it_was(problem, case)
     across, precision, _ = moments.weighed(case.usual)
     pull, one = across @ left, np.eye(precision.shape[-1])
     told = precision - one

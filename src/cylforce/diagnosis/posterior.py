@@ -77,11 +77,22 @@ class Asked:
         p = self.forms[which]
         return UNKNOWN if p.name == UNKNOWN[0] else (p.name, p.at)
 
+    def keys(self, h: Hypothesis) -> frozenset[Key]:
+        """Names and places of a hypothesis' forms."""
+        return frozenset(self.key(p) for p in h.which)
+
+    @cached_property
+    def _best(self) -> dict[frozenset[Key], float]:
+        """The largest logarithm of all hypotheses of the same effects, whatever their forms."""
+        found: dict[frozenset[Key], float] = {}
+        for h in self.hypotheses:
+            found[self.keys(h)] = max(h.log, found.get(self.keys(h), -np.inf))
+        return found
+
     def main(self, h: Hypothesis) -> Key:
         """Of several effects the one without which most is lost."""
-        alone = {g.which: g.log for g in self.hypotheses}
-        others = {p: alone.get(tuple(x for x in h.which if x != p), -np.inf) for p in h.which}
-        return self.key(min(h.which, key=lambda p: others[p]))
+        keys = self.keys(h)
+        return min(keys, key=lambda k: (self._best.get(keys - {k}, self.none.log), k))
 
     @cached_property
     def _names(self) -> int:
