@@ -24,12 +24,14 @@ def own_pdos(file: MachineFile, findings: Inspection) -> tuple[Pdo, ...]:
     if own.period_ms * file.filter.rate_hz < 1000.0:
         problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
         findings.errors.append(FaultError(("publication", "period_ms"), f"{problem}: publish no faster than that"))
-    pdos = publication(own.node_id, own.period_ms * MILLISECOND, file.machine.rated_payload_kg, own.rated_force_n)
-    rated: tuple[tuple[str, Key], ...] = (
+    often = max(own.force_period_ms * MILLISECOND, 1.0 / file.filter.rate_hz)
+    rated = file.machine.rated_payload_kg
+    pdos = publication(own.node_id, own.period_ms * MILLISECOND, rated, own.rated_force_n, often)
+    limits: tuple[tuple[str, Key], ...] = (
         ("N", ("publication", "rated_force_n")),
         ("kg", ("machine", "rated_payload_kg")),
     )
-    for unit, key in rated:
+    for unit, key in limits:
         large = [field for pdo in pdos for field in pdo.fields if field.unit == unit and not _fits(field)]
         if large:
             problem = f"is too large for {large[0].signal} ({TYPE_NAMES[large[0].code]}): make it smaller"

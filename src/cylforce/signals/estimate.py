@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.signals.contact import ContactEvent
+
 Array = NDArray[np.float64]
 
 
@@ -49,6 +51,7 @@ class Reason(IntEnum):
     NOT_OPERATIONAL = 22
     NOT_IDENTIFIED = 23
     NOT_THIS_MACHINE = 24
+    NO_CONTACT = 25
 
 
 class Sample(NamedTuple):
@@ -124,7 +127,8 @@ def invalid_load(reason: Reason) -> Load:
 
 class Estimate(NamedTuple):
     """All estimates of a tick, as published: `load` before zero and tare, `gross` = load less zero [kg], `net` = gross
-    less tare [kg], the force at the tool, the last booking."""
+    less tare [kg], `force`: the resultant of all that acts on the tool, the last booking; `soil`: the force of the soil
+    alone; the last events at the teeth, newest last."""
 
     t_us: int
     load: Load
@@ -132,12 +136,16 @@ class Estimate(NamedTuple):
     net: Quantity
     force: Force
     booking: Booking | None
+    soil: Force
+    events: tuple[ContactEvent, ...] = ()
 
 
-def no_estimate(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:
-    """No value at all, and why; the last booking stays."""
-    nothing = invalid(reason)
-    return Estimate(t_us, invalid_load(reason), nothing, nothing, invalid_force(reason), booking)
+def no_estimate(
+    t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()
+) -> Estimate:
+    """No value at all, and why; the last booking and the last events stay."""
+    nothing, no_force = invalid(reason), invalid_force(reason)
+    return Estimate(t_us, invalid_load(reason), nothing, nothing, no_force, booking, no_force, events)
 
 
 def each_component(force: Force, change: Callable[[Quantity], Quantity]) -> Force:
@@ -152,5 +160,6 @@ def held_estimate(last: Estimate, t_us: int, reason: Reason) -> Estimate:
     def repeated(q: Quantity) -> Quantity:
         return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
 
-    load, force = Load(*(repeated(q) for q in last.load)), each_component(last.force, repeated)
-    return Estimate(t_us, load, repeated(last.gross), repeated(last.net), force, last.booking)
+    load, gross, net = Load(*(repeated(q) for q in last.load)), repeated(last.gross), repeated(last.net)
+    force, soil = each_component(last.force, repeated), each_component(last.soil, repeated)
+    return Estimate(t_us, load, gross, net, force, last.booking, soil, last.events)
