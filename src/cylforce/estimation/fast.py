@@ -86,9 +86,11 @@ class FastRegressor:
         slope, rate = self._slow.step(state.slope, (momentum - state.momentum) / self.dt)
         slower, acceleration = self._slow.step(state.acceleration, (moving.speed - state.speed) / self.dt)
         lever = moving.lever[:, list(self.machine.rows)]
-        turns = (moving.speed * (moving.speed + AHEAD_S * acceleration) < 0.0) & (np.abs(acceleration) > STARTING)
+        turns = np.where(np.abs(acceleration) > STARTING, moving.speed * (moving.speed + AHEAD_S * acceleration), 0.0)
         rows = Rows(static + rate, force @ lever)
-        found = Instant(rows, (rate - state.rate) / self.dt, turns * 1.0, lever, moving.speed, *self._tool(moving))
+        reversing = np.asarray(turns < 0.0, dtype=np.float64)
+        change = np.asarray((rate - state.rate) / self.dt)
+        found = Instant(rows, change, reversing, lever, moving.speed, *self._tool(moving))
         return Fast(quick, momentum, slope, rate, moving.speed, slower), found
 
     def _tool(self, moving: Motion) -> tuple[complex, complex]:

@@ -69,9 +69,12 @@ class ForceSensor:
         across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
         certain = size > CLEAR * across_error
         none = certain is False and across_error < POOR * self.rated_force if contact is None else not contact
-        values = (x, sqrt(xx)), (z, sqrt(zz)), (size, along_error)
-        parts = [self._touching(self._bounded(*value), none) for value in values]
-        return Force(*parts, self._direction(certain, none, atan2(z, x), across_error / (size + 1e-9)), (xx, xz, zz))
+        x_part, z_part, whole = (
+            self._touching(self._bounded(*value), none)
+            for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))
+        )
+        direction = self._direction(certain, none, atan2(z, x), across_error / (size + 1e-9))
+        return Force(x_part, z_part, whole, direction, (xx, xz, zz))
 
     def _direction(self, certain: bool, none: bool, angle: float, error: float) -> Quantity:
         """Direction [rad]: there is none of a force that is not there, and none of one that is not certain."""

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -24,14 +23,14 @@ from cylforce.signals.estimate import (
     Array,
     Estimate,
     Load,
-    Quantity,
     Reason,
     Sample,
-    Status,
+    degraded,
     each_component,
     held_estimate,
-    invalid,
+    less,
     no_estimate,
+    within,
 )
 from cylforce.signals.events import Event, Frame, Tick
 from cylforce.signals.kinds import Kind
@@ -203,9 +202,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ state.drift.values)
     weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
-    interaction, forces = core.interactor.step(
-        state.interaction, instant, drifted, usable, (weighing, load), t_us
-    )
+    weighed = (weighing, load)
+    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
     drift = _drift(core, state.drift, weighing, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     state = state._replace(weighing=weighing, drift=drift, recognition=recognition, interaction=interaction)
@@ -253,11 +251,11 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
     outside their declared range."""
     for reason in _doubts(core, state, t_us):
-        load = Load(*(_degrade(q, reason) for q in load))
-        forces = Forces(*(each_component(force, partial(_degrade, reason=reason)) for force in forces))
+        load = Load(*(degraded(q, reason) for q in load))
+        forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
     rated = core.service.machine.rated_payload
-    gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], rated)
-    net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], rated)
+    gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
+    net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
     return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.booking, forces.soil, events)
 
@@ -282,26 +280,9 @@ def _tilted(core: Core, sample: Sample) -> bool:
     )
 
 
-def _shift(q: Quantity, by: float) -> Quantity:
-    return q._replace(value=q.value + by)
-
-
 def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
     """Why nothing that is published now is OK."""
     if state.recognition.another and core.tares.identified:
         yield Reason.NOT_THIS_MACHINE
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME
-
-
-def _degrade(q: Quantity, reason: Reason) -> Quantity:
-    return q._replace(status=Status.DEGRADED, reason=reason) if q.status is Status.OK else q
-
-
-def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
-    """The quantity itself when it is finite, within `limits`, and its standard error is between 0 and `largest_error`;
-    else INVALID."""
-    if q.status is Status.INVALID:
-        return q
-    fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
-    return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)

@@ -3,6 +3,7 @@ withheld."""
 
 from collections.abc import Callable
 from enum import IntEnum
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -77,6 +78,25 @@ class Quantity(NamedTuple):
 def invalid(reason: Reason) -> Quantity:
     """A quantity without a value, with the reason."""
     return Quantity(float("nan"), float("nan"), Status.INVALID, reason)
+
+
+def less(q: Quantity, by: float) -> Quantity:
+    """The quantity with its value less `by`."""
+    return q._replace(value=q.value - by)
+
+
+def degraded(q: Quantity, reason: Reason) -> Quantity:
+    """The quantity, DEGRADED for this reason if it was OK."""
+    return q._replace(status=Status.DEGRADED, reason=reason) if q.status is Status.OK else q
+
+
+def within(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
+    """The quantity itself when it is finite, within `limits`, and its standard error is between 0 and `largest_error`;
+    else INVALID."""
+    if q.status is Status.INVALID:
+        return q
+    fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
+    return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
 
 
 class Force(NamedTuple):

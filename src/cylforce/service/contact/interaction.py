@@ -9,6 +9,7 @@ import numpy as np
 
 from cylforce.estimation.fast import Instant
 from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.residual import SMALLEST
 from cylforce.service.contact.carried import Carried, Carrier
 from cylforce.service.contact.events import Contact, Seen, Watcher
 from cylforce.service.contact.hanging_mass import without_mass
@@ -17,6 +18,8 @@ from cylforce.service.force import ForceSensor, Solved
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
 
+# times the torque: error of friction and levers under loads that the empty machine never had; see tools/README.md
+LASTING = 0.02
 STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
 
 
@@ -71,7 +74,13 @@ class Interactor:
         return Interaction(unrest, self._carrier.begin(), self._watcher.interrupt(state.contact))
 
     def step(
-        self, state: Interaction, instant: Instant, drift: Array, usable: Array, weighed: tuple[Weighing, Load], t_us: int
+        self,
+        state: Interaction,
+        instant: Instant,
+        drift: Array,
+        usable: Array,
+        weighed: tuple[Weighing, Load],
+        t_us: int,
     ) -> tuple[Interaction, Forces]:
         """The state and the forces after one instant: its rows, the torque of the adapted friction and zeros `drift`
         (R,) [N m], `usable` (R,) rows, weighing and load of the same step, time [us]."""
@@ -79,19 +88,24 @@ class Interactor:
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
-        size = len(self.tares.values)
-        columns, torque = instant.rows.columns, instant.rows.torque
-        parameters = self.tares.values + self.model.load @ carried.values
-        left = self.tares.scale * (torque - columns[:, :size] @ self.tares.values - drift)
-        unrest = self._noise.step(state.unrest, instant, parameters)
-        solved = self._sensor.solve(columns, left, self._noise.covariance(unrest, instant, left), usable)
+        own = instant.rows.columns[:, : len(self.tares.values)]
+        left = self.tares.scale * (instant.rows.torque - own @ self.tares.values - drift)
+        unrest = self._noise.step(state.unrest, instant, self.tares.values + self.model.load @ carried.values)
+        noise = self._noise.covariance(unrest, instant, left)
+        solved = self._sensor.solve(instant.rows.columns, left, noise, usable)
         contact = self._watcher.step(state.contact, Seen(t_us, *solved[:2], instant.place, instant.velocity))
-        load = columns[:, :size] @ self.model.load
+        load = own @ self.model.load
         if carried.known and not contact.touching:
-            unrest = self._noise.learn(unrest, instant, left - load @ carried.values, usable & self._moves(instant))
-        resultant = self._sensor.force(solved.found, solved.spread)
-        soil = self._soil(solved, load, carried, contact.touching)
-        return Interaction(unrest, carried, contact), Forces(resultant, soil)
+            moving = np.logical_and(usable, self._moves(instant))
+            unrest = self._noise.learn(unrest, instant, left - load @ carried.values, moving)
+        forces = self._forces(self._widened(solved, instant, left), load, carried, contact.touching)
+        return Interaction(unrest, carried, contact), forces
+
+    def _forces(self, solved: Solved, load: Array, carried: Carried, touching: bool) -> Forces:
+        """Both forces. The resultant is that of no contact while nothing touches the tool or hangs in it."""
+        light = carried.known and abs(carried.values[0]) < SMALLEST * self.model.machine.rated_payload
+        acts = touching or (not light if carried.known else None)
+        return Forces(self._sensor.force(*solved[:2], acts), self._soil(solved, load, carried, touching))
 
     def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> Carried:
         known = load.mass.status is not Status.INVALID
@@ -100,6 +114,11 @@ class Interactor:
 
     def _moves(self, instant: Instant) -> Array:
         return np.array([np.abs(instant.speed[list(acting)]).max() > STILL for acting in self.model.acting])
+
+    def _widened(self, solved: Solved, instant: Instant, left: Array) -> Solved:
+        """With the errors that stay while the contact lasts: friction at rest, and what grows with the force."""
+        lasting = self._noise.at_rest(instant) + (LASTING * left) ** 2
+        return solved._replace(spread=solved.spread + (solved.gain * lasting) @ solved.gain.T)
 
     def _soil(self, solved: Solved, load: Array, carried: Carried, touching: bool) -> Force:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most

@@ -11,7 +11,7 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import RELATIVE
 from cylforce.signals.estimate import Array
 
-# The figures below are from `tools/accuracy force --foreign`: fitted on machines with an odd number, see tools/README.md.
+# The figures below are measured on machines of another generator, those with an odd number: see tools/README.md.
 PRIOR = 5.0  # times the row error of the weighing: standard error of a row before the machine was seen in the air
 LATE_S = 0.034  # s: the torque of inertia is wrong by this time's change of it
 FADING_S = 0.045  # s in which such an error fades, the delay of the measured speed
@@ -70,6 +70,11 @@ class Noise:
         floor = self.tares.row_error**2
         learned = np.maximum(state.variance * (1.0 + np.where(good, change, 0.0)), floor)
         return state._replace(variance=learned)
+
+    def at_rest(self, instant: Instant) -> Array:
+        """Variance (R,) [N^2 m^2] of the friction of cylinders at rest: anything between -f_c and f_c."""
+        columns = instant.rows.columns[:, self.model.at_rest]
+        return np.asarray(((columns @ self._coulomb) if self._coulomb.size else columns.sum(axis=1) * 0.0) ** 2 / 3.0)
 
     def _foreseen(self, state: Unrest, instant: Instant) -> Array:
         """Variance (R,) of friction whose sign is not known."""
