@@ -52,7 +52,7 @@ class Score(NamedTuple):
 def score(run: Run, what: str = "force") -> Score:
     """The score of a recording; `what`: the resultant (force) or the force of the soil alone (soil)."""
     (found, error), true = run.found(what), resultant(run) if what == "force" else run.force
-    known = np.isfinite(found).all(axis=1)
+    known = np.asarray(np.isfinite(found).all(axis=1))
     size, off = np.hypot(*true.T), np.hypot(*(found - true).T)
     large, air = known & (size > LARGE), known & (size < 1.0) & (run.mass < 1.0)
     inside = np.abs(found - true) < 1.96 * error
@@ -77,13 +77,13 @@ def quantile(values: Array, share: float = 95.0) -> float:
 
 def lag_ms(t_s: Array, found: Array, true: Array) -> float:
     """By how much the published force [ms] is shifted where it fits the truth best (least squares)."""
-    known = np.isfinite(found).all(axis=1)
+    known = np.asarray(np.isfinite(found).all(axis=1))
 
     def misfit(late: float) -> float:
         shifted = np.column_stack([np.interp(t_s - late, t_s, axis) for axis in true.T])
         return float(np.sum((found - shifted)[known] ** 2))
 
-    return 1e3 * min(np.arange(0.0, 0.4, 0.005).tolist(), key=misfit)
+    return 1e3 * float(min(np.arange(0.0, 0.4, 0.005).tolist(), key=misfit))
 
 
 def with_force(core: Core, values: Array, force: Array) -> Array:
@@ -95,7 +95,9 @@ def with_force(core: Core, values: Array, force: Array) -> Array:
     cylinders = np.linalg.solve(np.swapaxes(moving.lever, 1, 2)[:, list(machine.rows)], torque[..., None])[..., 0]
     for k, signal in enumerate(machine.signals):
         if signal.kind is Kind.HEAD_PRESSURE:
-            changed[:, k] += cylinders[:, signal.index] / machine.cylinders[signal.index].area_head
+            changed[:, k] += np.maximum(cylinders[:, signal.index], 0.0) / machine.cylinders[signal.index].area_head
+        elif signal.kind is Kind.ROD_PRESSURE:
+            changed[:, k] -= np.minimum(cylinders[:, signal.index], 0.0) / machine.cylinders[signal.index].area_rod
     return changed
 
 
@@ -136,8 +138,8 @@ def response(core: Core, values: Array) -> dict[str, float]:
     encode, t = encoder(core), np.arange(len(values)) / rate
     base = _x(published_course(core, values, 0, encode))
 
-    def answer(push: Array) -> Array:
-        force = np.column_stack([push, np.zeros_like(push)])
+    def answer(push: Any) -> Array:
+        force = np.column_stack([push, np.zeros(len(t))])
         return _x(published_course(core, with_force(core, values, force), 0, encode)) - base
 
     delays = [_half(answer(STEP_N * (t >= at)), t, at, rate) for at in (6.0, 6.0025, 6.005, 6.0075, 6.01, 6.0125, 6.015)]
@@ -148,7 +150,7 @@ def response(core: Core, values: Array) -> dict[str, float]:
 
 
 def _x(course: list[Estimate]) -> Array:
-    return np.nan_to_num(np.array([e.force.x.value for e in course]))
+    return np.asarray(np.nan_to_num(np.array([e.force.x.value for e in course])), dtype=np.float64)
 
 
 def _half(answer: Array, t: Array, at: float, rate: float) -> float:
@@ -158,7 +160,7 @@ def _half(answer: Array, t: Array, at: float, rate: float) -> float:
 
 
 def _gain(answer: Array, t: Array, hz: float) -> float:
-    late = t > 5.0
+    late = t >= 5.0
     wave = np.exp(-2j * np.pi * hz * t[late])
     return float(2.0 * np.abs(np.mean(answer[late] * wave)) / SINE_N)
 

@@ -18,8 +18,6 @@ from cylforce.service.force import ForceSensor, Solved
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
 
-# times the torque: error of friction and levers under loads that the empty machine never had; see tools/README.md
-LASTING = 0.02
 STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
 
 
@@ -98,7 +96,7 @@ class Interactor:
         if carried.known and not contact.touching:
             moving = np.logical_and(usable, self._moves(instant))
             unrest = self._noise.learn(unrest, instant, left - load @ carried.values, moving)
-        forces = self._forces(self._widened(solved, instant, left), load, carried, contact.touching)
+        forces = self._forces(solved, load, carried, contact.touching)
         return Interaction(unrest, carried, contact), forces
 
     def _forces(self, solved: Solved, load: Array, carried: Carried, touching: bool) -> Forces:
@@ -114,11 +112,6 @@ class Interactor:
 
     def _moves(self, instant: Instant) -> Array:
         return np.array([np.abs(instant.speed[list(acting)]).max() > STILL for acting in self.model.acting])
-
-    def _widened(self, solved: Solved, instant: Instant, left: Array) -> Solved:
-        """With the errors that stay while the contact lasts: friction at rest, and what grows with the force."""
-        lasting = self._noise.at_rest(instant) + (LASTING * left) ** 2
-        return solved._replace(spread=solved.spread + (solved.gain * lasting) @ solved.gain.T)
 
     def _soil(self, solved: Solved, load: Array, carried: Carried, touching: bool) -> Force:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most

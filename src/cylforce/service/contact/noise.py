@@ -71,11 +71,6 @@ class Noise:
         learned = np.maximum(state.variance * (1.0 + np.where(good, change, 0.0)), floor)
         return state._replace(variance=learned)
 
-    def at_rest(self, instant: Instant) -> Array:
-        """Variance (R,) [N^2 m^2] of the friction of cylinders at rest: anything between -f_c and f_c."""
-        columns = instant.rows.columns[:, self.model.at_rest]
-        return np.asarray(((columns @ self._coulomb) if self._coulomb.size else columns.sum(axis=1) * 0.0) ** 2 / 3.0)
-
     def _foreseen(self, state: Unrest, instant: Instant) -> Array:
         """Variance (R,) of friction whose sign is not known."""
         if not self._coulomb.size:
