@@ -113,7 +113,9 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="accuracy events", description=__doc__)
-    parser.add_argument("--foreign", action="store_true", help="machines of the other generator, from the shared folder")
+    parser.add_argument(
+        "--foreign", action="store_true", help="machines of the other generator, from the shared folder"
+    )
     parser.add_argument("--machines", type=int, default=4, help="reference machines")
     parser.add_argument("--seed", type=int, default=9000, help="of the first reference machine")
     parser.add_argument("--json", type=Path)

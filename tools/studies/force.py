@@ -142,7 +142,9 @@ def response(core: Core, values: Array) -> dict[str, float]:
         force = np.column_stack([push, np.zeros(len(t))])
         return _x(published_course(core, with_force(core, values, force), 0, encode)) - base
 
-    delays = [_half(answer(STEP_N * (t >= at)), t, at, rate) for at in (6.0, 6.0025, 6.005, 6.0075, 6.01, 6.0125, 6.015)]
+    delays = [
+        _half(answer(STEP_N * (t >= at)), t, at, rate) for at in (6.0, 6.0025, 6.005, 6.0075, 6.01, 6.0125, 6.015)
+    ]
     gains = [_gain(answer(SINE_N * np.sin(2.0 * np.pi * hz * t)), t, hz) for hz in SINES_HZ]
     below = [k for k, gain in enumerate(gains) if gain < np.sqrt(0.5)]
     band = float(np.interp(-np.sqrt(0.5), -np.array(gains), SINES_HZ)) if below else SINES_HZ[-1]
@@ -205,7 +207,9 @@ def in_the_air(seed: int) -> tuple[Core, Array]:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="accuracy force", description=__doc__)
-    parser.add_argument("--foreign", action="store_true", help="machines of the other generator, from the shared folder")
+    parser.add_argument(
+        "--foreign", action="store_true", help="machines of the other generator, from the shared folder"
+    )
     parser.add_argument("--machines", type=int, default=4, help="reference machines")
     parser.add_argument("--seed", type=int, default=9000, help="of the first reference machine")
     parser.add_argument("--json", type=Path)

@@ -70,8 +70,7 @@ class ForceSensor:
         certain = size > CLEAR * across_error
         none = certain is False and across_error < POOR * self.rated_force if contact is None else not contact
         x_part, z_part, whole = (
-            self._touching(self._bounded(*value), none)
-            for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))
+            self._touching(self._bounded(*value), none) for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))
         )
         direction = self._direction(certain, none, atan2(z, x), across_error / (size + 1e-9))
         return Force(x_part, z_part, whole, direction, (xx, xz, zz))

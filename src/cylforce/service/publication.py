@@ -1,7 +1,9 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
+from dataclasses import replace
 from math import pi
 
+from cylforce.mechanics.installation import Filters
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Estimate, Quantity
 from cylforce.signals.layout import Field, Pdo
@@ -26,16 +28,23 @@ BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
 _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers, in SI
 _CM, _MS, _PERCENT = 0.01, 1e-3, 0.01
+BUTTERWORTH_DELAY = 0.5**0.5 / pi  # s Hz: delay of slow signals in a Butterworth low-pass of second order
 _FAR, _OLD = 327.67, 4294967.294  # m and s, the largest that an INTEGER16 and an UNSIGNED32 carry
 FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
 _LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; a weight that uncertain is no weight
 
 
 def publication(
-    node_id: int, period_s: float, rated_payload: float, rated_force: float, force_period_s: float | None = None
+    node_id: int,
+    period_s: float,
+    rated_payload: float,
+    rated_force: float,
+    force_period_s: float | None = None,
+    filters: Filters | None = None,
 ) -> tuple[Pdo, ...]:
     """TPDO 1 to 8 of our node, sent every `period_s` [s], those of the forces every `force_period_s`; `rated_payload`
-    [kg] and `rated_force` [N] give the ranges. A quality byte is status (bits 0-1) + 4 * reason (bits 2-7)."""
+    [kg] and `rated_force` [N] give the ranges; with `filters` each value says its bandwidth and delay. A quality byte
+    is status (bits 0-1) + 4 * reason (bits 2-7)."""
     kg = (-0.5 * rated_payload, 2.0 * rated_payload)
     largest = min(rated_payload, _LARGEST_ERROR)
     table = (
@@ -64,9 +73,26 @@ def publication(
     )
     often = period_s if force_period_s is None else min(force_period_s, period_s)
     return tuple(
-        Pdo(cob_id(k, node_id), node_id, k, False, 0, often if k in FAST else period_s, fields)
-        for k, fields in enumerate(table, 1)
+        _pdo(k, node_id, often if k in FAST else period_s, fields, filters) for k, fields in enumerate(table, 1)
     )
+
+
+def _pdo(number: int, node_id: int, period_s: float, fields: tuple[Field, ...], filters: Filters | None) -> Pdo:
+    if filters is not None:
+        fields = tuple(replace(field, note=timing(str(field.signal), filters, period_s)) for field in fields)
+    return Pdo(cob_id(number, node_id), node_id, number, False, 0, period_s, fields)
+
+
+def timing(signal: str, filters: Filters, period_s: float) -> str:
+    """Bandwidth and delay of a published value: a signal waits half a step until it is measured and one step until it
+    is used, a value half a publication period on average until it is sent."""
+    wait = 1.5 / filters.rate_hz + period_s / 2.0
+    if signal in (*FORCES, *SOIL):
+        late = wait + BUTTERWORTH_DELAY / filters.force_hz
+        return f"-3 dB at {filters.force_hz:g} Hz, delay {1e3 * late:.0f} ms"
+    if signal in (GROSS, NET):
+        return "mean over the lift, shown 1.0 s after it began"
+    return f"no filter, delay {1e3 * wait:.0f} ms"
 
 
 def cob_id(number: int, node_id: int) -> int:

@@ -121,7 +121,7 @@ def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[M
     findings.errors.extend(_filter_faults(file.filter) if "filter" in good else ())
     parts = Parts()
     if good >= BUS:
-        own = own_pdos(file, findings)
+        own = own_pdos(file, _filters(file.filter), findings)
         parts = parts._replace(publication=own, nodes=nodes(file, folder, own, findings))
     if good >= ARM:
         parts = parts._replace(machine=_machine(file, good, findings))

@@ -161,9 +161,7 @@ class Estimate(NamedTuple):
     events: tuple[ContactEvent, ...] = ()
 
 
-def no_estimate(
-    t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()
-) -> Estimate:
+def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()) -> Estimate:
     """No value at all, and why; the last booking and the last events stay."""
     nothing, no_force = invalid(reason), invalid_force(reason)
     return Estimate(t_us, invalid_load(reason), nothing, nothing, no_force, booking, no_force, events)

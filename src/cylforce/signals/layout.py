@@ -21,7 +21,7 @@ TYPE_NAMES |= {"I": "UNSIGNED32", "f": "REAL32"}
 class Field:
     """One mapped object: SI value = raw * scale + offset. `signal` is the name of the signal or published value, None
     for unused bytes. `index` and `sub` address the object; values outside `low`..`high` [SI] are neither accepted nor
-    published."""
+    published. `note`: bandwidth and delay of a published value, for its description."""
 
     signal: str | None
     index: int
@@ -32,6 +32,7 @@ class Field:
     unit: str
     low: float
     high: float
+    note: str = ""
 
 
 class Pdo(NamedTuple):
