@@ -95,7 +95,7 @@ def database():
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_dbc_decodes_what_we_encode(database, sign):
     values = {
-        f.signal: (f.low if sign < 0 else f.high) * 0.9 if f.unit != "1" else 3.0 * (sign > 0)
+        f.signal: (f.low if sign < 0 else f.high) * 0.9 if f.unit != "1" else min(3.0, 0.9 * f.high) * (sign > 0)
         for pdo in PUBLICATION
         for f in pdo.fields
     }

@@ -1,5 +1,5 @@
-"""Events at the teeth: how soon a contact is noticed, how soon a buried stiff object shows in the force and as an event,
-false alarms in empty motion. The truth passed no filter."""
+"""Events at the teeth: how soon a contact is noticed, how soon a buried stiff object shows in the force and as an
+event, false alarms in empty motion. The truth passed no filter."""
 
 import argparse
 import json
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from cylforce.service.publication import MAGNITUDE
@@ -34,7 +35,7 @@ def contact_delays(run: Run) -> list[float]:
     return [_delay(begin, max((t for t in touched if t <= begin), default=begin), times) for begin in begins]
 
 
-def _beginnings(on: Any, t_s: Array) -> list[float]:
+def _beginnings(on: NDArray[np.bool_], t_s: Array) -> list[float]:
     """Times at which something begins after a pause."""
     changes = np.flatnonzero(np.diff(on.astype(np.int64)) > 0) + 1
     steps = round(PAUSE_S / float(np.median(np.diff(t_s))))

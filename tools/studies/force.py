@@ -6,16 +6,17 @@ pressures of a machine that moves in the air."""
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.effects.loads.tip_force import tip_torque
 from cylforce.commissioning.identification import identify
+from cylforce.effects.loads.tip_force import tip_torque
 from cylforce.programs.common.readings import model_of
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
@@ -30,7 +31,10 @@ from studies.unexplained import ROOT
 LARGE = 10e3  # N: below it a relative error says nothing
 CONTACTS = ("press", "drag", "soil", "buried", "tip_load", "digging")
 STEP_N, SINE_N = 20e3, 10e3
+STEPS_S = tuple(6.0 + 0.0025 * k for k in range(8))  # over one publication period
 SINES_HZ = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0)
+
+Encode = Callable[[Array, int], Iterable[Frame]]
 
 
 class Score(NamedTuple):
@@ -101,7 +105,7 @@ def with_force(core: Core, values: Array, force: Array) -> Array:
     return changed
 
 
-def published_course(core: Core, values: Array, first_us: int, encode: Any) -> list[Estimate]:
+def published_course(core: Core, values: Array, first_us: int, encode: Encode) -> list[Estimate]:
     """What is on the bus at each step after the samples were measured there: at a tick the service uses the samples of
     the tick before, and sends only at every publication."""
     state, shown, period = core.begin(), [], round(1e6 / core.service.filters.rate_hz)
@@ -117,7 +121,7 @@ def published_course(core: Core, values: Array, first_us: int, encode: Any) -> l
     return shown
 
 
-def encoder(core: Core) -> Any:
+def encoder(core: Core) -> Encode:
     """A function (row of SI values, time [us]) -> the frames of all sensors."""
     pdos = [pdo for node in core.service.nodes for pdo in node.pdos]
     names = [signal.name for signal in core.service.machine.signals]
@@ -138,13 +142,11 @@ def response(core: Core, values: Array) -> dict[str, float]:
     encode, t = encoder(core), np.arange(len(values)) / rate
     base = _x(published_course(core, values, 0, encode))
 
-    def answer(push: Any) -> Array:
+    def answer(push: NDArray[np.floating]) -> Array:
         force = np.column_stack([push, np.zeros(len(t))])
         return _x(published_course(core, with_force(core, values, force), 0, encode)) - base
 
-    delays = [
-        _half(answer(STEP_N * (t >= at)), t, at, rate) for at in (6.0, 6.0025, 6.005, 6.0075, 6.01, 6.0125, 6.015)
-    ]
+    delays = [_half(answer(STEP_N * (t >= at)), t, at, rate) for at in STEPS_S]
     gains = [_gain(answer(SINE_N * np.sin(2.0 * np.pi * hz * t)), t, hz) for hz in SINES_HZ]
     below = [k for k, gain in enumerate(gains) if gain < np.sqrt(0.5)]
     band = float(np.interp(-np.sqrt(0.5), -np.array(gains), SINES_HZ)) if below else SINES_HZ[-1]

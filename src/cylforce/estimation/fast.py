@@ -1,5 +1,5 @@
-"""Rows of this instant, for the force at the tool: torque = columns @ parameters as in `regressor`, but each part passes
-only the filter that its own noise needs.
+"""Rows of this instant, for the force at the tool: torque = columns @ parameters as in `regressor`, but each part
+passes only the filter that its own noise needs.
 
 The hydraulics hold the motion, so that a force of the soil shows in the pressures at once and in the acceleration
 hardly. Cylinder forces therefore pass quickly; only the inertia, whose noise grows with the square of its corner

@@ -1,7 +1,7 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
 from dataclasses import replace
-from math import pi
+from math import pi, sin, sqrt
 
 from cylforce.mechanics.installation import Filters
 from cylforce.signals.codec import encode
@@ -85,14 +85,27 @@ def _pdo(number: int, node_id: int, period_s: float, fields: tuple[Field, ...], 
 
 def timing(signal: str, filters: Filters, period_s: float) -> str:
     """Bandwidth and delay of a published value: a signal waits half a step until it is measured and one step until it
-    is used, a value half a publication period on average until it is sent."""
-    wait = 1.5 / filters.rate_hz + period_s / 2.0
+    is used, a value until the next publication."""
+    step = 1.0 / filters.rate_hz
+    wait = 1.5 * step + max(period_s - step, 0.0) / 2.0
     if signal in (*FORCES, *SOIL):
         late = wait + BUTTERWORTH_DELAY / filters.force_hz
-        return f"-3 dB at {filters.force_hz:g} Hz, delay {1e3 * late:.0f} ms"
+        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s):.0f} Hz, delay {1e3 * late:.0f} ms"
     if signal in (GROSS, NET):
         return "mean over the lift, shown 1.0 s after it began"
     return f"no filter, delay {1e3 * wait:.0f} ms"
+
+
+def bandwidth_hz(cutoff_hz: float, period_s: float) -> float:
+    """Frequency [Hz] at which a Butterworth low-pass of second order and the hold between two publications together
+    leave 1/sqrt(2) of a sine."""
+    low, high = 0.0, cutoff_hz
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        held = sin(pi * middle * period_s) / (pi * middle * period_s)
+        gain = held / sqrt(1.0 + (middle / cutoff_hz) ** 4)
+        low, high = (middle, high) if gain > 0.5**0.5 else (low, middle)
+    return low
 
 
 def cob_id(number: int, node_id: int) -> int:

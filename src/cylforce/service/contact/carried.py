@@ -13,7 +13,7 @@ from cylforce.signals.estimate import Array
 FILLING_S = 5.0  # s of contact in which a bucket can be filled or emptied; chosen
 
 
-class Carried(NamedTuple):
+class KnownLoad(NamedTuple):
     """State: the load's (m, m x, m z, J about the last pin) `values` (4,) and `covariance` (4, 4) as last weighed;
     `filling`: seconds of contact since then; whether it is `known` now, because a load hangs and is weighed."""
 
@@ -35,17 +35,17 @@ class Carrier:
         rated, middle = self.machine.rated_payload, self.machine.payload_reach / 2.0
         return rated * np.array([1.0, middle, 0.0, middle**2])
 
-    def begin(self) -> Carried:
+    def begin(self) -> KnownLoad:
         """Nothing is known of the load."""
-        return Carried(np.zeros(4), np.diag(load_spread(self.machine) ** 2), 0.0, False)
+        return KnownLoad(np.zeros(4), np.diag(load_spread(self.machine) ** 2), 0.0, False)
 
-    def step(self, state: Carried, weighed: tuple[Array, Array] | None, touching: bool, dt: float) -> Carried:
+    def step(self, state: KnownLoad, weighed: tuple[Array, Array] | None, touching: bool, dt: float) -> KnownLoad:
         """The state after one instant of `dt` [s]: `weighed`, the load's (values, covariance) where one hangs."""
         if weighed is not None and not touching:
-            return Carried(*weighed, 0.0, True)
+            return KnownLoad(*weighed, 0.0, True)
         return state._replace(filling=state.filling + dt * touching, known=False)
 
-    def covariance(self, state: Carried) -> Array:
+    def covariance(self, state: KnownLoad) -> Array:
         """Covariance (4, 4) of the load: as weighed, and a bucket that fills while it is in contact."""
         filled = min(state.filling / FILLING_S, 1.0) * self._full
         return state.covariance + np.multiply.outer(filled, filled)

@@ -26,7 +26,7 @@ DUG_M = 0.3  # m of path in contact, from which on its end is a transition from 
 AGAIN_S = 1.0  # s from one stiff object to the next
 
 
-class Contact(NamedTuple):
+class Touch(NamedTuple):
     """State: whether the tool is `touching`; seconds since it looked so last (`away`); since contact began, `seconds`
     and path [m]; seconds since the last stiff object; the last RISE_S as rows of (force [N], path [m]); the course of
     the ground; number of events so far and the KEPT last ones, newest last."""
@@ -42,7 +42,7 @@ class Contact(NamedTuple):
     events: tuple[ContactEvent, ...]
 
 
-class Seen(NamedTuple):
+class Moment(NamedTuple):
     """What is seen at an instant: time [us], force (2,) [N] with covariance (2, 2), place [m] and velocity [m/s] of the
     teeth as x + i z."""
 
@@ -66,15 +66,15 @@ class Watcher:
     def _window(self) -> int:
         return max(2, round(RISE_S / self.dt))
 
-    def begin(self) -> Contact:
+    def begin(self) -> Touch:
         """The state before anything is seen."""
-        return Contact(False, 0.0, 0.0, 0.0, AGAIN_S, np.zeros((self._window + 1, 2)), course_begun(), 0, ())
+        return Touch(False, 0.0, 0.0, 0.0, AGAIN_S, np.zeros((self._window + 1, 2)), course_begun(), 0, ())
 
-    def interrupt(self, state: Contact) -> Contact:
+    def interrupt(self, state: Touch) -> Touch:
         """The state after an interruption of the measurement; the events remain."""
         return self.begin()._replace(number=state.number, events=state.events)
 
-    def step(self, state: Contact, seen: Seen) -> Contact:
+    def step(self, state: Touch, seen: Moment) -> Touch:
         """The state after one instant."""
         pushed = without_mass(seen.force, seen.spread, self.rated_payload)
         clearness = float(pushed @ np.linalg.solve(seen.spread, pushed))
@@ -88,7 +88,7 @@ class Watcher:
             return self._ended(state, seen, clearness)
         return self._slope(self._stiff(state, seen), seen)
 
-    def _moved(self, state: Contact, seen: Seen, size: float) -> Contact:
+    def _moved(self, state: Touch, seen: Moment, size: float) -> Touch:
         went = abs(seen.velocity) * self.dt
         path = state.path + went if state.touching else 0.0
         recent = np.empty_like(state.recent)
@@ -97,16 +97,16 @@ class Watcher:
         since = min(state.since_stiff + self.dt, AGAIN_S)
         return state._replace(seconds=seconds, path=path, recent=recent, since_stiff=since)
 
-    def _begun(self, state: Contact, seen: Seen, clearness: float) -> Contact:
+    def _begun(self, state: Touch, seen: Moment, clearness: float) -> Touch:
         state = state._replace(touching=True, away=0.0, course=course_begun())
         return self._note(state, EventKind.CONTACT_BEGINS, seen, probably(sqrt(clearness), sqrt(BEGINS), 1.0))
 
-    def _ended(self, state: Contact, seen: Seen, clearness: float) -> Contact:
+    def _ended(self, state: Touch, seen: Moment, clearness: float) -> Touch:
         kind = EventKind.SOIL_LEFT if state.path > DUG_M else EventKind.CONTACT_ENDS
         sure = probably(sqrt(BEGINS) - sqrt(clearness), sqrt(BEGINS), 1.0)
         return self._note(state._replace(touching=False, away=0.0), kind, seen, sure)
 
-    def _stiff(self, state: Contact, seen: Seen) -> Contact:
+    def _stiff(self, state: Touch, seen: Moment) -> Touch:
         """A rise of the force over the path of the teeth that no soil has."""
         rise, path = (state.recent[-1] - state.recent[0]).tolist()
         enough = rise > JUMP * self.rated_force and path > CRAWL_M and state.path > INSIDE_M
@@ -116,12 +116,12 @@ class Watcher:
         sure = probably(rise, JUMP * self.rated_force, error)
         return self._note(state._replace(since_stiff=0.0), EventKind.STIFF_OBJECT, seen, sure)
 
-    def _slope(self, state: Contact, seen: Seen) -> Contact:
+    def _slope(self, state: Touch, seen: Moment) -> Touch:
         course, sure = kink(state.course, seen.place)
         state = state._replace(course=course)
         return state if sure is None else self._note(state, EventKind.SLOPE_CHANGES, seen, sure)
 
-    def _note(self, state: Contact, kind: EventKind, seen: Seen, sure: float) -> Contact:
+    def _note(self, state: Touch, kind: EventKind, seen: Moment, sure: float) -> Touch:
         number = state.number + 1
         event = ContactEvent(number, seen.t_us, kind, seen.place.real, seen.place.imag, sure)
         return state._replace(number=number, events=(*state.events, event)[-KEPT:])

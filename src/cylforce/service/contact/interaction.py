@@ -10,8 +10,8 @@ import numpy as np
 from cylforce.estimation.fast import Instant
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import SMALLEST
-from cylforce.service.contact.carried import Carried, Carrier
-from cylforce.service.contact.events import Contact, Seen, Watcher
+from cylforce.service.contact.carried import Carrier, KnownLoad
+from cylforce.service.contact.events import Moment, Touch, Watcher
 from cylforce.service.contact.hanging_mass import without_mass
 from cylforce.service.contact.noise import Noise, Unrest
 from cylforce.service.force import ForceSensor, Solved
@@ -25,8 +25,8 @@ class Interaction(NamedTuple):
     """State: errors, load in the bucket, contact."""
 
     unrest: Unrest
-    carried: Carried
-    contact: Contact
+    carried: KnownLoad
+    contact: Touch
 
 
 class Forces(NamedTuple):
@@ -91,7 +91,7 @@ class Interactor:
         unrest = self._noise.step(state.unrest, instant, self.tares.values + self.model.load @ carried.values)
         noise = self._noise.covariance(unrest, instant, left)
         solved = self._sensor.solve(instant.rows.columns, left, noise, usable)
-        contact = self._watcher.step(state.contact, Seen(t_us, *solved[:2], instant.place, instant.velocity))
+        contact = self._watcher.step(state.contact, Moment(t_us, *solved[:2], instant.place, instant.velocity))
         load = own @ self.model.load
         if carried.known and not contact.touching:
             moving = np.logical_and(usable, self._moves(instant))
@@ -99,13 +99,13 @@ class Interactor:
         forces = self._forces(solved, load, carried, contact.touching)
         return Interaction(unrest, carried, contact), forces
 
-    def _forces(self, solved: Solved, load: Array, carried: Carried, touching: bool) -> Forces:
+    def _forces(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Forces:
         """Both forces. The resultant is that of no contact while nothing touches the tool or hangs in it."""
         light = carried.known and abs(carried.values[0]) < SMALLEST * self.model.machine.rated_payload
         acts = touching or (not light if carried.known else None)
         return Forces(self._sensor.force(*solved[:2], acts), self._soil(solved, load, carried, touching))
 
-    def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> Carried:
+    def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
         known = load.mass.status is not Status.INVALID
         lift = (weighing.lift.values, weighing.lift.covariance) if known else None
         return self._carrier.step(state.carried, lift, state.contact.touching, 1.0 / self.model.filters.rate_hz)
@@ -113,7 +113,7 @@ class Interactor:
     def _moves(self, instant: Instant) -> Array:
         return np.array([np.abs(instant.speed[list(acting)]).max() > STILL for acting in self.model.acting])
 
-    def _soil(self, solved: Solved, load: Array, carried: Carried, touching: bool) -> Force:
+    def _soil(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Force:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
         of it."""
         if not carried.known and not touching:
