@@ -29,7 +29,7 @@ CHAPTERS = [
 ]
 SERVICE_PAGE = (ROOT / "src/cylforce/service/README.md").read_text()
 EXCAVATOR = ROOT / "config/excavator_20t.toml"
-SHORT = {"INTEGER32": "i32", "INTEGER16": "i16", "UNSIGNED16": "u16", "UNSIGNED8": "u8"}
+SHORT = {"INTEGER32": "i32", "INTEGER16": "i16", "UNSIGNED16": "u16", "UNSIGNED8": "u8", "UNSIGNED32": "u32"}
 
 
 def rows_of(page: str) -> list[list[str]]:
@@ -142,8 +142,8 @@ def test_bandwidth_and_delay_are_those_of_the_shipped_filters() -> None:
     service = load(EXCAVATOR).service
     model = Model(service.machine, service.filters, ("coulomb",))
     f, period = service.filters, service.publication[1].period_s
-    late = 0.225 / f.force_hz + 1.5 / f.rate_hz + (period - 1.0 / f.rate_hz) / 2.0
-    assert through(model, 0.5)[1] == pytest.approx(0.225 / f.force_hz, abs=0.001)
+    late = 0.195 / f.force_hz + 1.5 / f.rate_hz + (period - 1.0 / f.rate_hz) / 2.0
+    assert through(model, 0.5)[1] == pytest.approx(0.195 / f.force_hz, abs=0.001)
     assert late == pytest.approx(model.fast.delay + 1.5 / f.rate_hz + (period - 1.0 / f.rate_hz) / 2.0, abs=0.001)
     assert delay == pytest.approx(1e3 * late, abs=1.0)
     note = next(field.note for field in service.publication[1].fields)

@@ -68,6 +68,7 @@ class ForceSensor:
         along_error = sqrt(abs(cos * cos * xx + 2.0 * cos * sin * xz + sin * sin * zz))
         across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
         certain = size > CLEAR * across_error
+        along_error = along_error if certain else hypot(along_error, across_error)
         none = certain is False and across_error < POOR * self.rated_force if contact is None else not contact
         x_part, z_part, whole = (
             self._touching(self._bounded(*value), none) for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))

@@ -1,7 +1,7 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
 from dataclasses import replace
-from math import pi, sin, sqrt
+from math import pi, sin, sqrt, tan
 
 from cylforce.mechanics.installation import Filters
 from cylforce.signals.codec import encode
@@ -28,7 +28,6 @@ BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
 _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers, in SI
 _CM, _MS, _PERCENT = 0.01, 1e-3, 0.01
-BUTTERWORTH_DELAY = 0.5**0.5 / pi  # s Hz: delay of slow signals in a Butterworth low-pass of second order
 _FAR, _OLD = 327.67, 4294967.294  # m and s, the largest that an INTEGER16 and an UNSIGNED32 carry
 FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
 _LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; a weight that uncertain is no weight
@@ -89,21 +88,21 @@ def timing(signal: str, filters: Filters, period_s: float) -> str:
     step = 1.0 / filters.rate_hz
     wait = 1.5 * step + max(period_s - step, 0.0) / 2.0
     if signal in (*FORCES, *SOIL):
-        late = wait + BUTTERWORTH_DELAY / filters.force_hz
-        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s):.0f} Hz, delay {1e3 * late:.0f} ms"
+        late = wait + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))  # a Butterworth low-pass, slow signals
+        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s, step):.0f} Hz, delay {1e3 * late:.0f} ms"
     if signal in (GROSS, NET):
         return "mean over the lift, shown 1.0 s after it began"
     return f"no filter, delay {1e3 * wait:.0f} ms"
 
 
-def bandwidth_hz(cutoff_hz: float, period_s: float) -> float:
-    """Frequency [Hz] at which a Butterworth low-pass of second order and the hold between two publications together
-    leave 1/sqrt(2) of a sine."""
+def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
+    """Frequency [Hz] at which a Butterworth low-pass of second order, with the fixed step [s], and the hold between two
+    publications together leave 1/sqrt(2) of a sine."""
     low, high = 0.0, cutoff_hz
     for _ in range(40):
         middle = (low + high) / 2.0
         held = sin(pi * middle * period_s) / (pi * middle * period_s)
-        gain = held / sqrt(1.0 + (middle / cutoff_hz) ** 4)
+        gain = held / sqrt(1.0 + (tan(pi * middle * step_s) / tan(pi * cutoff_hz * step_s)) ** 4)
         low, high = (middle, high) if gain > 0.5**0.5 else (low, middle)
     return low
 
