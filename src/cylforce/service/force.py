@@ -56,11 +56,11 @@ class ForceSensor:
         gain[:, usable] = (spread @ weighted)[:2]
         return Solved(gain @ torque, spread[:2, :2], gain)
 
-    def force(self, found: Array, spread: Array, contact: bool | None = None) -> Force:
+    def force(self, found: Array, spread: Array, contact: bool) -> Force:
         """The published force for `found` (2,) [N] with covariance `spread` (2, 2) [N^2] without that of the scale. A
         component whose standard error exceeds BLIND is INVALID; there is no direction unless the force is larger than
-        CLEAR standard errors across it. `contact`: whether the tool is in contact; None: this follows from the
-        direction."""
+        CLEAR standard errors across it, nor
+        without `contact`; NO_CONTACT is then the reason."""
         (xx, xz), (_, zz) = (spread + self.tares.scale_error**2 * np.multiply.outer(found, found)).tolist()
         x, z = found.tolist()
         size = hypot(x, z)
@@ -69,22 +69,22 @@ class ForceSensor:
         across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
         certain = size > CLEAR * across_error
         along_error = along_error if certain else hypot(along_error, across_error)
-        none = certain is False and across_error < POOR * self.rated_force if contact is None else not contact
         x_part, z_part, whole = (
-            self._touching(self._bounded(*value), none) for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))
+            self._touching(self._bounded(*value), contact)
+            for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))
         )
-        direction = self._direction(certain, none, atan2(z, x), across_error / (size + 1e-9))
+        direction = self._direction(certain, contact, atan2(z, x), across_error / (size + 1e-9))
         return Force(x_part, z_part, whole, direction, (xx, xz, zz))
 
-    def _direction(self, certain: bool, none: bool, angle: float, error: float) -> Quantity:
+    def _direction(self, certain: bool, contact: bool, angle: float, error: float) -> Quantity:
         """Direction [rad]: there is none of a force that is not there, and none of one that is not certain."""
-        if none or not certain:
-            return invalid(Reason.NO_CONTACT if none else Reason.UNCERTAIN)
+        if not (contact and certain):
+            return invalid(Reason.UNCERTAIN if contact else Reason.NO_CONTACT)
         return self._quantity(angle, error)
 
-    def _touching(self, q: Quantity, none: bool) -> Quantity:
-        """The quantity, with NO_CONTACT as the reason why it is nearly zero."""
-        return q._replace(reason=Reason.NO_CONTACT) if none and q.status is Status.OK else q
+    def _touching(self, q: Quantity, contact: bool) -> Quantity:
+        """The quantity; without contact NO_CONTACT is the reason why it is nearly zero."""
+        return q if contact or q.status is not Status.OK else q._replace(reason=Reason.NO_CONTACT)
 
     def _bounded(self, value: float, error: float) -> Quantity:
         if not error <= BLIND * self.rated_force:

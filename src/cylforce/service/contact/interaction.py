@@ -17,6 +17,7 @@ from cylforce.service.contact.noise import Noise, Unrest
 from cylforce.service.force import ForceSensor, Solved
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
+from cylforce.signals.units import STANDARD_GRAVITY
 
 STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
 
@@ -101,9 +102,14 @@ class Interactor:
 
     def _forces(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Forces:
         """Both forces. The resultant is that of no contact while nothing touches the tool or hangs in it."""
-        light = carried.known and abs(carried.values[0]) < SMALLEST * self.model.machine.rated_payload
-        acts = touching or (not light if carried.known else None)
+        hanging = carried.values[0] if carried.known else self._alone(solved)[1] / STANDARD_GRAVITY
+        acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
         return Forces(self._sensor.force(*solved[:2], acts), self._soil(solved, load, carried, touching))
+
+    def _alone(self, solved: Solved) -> tuple[Array, float]:
+        """The force (2,) without the mass that explains most of it, and the weight of that mass [N]."""
+        alone = without_mass(solved.found, solved.spread, self.model.machine.rated_payload)
+        return alone, float(alone[1] - solved.found[1])
 
     def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
         known = load.mass.status is not Status.INVALID
@@ -117,8 +123,7 @@ class Interactor:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
         of it."""
         if not carried.known and not touching:
-            alone = without_mass(solved.found, solved.spread, self.model.machine.rated_payload)
-            return self._sensor.force(alone, solved.spread, touching)
+            return self._sensor.force(self._alone(solved)[0], solved.spread, touching)
         seen = solved.gain @ load
         spread = solved.spread + seen @ self._carrier.covariance(carried) @ seen.T
         return self._sensor.force(solved.found - seen @ carried.values, spread, touching)
