@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from cylforce.service.publication import MAGNITUDE
-from cylforce.signals.contact import ContactEvent, EventKind
+from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Array
-from studies.contacts import Run, foreign_runs, reference_runs
+from studies._contacts import Run, foreign_runs, reference_runs
 from studies.force import quantile
 
 NOTICED = 0.01  # times the rated force: the true force from which on the delay counts
@@ -31,7 +31,7 @@ def contact_delays(run: Run) -> list[float]:
     limit = NOTICED * run.core.limits[MAGNITUDE][1]
     begins = _beginnings(run.size > limit, run.t_s)
     touched = _beginnings(run.size > 1.0, run.t_s)
-    times = [event.t_us * 1e-6 for event in run.events if event.kind is EventKind.CONTACT_BEGINS]
+    times = run.times(EventKind.CONTACT_BEGINS)
     return [_delay(begin, max((t for t in touched if t <= begin), default=begin), times) for begin in begins]
 
 
@@ -73,14 +73,14 @@ def _risen(t_s: Array, true: Array, found: Array) -> float:
 def stiff_found(run: Run) -> tuple[list[float], int]:
     """Delays [ms] of the events of stiff objects behind the jumps, and how many events belong to none."""
     begins = [float(run.t_s[k]) for k in jumps(run)]
-    times = [event.t_us * 1e-6 for event in run.events if event.kind is EventKind.STIFF_OBJECT]
+    times = run.times(EventKind.STIFF_OBJECT)
     delays = [_delay(begin, begin, times) for begin in begins]
     return delays, sum(not any(b - 0.05 <= t <= b + SEARCH_S for b in begins) for t in times)
 
 
-def false_alarms(run: Run) -> list[ContactEvent]:
-    """Beginnings of contact and stiff objects in empty motion."""
-    return [e for e in run.events if e.kind in (EventKind.CONTACT_BEGINS, EventKind.STIFF_OBJECT)]
+def false_alarms(run: Run) -> list[float]:
+    """Times [s] of beginnings of contact and of stiff objects in empty motion."""
+    return run.times(EventKind.CONTACT_BEGINS, EventKind.STIFF_OBJECT)
 
 
 def figures(runs: Sequence[Run]) -> dict[str, Any]:

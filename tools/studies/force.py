@@ -24,7 +24,7 @@ from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Array, Estimate
 from cylforce.signals.events import Frame, Tick
 from cylforce.signals.kinds import Kind
-from studies.contacts import Run, foreign_runs, reference_runs, resultant
+from studies._contacts import Run, foreign_runs, reference_runs, resultant
 from studies.recognition import run as simulated
 from studies.unexplained import ROOT
 

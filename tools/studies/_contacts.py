@@ -16,19 +16,22 @@ from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.replay import replay_through
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
-from cylforce.signals.contact import ContactEvent
+from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Array, Estimate
 from cylforce.signals.units import STANDARD_GRAVITY
 from reference_machine.machine import draw
 from studies.unexplained import SHARED
 
 REFERENCES = ("reference_static", "reference_moving")
+# s from the tick that a table's replay has at the time of its samples to the bytes on the bus: live, sensors are read
+# one step before they are used, and a PDO waits 5 ms on average
+SENT_S = 0.015
 FOREIGN_KINDS = {"contact_press": "press", "contact_drag": "drag", "contact_soil": "soil", "contact_buried": "buried"}
 
 
 class Run(NamedTuple):
-    """A recording as the service saw it: of which machine, of which kind, the core; times (T,) [s] of its estimates;
-    true force (T, 2) [N] of the ground on the teeth at those times, and mass (T,) [kg] in the bucket."""
+    """A recording as the service saw it: of which machine, of which kind, the core; times (T,) [s] at which its
+    estimates are on the bus; true force (T, 2) [N] of the ground on the teeth at those times, and mass (T,) [kg] in the bucket."""
 
     machine: str
     kind: str
@@ -49,6 +52,10 @@ class Run(NamedTuple):
         value = np.array([(f.x.value, f.z.value) for f in forces])
         return value, np.array([(f.x.standard_error, f.z.standard_error) for f in forces])
 
+    def times(self, *kinds: EventKind) -> list[float]:
+        """Times [s] at which events of some kinds are on the bus."""
+        return [event.t_us * 1e-6 + SENT_S for event in self.events if event.kind in kinds]
+
     @property
     def events(self) -> list[ContactEvent]:
         """All events, in their order."""
@@ -56,8 +63,8 @@ class Run(NamedTuple):
 
 
 def run_of(machine: str, kind: str, core: Core, estimates: list[Estimate], truth: dict[str, Array]) -> Run:
-    """A run with the truth of the moment of publication, the tick of each estimate."""
-    t_s = np.array([e.t_us for e in estimates]) * 1e-6
+    """A run with the truth of the moment of publication."""
+    t_s = np.array([e.t_us for e in estimates]) * 1e-6 + SENT_S
     force = np.column_stack([np.interp(t_s, truth["t_s"], truth[axis]) for axis in "xz"])
     return Run(machine, kind, core, t_s, force, np.interp(t_s, truth["t_s"], truth["mass"]), estimates)
 
