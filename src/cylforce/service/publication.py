@@ -89,7 +89,7 @@ def timing(signal: str, filters: Filters, period_s: float) -> str:
     wait = 1.5 * step + max(period_s - step, 0.0) / 2.0
     if signal in (*FORCES, *SOIL):
         late = wait + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))  # a Butterworth low-pass, slow signals
-        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s, step):.0f} Hz, delay {1e3 * late:.0f} ms"
+        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s, step):.3g} Hz, delay {1e3 * late:.0f} ms"
     if signal in (GROSS, NET):
         return "mean over the lift, shown 1.0 s after it began"
     return f"no filter, delay {1e3 * wait:.0f} ms"
