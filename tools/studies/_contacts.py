@@ -31,7 +31,8 @@ FOREIGN_KINDS = {"contact_press": "press", "contact_drag": "drag", "contact_soil
 
 class Run(NamedTuple):
     """A recording as the service saw it: of which machine, of which kind, the core; times (T,) [s] at which its
-    estimates are on the bus; true force (T, 2) [N] of the ground on the teeth at those times, and mass (T,) [kg] in the bucket."""
+    estimates are on the bus; true force (T, 2) [N] of the ground on the teeth at those times, and mass (T,)
+    [kg] in the bucket."""
 
     machine: str
     kind: str
