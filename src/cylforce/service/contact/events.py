@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import erf, sqrt
+from math import erf, hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -77,11 +77,10 @@ class Watcher:
     def step(self, state: Touch, seen: Moment) -> Touch:
         """The state after one instant."""
         pushed = without_mass(seen.force, seen.spread, self.rated_payload)
-        clearness = float(pushed @ np.linalg.solve(seen.spread, pushed))
-        size = float(np.hypot(*seen.force))
+        clearness, size = normalised(pushed, seen.spread), hypot(*seen.force.tolist())
         state = self._moved(state, seen, size)
         if not state.touching:
-            begins = clearness > BEGINS and float(np.hypot(*pushed)) > SMALLEST * self.rated_force
+            begins = clearness > BEGINS and hypot(*pushed.tolist()) > SMALLEST * self.rated_force
             return self._begun(state, seen, clearness) if begins else state
         state = state._replace(away=state.away + self.dt if clearness < ENDS else 0.0)
         if state.away >= ENDING_S:
@@ -125,6 +124,13 @@ class Watcher:
         number = state.number + 1
         event = ContactEvent(number, seen.t_us, kind, seen.place.real, seen.place.imag, sure)
         return state._replace(number=number, events=(*state.events, event)[-KEPT:])
+
+
+def normalised(force: Array, spread: Array) -> float:
+    """f' C^-1 f of a force (2,) [N] with covariance C (2, 2) [N^2]."""
+    (xx, xz), (_, zz) = spread.tolist()
+    x, z = force.tolist()
+    return float((zz * x * x - 2.0 * xz * x * z + xx * z * z) / (xx * zz - xz * xz))
 
 
 def probably(value: float, limit: float, error: float) -> float:
