@@ -69,6 +69,11 @@ class FastRegressor:
     def _slow(self) -> Filter:
         return first_order(self.filters.inertia_hz, self.dt)
 
+    @cached_property
+    def _rows(self) -> list[int] | slice:
+        rows = self.machine.rows
+        return slice(None) if rows == tuple(range(self.machine.size)) else list(rows)
+
     @property
     def delay(self) -> float:
         """Delay [s] of a slow change of the cylinder forces."""
@@ -85,7 +90,7 @@ class FastRegressor:
         quick, force = self._quick.step(state.forces, forces)
         slope, rate = self._slow.step(state.slope, (momentum - state.momentum) / self.dt)
         slower, acceleration = self._slow.step(state.acceleration, (moving.speed - state.speed) / self.dt)
-        lever = moving.lever[:, list(self.machine.rows)]
+        lever = moving.lever[:, self._rows]
         turns = np.where(np.abs(acceleration) > STARTING, moving.speed * (moving.speed + AHEAD_S * acceleration), 0.0)
         rows = Rows(static + rate, force @ lever)
         reversing = np.asarray(turns < 0.0, dtype=np.float64)

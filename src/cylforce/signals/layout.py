@@ -2,6 +2,7 @@
 them."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 CODES = {
@@ -54,6 +55,7 @@ class Pdo(NamedTuple):
         return sum(CODES[field.code] for field in self.fields)
 
 
+@cache
 def not_available(code: str) -> int | float:
     """The raw value that means "no value" for a `struct` code: NaN, the most negative signed or the largest unsigned
     integer."""
