@@ -15,7 +15,6 @@ from reference_machine.machinefile import machine_file
 from reference_machine.truth import links_parameters
 
 
-
 @pytest.fixture(scope="module")
 def machine():
     return draw(8, friction="none", sensors="perfect", masses=False, geometry=False, linkage_masses=False)
@@ -59,8 +58,8 @@ def test_a_load_in_motion_is_told_with_its_weight_and_its_centre(core, machine):
 
 
 def test_a_force_in_motion_is_told_on_both_axes(core, machine):
-    """Pulled at by a force in any direction while the arm moves, against the truth of the same moment: rms within 4 %
-    of the force's, and within what the standard error tells."""
+    """Pulled at by a force in any direction while the arm moves, against the truth of the same moment: rms within 8 %
+    of the force's (12 % at p95 is asked of the service), and within what the standard error tells."""
     recording = machine.run("tip_load", duration_s=40.0, pitch_deg=3.0, roll_deg=0.0)
     found = [e.force for e in estimates(core, recording)]
     true = recording.truth
@@ -72,4 +71,4 @@ def test_a_force_in_motion_is_told_on_both_axes(core, machine):
         rms = np.sqrt(np.mean((told - expected)[good] ** 2))
         errors = np.array([getattr(force, axis).standard_error for force in found])[good]
         assert rms < 1.5 * np.sqrt(np.mean(errors**2))
-        assert rms < 0.04 * np.sqrt(np.mean(true["tip_force_horizontal"] ** 2 + true["tip_force_vertical"] ** 2))
+        assert rms < 0.08 * np.sqrt(np.mean(true["tip_force_horizontal"] ** 2 + true["tip_force_vertical"] ** 2))
