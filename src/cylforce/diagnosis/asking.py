@@ -16,7 +16,7 @@ from cylforce.diagnosis.rows import BLOCK, Viewer
 from cylforce.diagnosis.sizes import Column, Terms
 from cylforce.diagnosis.statistics import White, crossed, statistics, white
 from cylforce.diagnosis.whitening import Floor
-from cylforce.effects.fault import INCIDENTAL, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, ForceLaw, MassChange, TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
@@ -110,7 +110,9 @@ class Asking:
 
     def _form(self, p: Proposal, own: tuple[int, ...]) -> Column:
         about = p.about
-        return Column(p.name, p.at, own, about.low, max(self.problem.largest(p), about.low), about.sign, about.axes)
+        high = max(self.problem.largest(p), about.low)
+        expected = self.problem.from_sheet and isinstance(p.group[0], ForceLaw | MassChange)
+        return Column(p.name, p.at, own, about.low, high, about.sign, about.axes, expected)
 
     def sums(self, group: Sequence[Seen], shared: Sequence[Array], kept: NDArray[np.bool_] | None = None) -> Sums:
         """Statistics of recordings; `shared`: noise of each one's columns that is also in what is left; `kept` (B,):
@@ -166,7 +168,11 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' declared noise, once more on the first minute of every recording."""
+    """From the sensors' declared noise, once more on the first minute of every recording. Without clean recordings
+    none: the floor is then what all columns leave, and has no noise in common with them."""
+    if not problem.clean:
+        size = problem.lasting + 2
+        return Noisy((), tuple(np.zeros((len(floor.rms), size)) for _ in problem.faulty))
     errors = np.array([s.standard_error for s in viewer.model.machine.signals])
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
 

@@ -274,22 +274,32 @@ class Inference:
         return sorted(free, key=lambda p: -self.under((*base.which, p), state)[0])
 
     def searched(self, asked: Sequence[int]) -> list[Hypothesis]:
-        """Hypotheses of more and more forms, found by a beam, as long as one more is worth its prior."""
+        """Hypotheses of more and more forms, found by a beam, as long as one more is worth its prior; first of those
+        forms that are expected, then beside them of all."""
         none = self.hypothesis((), self.usual)
-        found, beam = dict[tuple[int, ...], Hypothesis]({(): none}), [none]
-        worth = -float(np.log(SECOND * (1.0 - IN_ORDER - ODD) / max(len(asked), 1)))
+        found = dict[tuple[int, ...], Hypothesis]({(): none})
+        expected = [p for p in asked if self.scene.forms[p].expected]
+        beam = self._grown(found, [none], expected, 0.0) if expected else [none]
+        self._grown(found, beam, asked, -float(np.log(SECOND * (1.0 - IN_ORDER - ODD) / max(len(asked), 1))))
+        return list(found.values())
+
+    def _grown(
+        self, found: dict[tuple[int, ...], Hypothesis], beam: list[Hypothesis], asked: Sequence[int], worth: float
+    ) -> list[Hypothesis]:
+        """The last beam that was worth [nats] one form more; all hypotheses go to `found`."""
         for _ in range(DEEPEST):
-            best, grown = beam[0].log, list[Hypothesis]()
+            grown = []
             for base in beam:
                 for p in self.screened(base, asked)[:KEPT]:
                     which = tuple(sorted((*base.which, p)))
                     if which not in found:
                         found[which] = self.hypothesis(which, base.noise)
                         grown.append(found[which])
-            beam = sorted(grown, key=lambda h: -h.log)[:WIDTH]
-            if not beam or (len(beam[0].which) > 1 and beam[0].log < best + worth):
+            best = sorted(grown, key=lambda h: -h.log)[:WIDTH]
+            if not best or (len(best[0].which) > 1 and best[0].log < beam[0].log + worth):
                 break
-        return list(found.values())
+            beam = best
+        return beam
 
 
 def _positive(matrix: Array) -> Array:

@@ -108,14 +108,15 @@ class Asked:
             places = len({q.at for q in self.forms if q.name == p.name})
             forms = sum((q.name, q.at) == (p.name, p.at) for q in self.forms)
             whole = ODD if p.name == UNKNOWN[0] else (1.0 - IN_ORDER - ODD) / self._names
-            found[k] = float(np.log(whole / (places * forms)))
+            found[k] = float(np.log((0.5 if p.expected else whole / places) / forms))
         return found
 
     def prior_of(self, h: Hypothesis) -> float:
         """Log of the prior probability of a hypothesis."""
         if not h.which:
             return float(np.log(IN_ORDER))
-        return sum(self.prior[p] for p in h.which) + (len(h.which) - 1) * float(np.log(SECOND))
+        more = sum(not self.forms[p].expected for p in h.which) - 1
+        return sum(self.prior[p] for p in h.which) + max(more, 0) * float(np.log(SECOND))
 
     def prior_at_moments(self, happened: Happened) -> float:
         """The same of what happens at moments."""

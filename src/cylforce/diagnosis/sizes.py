@@ -26,6 +26,7 @@ class Column(NamedTuple):
     high: float
     sign: int
     axes: int
+    expected: bool = False  # whether it is there as probably as not: what a data sheet does not know
 
     @property
     def measured(self) -> int:
