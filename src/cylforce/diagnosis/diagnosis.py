@@ -141,6 +141,8 @@ class _Search:
         """The forms that may be a cause."""
         forms = [column for _, column in self._question.forms]
         name, at = self.only or ("", "")
+        if not name and self.plain.problem.from_sheet:  # it cannot tell errors of sensors from its own
+            return [k for k, f in enumerate(forms) if f.expected]
         return [k for k, f in enumerate(forms) if not name or (f.name == name and at in ("", f.at))]
 
     def found(self) -> Found:

@@ -21,16 +21,18 @@ from cylforce.diagnosis.sizes import WIDE, Terms, beside, log_size
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
-WIDTH, DEEPEST = 2, 6  # of the beam
+WIDTH, DEEPEST = 2, 8  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 UNSURE = 3.0  # times as uncertain as between two recordings is the discrepancy that no reference shows
+MINOR = 0.001
 UNSEEN = 1.0  # level of the discrepancy where no reference shows it: that of the noise
 
 
 class Hypothesis(NamedTuple):
     """Forms of a scene by number, the logarithm of their probability with the recording, the noise under them, their
-    sizes (M,) and standard errors (M,) [of the prior spread], what they leave at the worst joint, of the floor."""
+    sizes (M,) and standard errors (M,) [of the prior spread], what they leave at the worst joint, of the floor, and the
+    `energy` that they leave at all joints, of the floor's."""
 
     which: tuple[int, ...]
     log: float
@@ -38,6 +40,7 @@ class Hypothesis(NamedTuple):
     sizes: Array
     errors: Array
     rest: float
+    energy: float
 
 
 class Fitted(NamedTuple):
@@ -229,7 +232,9 @@ class Inference:
         log, fitted, left = self.under(which, state)
         prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
         errors = np.sqrt(np.diag(fitted.covariance))
-        return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise))
+        each = self._left_at(left, noise)
+        rest, energy = float(np.sqrt(np.max(each))), float(np.mean(each))
+        return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, rest, energy)
 
     def _energies(self, left: Array, covariance: Array, noise: Noise) -> tuple[Array, Array]:
         found = self.sums.energies(left, covariance)
@@ -241,11 +246,15 @@ class Inference:
 
     def rest(self, left: Array, noise: Noise | None = None) -> float:
         """What is left at the worst joint, of the floor (rms); with `noise` beside what happens at moments."""
+        return float(np.sqrt(np.max(self._left_at(left, noise))))
+
+    def _left_at(self, left: Array, noise: Noise | None) -> Array:
+        """The energy that is left at each joint (R,), of the floor's."""
         energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
         if self.moments and noise is not None:
             white, smooth = self.moments.energies(left, noise)
             energy = np.maximum(energy + white + np.sum(smooth, axis=1), 0.0)
-        return float(np.sqrt(np.max(energy / np.maximum(self.sums.rows, 1.0))))
+        return np.asarray(energy / np.maximum(self.sums.rows, 1.0))
 
     def screened(self, base: Hypothesis, asked: Sequence[int]) -> list[int]:
         """Proposals beside a hypothesis, most promising first: at its noise, and with the noise that would then be
@@ -287,6 +296,7 @@ class Inference:
         self, found: dict[tuple[int, ...], Hypothesis], beam: list[Hypothesis], asked: Sequence[int], worth: float
     ) -> list[Hypothesis]:
         """The last beam that was worth [nats] one form more; all hypotheses go to `found`."""
+        none = found[()]
         for _ in range(DEEPEST):
             grown = []
             for base in beam:
@@ -297,6 +307,8 @@ class Inference:
                         grown.append(found[which])
             best = sorted(grown, key=lambda h: -h.log)[:WIDTH]
             if not best or (len(best[0].which) > 1 and best[0].log < beam[0].log + worth):
+                break
+            if best[0].energy > beam[0].energy - MINOR * none.energy:
                 break
             beam = best
         return beam
