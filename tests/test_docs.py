@@ -2,10 +2,10 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from cylforce.can.clock import now_us
 from cylforce.canopen.devices import own_node
@@ -13,7 +13,7 @@ from cylforce.canopen.network import Network
 from cylforce.canopen.node import SILENT
 from cylforce.diagnosis.verdict import Verdict
 from cylforce.effects.library import LIBRARY
-from cylforce.estimation.filters import fours, mean
+from cylforce.estimation.filters import Filter
 from cylforce.estimation.model import Model
 from cylforce.programs.live.station import OVERRUN
 from cylforce.programs.run import MISSING
@@ -29,7 +29,7 @@ CHAPTERS = [
 ]
 SERVICE_PAGE = (ROOT / "src/cylforce/service/README.md").read_text()
 EXCAVATOR = ROOT / "config/excavator_20t.toml"
-SHORT = {"INTEGER32": "i32", "INTEGER16": "i16", "UNSIGNED16": "u16", "UNSIGNED8": "u8"}
+SHORT = {"INTEGER32": "i32", "INTEGER16": "i16", "UNSIGNED16": "u16", "UNSIGNED8": "u8", "UNSIGNED32": "u32"}
 
 
 def rows_of(page: str) -> list[list[str]]:
@@ -62,7 +62,7 @@ def test_every_emergency_is_explained(code: int) -> None:
 
 
 def test_the_table_of_pdos_is_what_is_sent() -> None:
-    rows = [row for row in rows_of(SERVICE_PAGE) if re.fullmatch(r"[1-4], [0-7](-[0-7])?", row[0])]
+    rows = [row for row in rows_of(SERVICE_PAGE) if re.fullmatch(r"[1-8], [0-7](-[0-7])?", row[0])]
     service = load(EXCAVATOR).service
     said = {row[0]: (row[2], row[3]) for row in rows}
     sent, missing = {}, {row[0]: row[6] for row in rows}
@@ -120,27 +120,36 @@ def test_refusals_of_zero_and_tare_have_the_codes_explained(verdict: int | None,
 
 
 def through(model: Model, hertz: float) -> tuple[float, float]:
-    """Gain and delay [s] of a sine on its way through all filters of the service."""
-    dt, channels = 1.0 / model.filters.rate_hz, model.channels
-    t = np.arange(0.0, 30.0, dt)
-    smoothed = mean(fours(channels.smoothed(np.sin(2.0 * np.pi * hertz * t)[:, None])))
-    filtered: Any = model.filtered.filtered(np.zeros_like(smoothed), smoothed)
-    late = t[1:] > 20.0
-    waves = np.stack([np.sin(2.0 * np.pi * hertz * t[1:]), np.cos(2.0 * np.pi * hertz * t[1:])], axis=1)[late]
-    (a, b), *_ = np.linalg.lstsq(waves, filtered[late, 0], rcond=None)
+    """Gain and delay [s] of a sine of a cylinder's force on its way through the filter of the force."""
+    fast = Filter(*second_order_of(model))
+    t = np.arange(0.0, 10.0, 1.0 / model.filters.rate_hz)
+    _, passed = fast.run(fast.zero(()), np.sin(2.0 * np.pi * hertz * t))
+    waves = np.stack([np.sin(2.0 * np.pi * hertz * t), np.cos(2.0 * np.pi * hertz * t)], axis=1)[t > 2.0]
+    (a, b), *_ = np.linalg.lstsq(waves, passed[t > 2.0], rcond=None)
     return float(np.hypot(a, b)), float(-np.arctan2(b, a) / (2.0 * np.pi * hertz))
 
 
+def second_order_of(model: Model) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Coefficients of a Butterworth low-pass, from scipy alone."""
+    b, a = signal.butter(2, model.filters.force_hz, fs=model.filters.rate_hz)
+    return tuple(b.tolist()), tuple(a.tolist())
+
+
 def test_bandwidth_and_delay_are_those_of_the_shipped_filters() -> None:
-    row = next(row for row in rows_of(SERVICE_PAGE) if row[0].startswith("force x, z, magnitude"))
-    bandwidth, delay = (float(cell.split()[0]) for cell in row[1:3])
-    model = Model(load(EXCAVATOR).service.machine, load(EXCAVATOR).service.filters, ("coulomb",))
-    assert through(model, bandwidth)[0] == pytest.approx(0.5**0.5, abs=0.005)
-    for hertz in (0.1, bandwidth):
-        assert through(model, hertz)[1] == pytest.approx(delay, abs=0.005)
-    f = model.filters
-    formula = 0.225 / f.channel_hz + 0.225 / f.smoothing_hz + 0.159 / f.regressor_hz + 0.5 / f.rate_hz
-    assert formula == pytest.approx(through(model, 0.1)[1], abs=0.001)
+    """The delay: 1.5 steps until a signal is used, the filter, half a publication period."""
+    row = next(row for row in rows_of(SERVICE_PAGE) if row[0].startswith("resultant and soil force"))
+    bandwidth, delay = float(row[1].split()[0]), float(row[2].split()[0])
+    service = load(EXCAVATOR).service
+    model = Model(service.machine, service.filters, ("coulomb",))
+    f, period = service.filters, service.publication[1].period_s
+    late = 0.195 / f.force_hz + 1.5 / f.rate_hz + (period - 1.0 / f.rate_hz) / 2.0
+    assert through(model, 0.5)[1] == pytest.approx(0.195 / f.force_hz, abs=0.001)
+    assert late == pytest.approx(model.fast.delay + 1.5 / f.rate_hz + (period - 1.0 / f.rate_hz) / 2.0, abs=0.001)
+    assert delay == pytest.approx(1e3 * late, abs=1.0)
+    note = next(field.note for field in service.publication[1].fields)
+    assert note == f"-3 dB at {bandwidth:g} Hz, delay {delay:g} ms"
+    held = np.sinc(bandwidth * period)  # a value stays on the bus until the next one comes
+    assert through(model, bandwidth)[0] * held == pytest.approx(0.5**0.5, abs=0.02)
 
 
 def test_every_section_of_the_physics_that_is_cited_exists() -> None:

@@ -14,14 +14,15 @@ from cylforce.canopen.dictionary.eds import eds
 from cylforce.canopen.dictionary.object_dictionary import own_objects, unit_and_digits
 from cylforce.canopen.dictionary.object_table import dictionary
 from cylforce.canopen.dictionary.vendor_eds import default_mapping, mapped_code, profile, read
-from cylforce.service.publication import publication
+from cylforce.service.publication import FAST, publication
+from cylforce.settings.machine_file import default_filters
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.layout import CODES, Field, not_available
 
 ROOT = Path(__file__).resolve().parents[1]
 NODE_ID = 64
-PUBLICATION = publication(NODE_ID, 0.1, 1500.0, 300e3)
+PUBLICATION = publication(NODE_ID, 0.1, 1500.0, 300e3, 0.02, default_filters())
 SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": dbc(PUBLICATION, NODE_ID)}
 
 
@@ -49,7 +50,11 @@ def test_dcf_tools_see_our_pdos(file):
     assert device.device_type & 0xFFFF == 404
     for pdo in PUBLICATION:
         theirs = device.tpdo[pdo.number]
-        assert (theirs.cob_id, theirs.transmission_type, theirs.event_timer) == (pdo.can_id, 255, 100)
+        assert (theirs.cob_id, theirs.transmission_type, theirs.event_timer) == (
+            pdo.can_id,
+            255,
+            20 if pdo.number in FAST else 100,
+        )
         assert [(o.index, o.sub_index) for o in theirs.mapping.values()] == [(f.index, f.sub) for f in pdo.fields]
 
 
@@ -90,7 +95,7 @@ def database():
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_dbc_decodes_what_we_encode(database, sign):
     values = {
-        f.signal: (f.low if sign < 0 else f.high) * 0.9 if f.unit != "1" else 3.0 * (sign > 0)
+        f.signal: (f.low if sign < 0 else f.high) * 0.9 if f.unit != "1" else min(3.0, 0.9 * f.high) * (sign > 0)
         for pdo in PUBLICATION
         for f in pdo.fields
     }

@@ -97,7 +97,7 @@ def test_live_equals_recorded() -> None:
     channels = [model.channels.read(v) for v in values]
     pipe = pipeline.begin(channels[0])
     for k, x in enumerate(channels[1:]):
-        pipe, rows = pipeline.advance(pipe, x, 1)
+        pipe, rows, _ = pipeline.advance(pipe, x, 1)
         scale = np.abs(expected.columns).max(axis=(0, 1)) + 1e-300
         np.testing.assert_allclose(rows.columns / scale, expected.columns[k] / scale, rtol=0, atol=1e-12)
         np.testing.assert_allclose(rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max())
@@ -125,9 +125,9 @@ def test_missing_steps_are_filled_along_a_line() -> None:
     pipeline = Pipeline(model)
     one = other = pipeline.begin(begin)
     for k in range(1, 31):
-        one, rows = pipeline.advance(one, begin + k * slope, 1)
+        one, rows, _ = pipeline.advance(one, begin + k * slope, 1)
         if k % 3 == 0:
-            other, sparse = pipeline.advance(other, begin + k * slope, 3)
+            other, sparse, _ = pipeline.advance(other, begin + k * slope, 3)
             np.testing.assert_allclose(sparse.columns, rows.columns, atol=1e-9 * np.abs(rows.columns).max())
 
 

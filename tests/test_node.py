@@ -176,6 +176,7 @@ class TestSdo:
         ours.publish(2, struct.pack("<hhhh", 30000, -30000, 0, 0))
         fine = {"payload_quality": 0.0, "force_quality": 0.0}
         ours.publish(4, encode(PUBLICATION[3], fine))
+        ours.publish(6, bytes(8))
         assert [bench.read(0x6150, channel) for channel in range(1, 6)] == [0, 2, 4, 0, 0]
         quality = float(Status.INVALID + 4 * Reason.TILT)
         ours.publish(4, encode(PUBLICATION[3], fine | {"payload_quality": quality}))

@@ -26,7 +26,7 @@ from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
 from cylforce.service import step as stepping
 from cylforce.service.assembler import Assembler
-from cylforce.service.force import ForceSensor
+from cylforce.service.contact.interaction import Interactor
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.step import Core, step
 from cylforce.service.weighing import Weigher
@@ -41,7 +41,7 @@ PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "sample": ((Assembler, "sample"),),
     "regressor": ((Channels, "read"), (Pipeline, "advance")),
     "recursion": ((stepping, "residual"), (Weigher, "step")),
-    "force": ((ForceSensor, "estimate"),),
+    "force": ((Interactor, "step"),),
     "encode": ((stepping, "frames"),),
 }
 WORDS = {
@@ -49,7 +49,7 @@ WORDS = {
     "sample": "signals to a sample",
     "regressor": "channels, columns, filters",
     "recursion": "residual, weight",
-    "force": "force at the tool",
+    "force": "forces at the tool, events",
     "encode": "our PDOs",
     "rest": "everything else",
 }

@@ -44,7 +44,7 @@ def one_machine(work: tuple[Path, int]) -> dict[str, Any]:
         "cycles": len(scores),
         "errors_kg": [s.estimated_kg - s.true_kg for s in booked if s.estimated_kg is not None],
         "standard_errors_kg": [s.standard_error_kg for s in booked],
-        "force": score_force(wanted, found.estimates, loaded.service.filters)._asdict(),
+        "force": score_force(wanted, found.estimates)._asdict(),
     }
 
 

@@ -21,7 +21,7 @@ from cylforce.canopen.heartbeat import OnPeer
 from cylforce.canopen.node import Node
 from cylforce.canopen.objects import Commands
 from cylforce.mechanics.installation import SensorNode, Service
-from cylforce.service.publication import FORCE_QUALITY, GROSS, NET, PAYLOAD_QUALITY
+from cylforce.service.publication import GROSS, NET, PAYLOAD_QUALITY, QUALITY
 from cylforce.signals.estimate import Status
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 
@@ -96,7 +96,7 @@ class Derived:
 
     def _status(self, field: Field) -> int:
         """Bit 0: not valid, 1: positive, 2: negative overload."""
-        quality = self._raw(self._fields[PAYLOAD_QUALITY if field.signal == GROSS else FORCE_QUALITY])
+        quality = self._raw(self._fields[QUALITY.get(str(field.signal), PAYLOAD_QUALITY)])
         raw = self._raw(field)
         if quality & 3 == Status.INVALID or raw == not_available(field.code):
             return 1

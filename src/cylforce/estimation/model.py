@@ -20,6 +20,7 @@ from cylforce.effects.sensors.delay import Delay
 from cylforce.effects.sensors.pressure_zero import PressureZero
 from cylforce.estimation.batch import Prior
 from cylforce.estimation.channels import Channels
+from cylforce.estimation.fast import FastRegressor
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import Machine, base_parameter_covariance, base_parameters
@@ -89,6 +90,11 @@ class Model:
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
+
+    @cached_property
+    def fast(self) -> FastRegressor:
+        """The same columns at this instant, for the force at the tool."""
+        return FastRegressor(self.machine, self.filters)
 
     @cached_property
     def channels(self) -> Channels:

@@ -128,14 +128,14 @@ class FilteredRegressor:
         """Delay of the rows behind the motion [s], for slow signals."""
         return self._mean.delay * self.dt
 
-    def _inputs(self, moving: Motion) -> tuple[Array, Array]:
+    def inputs(self, moving: Motion) -> tuple[Array, Array]:
         """Momentum columns (..., R, P), and static columns with the torque as the last one (..., R, P+1)."""
         (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
     def begin(self, moving: Motion) -> Array:
         """State (3, R, P+1) of the filters before the first sample."""
-        momentum, static = self._inputs(moving)
+        momentum, static = self.inputs(moving)
         state = self._begun(static)
         state[..., :-1] += self._slope.rest(momentum)
         return state
@@ -148,7 +148,10 @@ class FilteredRegressor:
 
     def step(self, state: Array, moving: Motion) -> tuple[Array, Rows]:
         """(New state, rows) after one sample of the motion."""
-        momentum, static = self._inputs(moving)
+        return self.advance(state, *self.inputs(moving))
+
+    def advance(self, state: Array, momentum: Array, static: Array) -> tuple[Array, Rows]:
+        """(New state, rows) after the `inputs` of one sample."""
         first, *_, last = self._slope.b  # the others are zero
         begun = state.copy()
         begun[0, ..., :-1] += first * momentum
@@ -158,7 +161,7 @@ class FilteredRegressor:
 
     def run(self, moving: Motion) -> Rows:
         """The rows of a recording, whose leading axis is time."""
-        momentum, static = self._inputs(moving)
+        momentum, static = self.inputs(moving)
         rows = self._mean.run(self._begun(static[0]), static)[1]
         moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
         return Rows(rows[..., :-1] + moved, rows[..., -1])

@@ -9,13 +9,17 @@ from cylforce.signals.layout import Pdo
 class Filters(NamedTuple):
     """Step rate `rate_hz` and cut-off frequencies [Hz]. `channel_hz`: second-order low-pass on angles and forces before
     anything is computed from them; `regressor_hz`: first-order low-pass of the filtered regressor; `smoothing_hz`:
-    second-order low-pass on its columns and torque. sgn(v) of friction is tanh(v / `direction_speed`) [m/s]."""
+    second-order low-pass on its columns and torque. sgn(v) of friction is tanh(v / `direction_speed`) [m/s]. For the
+    force at the tool: `force_hz`, second-order low-pass of the cylinder forces; `inertia_hz`, first-order low-pass of
+    the torque of inertia."""
 
     rate_hz: float
     channel_hz: float
     regressor_hz: float
     smoothing_hz: float
     direction_speed: float
+    force_hz: float = 20.0
+    inertia_hz: float = 8.0
 
 
 class SensorNode(NamedTuple):

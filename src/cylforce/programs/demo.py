@@ -81,7 +81,7 @@ def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None,
             watched = asyncio.run(_work(loaded, files, named, cycles, seed, console))
         truth = read_truth(files.truth)
     weights = score_cycles(truth, watched.bookings)
-    force = score_force(truth, watched.estimates, loaded.service.filters)
+    force = score_force(truth, watched.estimates)
     _show(console, loaded, weights, force, watched.counts)
     if output is not None:
         _write(output, _summary(loaded, weights, force, watched.counts, {"bus": bus, "clock": clock, "seed": seed}))

@@ -53,7 +53,7 @@ class Daemon(Station[State]):
 
     def after_sync(self) -> None:
         """Publish the adaptation's state, log what has changed."""
-        if self.counts.steps % self._every == 0:
+        if self.counts.steps % self._every[1] == 0:
             self._show_drift()
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)

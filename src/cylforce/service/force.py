@@ -4,17 +4,25 @@
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan2, hypot, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual
-from cylforce.signals.estimate import Array, Force, Quantity, Reason, Status, invalid, invalid_force
+from cylforce.signals.estimate import Array, Force, Quantity, Reason, Status, invalid
 from cylforce.signals.units import STANDARD_GRAVITY
 
 BLIND = 0.3  # times the rated force: a component with a larger standard error is INVALID; chosen
 POOR = 0.05  # times the rated force: a component with a larger standard error is DEGRADED; chosen
+CLEAR = 3.0  # standard errors across it by which a force must be larger to have a direction; chosen
+
+
+class Solved(NamedTuple):
+    """Force `found` (2,) [N] with `spread` (2, 2) [N^2], and `gain` (2, R) [N per N m]: found = gain @ torque."""
+
+    found: Array
+    spread: Array
+    gain: Array
 
 
 @dataclass(frozen=True)
@@ -37,38 +45,46 @@ class ForceSensor:
         known = np.array([self.rated_force, self.rated_force, moment])
         return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)
 
-    def estimate(self, rows: Rows, left: Residual, usable: Array) -> Force:
-        """The force of one instant from the residual `left` of the rows marked in `usable` (R,). A component whose
-        standard error exceeds BLIND is INVALID; the direction is INVALID unless the force is larger than three standard
-        errors across it."""
-        if not usable.any():
-            return invalid_force(Reason.DEAD_POINT)
-        tool = rows.columns[usable, self.model.tool][:, : len(self._prior)]
-        columns = left.columns[usable]
-        noise = np.diag((left.variance + left.rest)[usable]) + columns @ self.tares.covariance @ columns.T
+    def solve(self, columns: Array, torque: Array, noise: Array, usable: Array) -> Solved:
+        """The force that explains `torque` (R,) [N m] with covariance `noise` (R, R) and that of the tares, from all
+        `columns` (R, P) of the rows marked in `usable` (R,)."""
+        tool, own = columns[usable, self.model.tool][:, : len(self._prior)], columns[usable, : len(self.tares.values)]
+        noise = noise[usable][:, usable] + own @ self.tares.covariance @ own.T
         weighted = np.linalg.solve(noise, tool).T
         spread = np.asarray(np.linalg.inv(weighted @ tool + self._prior), dtype=np.float64)
-        found = (spread @ (weighted @ left.torque[usable]))[:2]
-        spread = spread[:2, :2] + self.tares.scale_error**2 * np.outer(found, found)
-        x, z = found
-        return self._force(float(x), float(z), spread[:2, :2])
+        gain = np.zeros((2, len(usable)))
+        gain[:, usable] = (spread @ weighted)[:2]
+        return Solved(gain @ torque, spread[:2, :2], gain)
 
-    def _force(self, x: float, z: float, spread: Array) -> Force:
+    def force(self, found: Array, spread: Array, contact: bool) -> Force:
+        """The published force for `found` (2,) [N] with covariance `spread` (2, 2) [N^2] without that of the scale. A
+        component whose standard error exceeds BLIND is INVALID; there is no direction unless the force is larger than
+        CLEAR standard errors across it, nor
+        without `contact`; NO_CONTACT is then the reason."""
+        (xx, xz), (_, zz) = (spread + self.tares.scale_error**2 * np.multiply.outer(found, found)).tolist()
+        x, z = found.tolist()
         size = hypot(x, z)
-        (xx, xz), (_, zz) = spread.tolist()
         cos, sin = (x / size, z / size) if size > 0.0 else (1.0, 0.0)
         along_error = sqrt(abs(cos * cos * xx + 2.0 * cos * sin * xz + sin * sin * zz))
         across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
-        certain = size > 3.0 * across_error
-        turn = across_error / size if certain else float("nan")
-        direction = self._quantity(atan2(z, x), turn) if certain else invalid(Reason.UNCERTAIN)
-        return Force(
-            self._bounded(x, sqrt(xx)),
-            self._bounded(z, sqrt(zz)),
-            self._bounded(size, along_error),
-            direction,
-            (xx, xz, zz),
+        certain = size > CLEAR * across_error
+        along_error = along_error if certain else hypot(along_error, across_error)
+        x_part, z_part, whole = (
+            self._touching(self._bounded(*value), contact)
+            for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))
         )
+        direction = self._direction(certain, contact, atan2(z, x), across_error / (size + 1e-9))
+        return Force(x_part, z_part, whole, direction, (xx, xz, zz))
+
+    def _direction(self, certain: bool, contact: bool, angle: float, error: float) -> Quantity:
+        """Direction [rad]: there is none of a force that is not there, and none of one that is not certain."""
+        if not (contact and certain):
+            return invalid(Reason.UNCERTAIN if contact else Reason.NO_CONTACT)
+        return self._quantity(angle, error)
+
+    def _touching(self, q: Quantity, contact: bool) -> Quantity:
+        """The quantity; without contact NO_CONTACT is the reason why it is nearly zero."""
+        return q if contact or q.status is not Status.OK else q._replace(reason=Reason.NO_CONTACT)
 
     def _bounded(self, value: float, error: float) -> Quantity:
         if not error <= BLIND * self.rated_force:

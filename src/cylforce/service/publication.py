@@ -1,7 +1,9 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
-from math import pi
+from dataclasses import replace
+from math import pi, sin, sqrt, tan
 
+from cylforce.mechanics.installation import Filters
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Estimate, Quantity
 from cylforce.signals.layout import Field, Pdo
@@ -16,30 +18,39 @@ X_ERROR, Z_ERROR, DIRECTION_ERROR = (
     "force_direction_standard_error",
 )
 PAYLOAD_QUALITY, FORCE_QUALITY = "payload_quality", "force_quality"
+FORCES = FORCE_X, FORCE_Z, MAGNITUDE, DIRECTION
+SOIL = SOIL_X, SOIL_Z, SOIL_MAGNITUDE, SOIL_DIRECTION = "soil_x", "soil_z", "soil_magnitude", "soil_direction"
+SOIL_X_ERROR, SOIL_Z_ERROR = "soil_x_standard_error", "soil_z_standard_error"
+QUALITY = {name: f"{name}_quality" for name in (*FORCES, *SOIL)}
+EVENT_COUNT, EVENT_KIND, EVENT_CONFIDENCE = "event_count", "event_kind", "event_confidence"
+EVENT_X, EVENT_Z, EVENT_AGE = "event_x", "event_z", "event_age"
 BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
 _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers, in SI
+_CM, _MS, _PERCENT = 0.01, 1e-3, 0.01
+_FAR, _OLD = 327.67, 4294967.294  # m and s, the largest that an INTEGER16 and an UNSIGNED32 carry
+FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
 _LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; a weight that uncertain is no weight
 
 
-def publication(node_id: int, period_s: float, rated_payload: float, rated_force: float) -> tuple[Pdo, ...]:
-    """TPDO 1 to 4 of our node, sent every `period_s` [s]; `rated_payload` [kg] and `rated_force` [N] give the ranges. A
-    quality byte is status (bits 0-1) + 4 * reason (bits 2-7)."""
+def publication(
+    node_id: int,
+    period_s: float,
+    rated_payload: float,
+    rated_force: float,
+    force_period_s: float | None = None,
+    filters: Filters | None = None,
+) -> tuple[Pdo, ...]:
+    """TPDO 1 to 8 of our node, sent every `period_s` [s], those of the forces every `force_period_s`; `rated_payload`
+    [kg] and `rated_force` [N] give the ranges; with `filters` each value says its bandwidth and delay. A quality byte
+    is status (bits 0-1) + 4 * reason (bits 2-7)."""
     kg = (-0.5 * rated_payload, 2.0 * rated_payload)
-    newton = (-rated_force, rated_force)
+    largest = min(rated_payload, _LARGEST_ERROR)
     table = (
+        (Field(GROSS, 0x9130, 1, "i", _KG, 0.0, "kg", *kg), Field(NET, 0x9140, 1, "i", _KG, 0.0, "kg", *kg)),
+        _force(FORCES, (2, 3, 5, 4), rated_force),
         (
-            Field(GROSS, 0x9130, 1, "i", _KG, 0.0, "kg", *kg),
-            Field(NET, 0x9140, 1, "i", _KG, 0.0, "kg", *kg),
-        ),
-        (
-            Field(FORCE_X, 0x7130, 2, "h", _N, 0.0, "N", *newton),
-            Field(FORCE_Z, 0x7130, 3, "h", _N, 0.0, "N", *newton),
-            Field(MAGNITUDE, 0x7130, 5, "h", _N, 0.0, "N", 0.0, rated_force),
-            Field(DIRECTION, 0x7130, 4, "h", _DEG, 0.0, "rad", -pi, pi),
-        ),
-        (
-            Field(GROSS_ERROR, 0x2130, 1, "H", _KG, 0.0, "kg", 0.0, min(rated_payload, _LARGEST_ERROR)),
+            Field(GROSS_ERROR, 0x2130, 1, "H", _KG, 0.0, "kg", 0.0, largest),
             Field(X_ERROR, 0x2130, 2, "H", _N, 0.0, "N", 0.0, rated_force),
             Field(Z_ERROR, 0x2130, 3, "H", _N, 0.0, "N", 0.0, rated_force),
             Field(DIRECTION_ERROR, 0x2130, 4, "H", _DEG, 0.0, "rad", 0.0, pi),
@@ -50,31 +61,115 @@ def publication(node_id: int, period_s: float, rated_payload: float, rated_force
             Field(BOOKED_COUNT, 0x2160, 1, "H", 1.0, 0.0, "1", 0.0, 65534.0),
             Field(BOOKED, 0x2160, 2, "i", _KG, 0.0, "kg", *kg),
         ),
+        _force(SOIL, (6, 7, 9, 8), rated_force),
+        tuple(Field(QUALITY[n], 0x2150, k, "B", 1.0, 0.0, "1", 0.0, 255.0) for k, n in enumerate(QUALITY, 3)),
+        _event(),
+        (
+            Field(EVENT_AGE, 0x2180, 6, "I", _MS, 0.0, "s", 0.0, _OLD),
+            Field(SOIL_X_ERROR, 0x2130, 6, "H", _N, 0.0, "N", 0.0, rated_force),
+            Field(SOIL_Z_ERROR, 0x2130, 7, "H", _N, 0.0, "N", 0.0, rated_force),
+        ),
     )
+    often = period_s if force_period_s is None else min(force_period_s, period_s)
     return tuple(
-        Pdo(0x100 * k + 0x80 + node_id, node_id, k, False, 0, period_s, fields) for k, fields in enumerate(table, 1)
+        _pdo(k, node_id, often if k in FAST else period_s, fields, filters) for k, fields in enumerate(table, 1)
+    )
+
+
+def _pdo(number: int, node_id: int, period_s: float, fields: tuple[Field, ...], filters: Filters | None) -> Pdo:
+    if filters is not None:
+        fields = tuple(replace(field, note=timing(str(field.signal), filters, period_s)) for field in fields)
+    return Pdo(cob_id(number, node_id), node_id, number, False, 0, period_s, fields)
+
+
+def timing(signal: str, filters: Filters, period_s: float) -> str:
+    """Bandwidth and delay of a published value: a signal waits half a step until it is measured and one step until it
+    is used, a value until the next publication."""
+    step = 1.0 / filters.rate_hz
+    wait = 1.5 * step + max(period_s - step, 0.0) / 2.0
+    if signal in (*FORCES, *SOIL):
+        late = wait + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))  # a Butterworth low-pass, slow signals
+        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s, step):.3g} Hz, delay {1e3 * late:.0f} ms"
+    if signal in (GROSS, NET):
+        return "mean over the lift, shown 1.0 s after it began"
+    return f"no filter, delay {1e3 * wait:.0f} ms"
+
+
+def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
+    """Frequency [Hz] at which a Butterworth low-pass of second order, with the fixed step [s], and the hold between two
+    publications together leave 1/sqrt(2) of a sine."""
+    low, high = 0.0, cutoff_hz
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        held = sin(pi * middle * period_s) / (pi * middle * period_s)
+        gain = held / sqrt(1.0 + (tan(pi * middle * step_s) / tan(pi * cutoff_hz * step_s)) ** 4)
+        low, high = (middle, high) if gain > 0.5**0.5 else (low, middle)
+    return low
+
+
+def cob_id(number: int, node_id: int) -> int:
+    """Identifier of one of our TPDOs: that of CiA 301 for 1 to 4; 5 to 8 use those of our node's RPDOs, of which it has
+    none."""
+    return 0x100 * number + 0x80 + node_id if number <= 4 else 0x100 * (number - 3) + node_id
+
+
+def _force(names: tuple[str, str, str, str], channels: tuple[int, int, int, int], rated: float) -> tuple[Field, ...]:
+    """Fields x, z, magnitude and direction of a force."""
+    low, unit, scale = (-rated, -rated, 0.0, -pi), ("N", "N", "N", "rad"), (_N, _N, _N, _DEG)
+    return tuple(
+        Field(names[k], 0x7130, channels[k], "h", scale[k], 0.0, unit[k], low[k], pi if k == 3 else rated)
+        for k in range(4)
+    )
+
+
+def _event() -> tuple[Field, ...]:
+    """Fields of the last event at the teeth."""
+    return (
+        Field(EVENT_COUNT, 0x2180, 1, "H", 1.0, 0.0, "1", 0.0, 65534.0),
+        Field(EVENT_KIND, 0x2180, 2, "B", 1.0, 0.0, "1", 0.0, 254.0),
+        Field(EVENT_CONFIDENCE, 0x2180, 3, "B", _PERCENT, 0.0, "1", 0.0, 1.0),
+        Field(EVENT_X, 0x2180, 4, "h", _CM, 0.0, "m", -_FAR, _FAR),
+        Field(EVENT_Z, 0x2180, 5, "h", _CM, 0.0, "m", -_FAR, _FAR),
     )
 
 
 def published(estimate: Estimate) -> dict[str, float]:
     """SI values of an estimate by name, NaN where there is none; a standard error is at least one step of its published
     integer, so that it is never sent as zero."""
-    force, booking = estimate.force, estimate.booking
+    force, soil, booking = estimate.force, estimate.soil, estimate.booking
     return {
         GROSS: estimate.gross.value,
         NET: estimate.net.value,
-        FORCE_X: force.x.value,
-        FORCE_Z: force.z.value,
-        MAGNITUDE: force.magnitude.value,
-        DIRECTION: force.direction.value,
+        **dict(zip(FORCES, (q.value for q in force.quantities), strict=True)),
         GROSS_ERROR: max(estimate.gross.standard_error, _KG),
         X_ERROR: max(force.x.standard_error, _N),
         Z_ERROR: max(force.z.standard_error, _N),
         DIRECTION_ERROR: max(force.direction.standard_error, _DEG),
         PAYLOAD_QUALITY: float(quality(estimate.gross)),
-        FORCE_QUALITY: float(max((quality(q) for q in force.quantities), key=lambda byte: byte & 3)),
+        FORCE_QUALITY: float(max((quality(q) for q in force.quantities[:3]), key=lambda byte: byte & 3)),
         BOOKED_COUNT: float(booking.number % 65535) if booking else 0.0,
         BOOKED: booking.mass if booking else float("nan"),
+        **dict(zip(SOIL, (q.value for q in soil.quantities), strict=True)),
+        **dict(zip(QUALITY.values(), (float(quality(q)) for q in (*force.quantities, *soil.quantities)), strict=True)),
+        **_published_event(estimate),
+        SOIL_X_ERROR: max(soil.x.standard_error, _N),
+        SOIL_Z_ERROR: max(soil.z.standard_error, _N),
+    }
+
+
+def _published_event(estimate: Estimate) -> dict[str, float]:
+    """The last event; before the first one: count and kind 0, nothing else."""
+    if not estimate.events:
+        nan = float("nan")
+        return {EVENT_COUNT: 0.0, EVENT_KIND: 0.0, EVENT_CONFIDENCE: nan, EVENT_X: nan, EVENT_Z: nan, EVENT_AGE: nan}
+    event = estimate.events[-1]
+    return {
+        EVENT_COUNT: float(event.number % 65535),
+        EVENT_KIND: float(event.kind),
+        EVENT_CONFIDENCE: event.confidence,
+        EVENT_X: event.x,
+        EVENT_Z: event.z,
+        EVENT_AGE: 1e-6 * (estimate.t_us - event.t_us),
     }
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from cylforce.mechanics.installation import Service
 from cylforce.service import commands
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.assembler import Assembler, Inputs
-from cylforce.service.force import ForceSensor
+from cylforce.service.contact.interaction import Forces, Interaction, Interactor
 from cylforce.service.pipeline import Pipe, Pipeline
 from cylforce.service.publication import GROSS, MAGNITUDE, frames
 from cylforce.service.recognition import Recognition, Recognizer
@@ -23,16 +22,15 @@ from cylforce.service.weighing import Weigher, Weighing
 from cylforce.signals.estimate import (
     Array,
     Estimate,
-    Force,
     Load,
-    Quantity,
     Reason,
     Sample,
-    Status,
+    degraded,
     each_component,
     held_estimate,
-    invalid,
+    less,
     no_estimate,
+    within,
 )
 from cylforce.signals.events import Event, Frame, Tick
 from cylforce.signals.kinds import Kind
@@ -55,7 +53,8 @@ NO_SCALE = Scale()
 class State(NamedTuple):
     """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
     started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
-    it should change because the machine moves; whether NMT has stopped our node."""
+    it should change because the machine moves; whose machine it is; contact with the ground; whether NMT has stopped
+    our node."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -66,6 +65,7 @@ class State(NamedTuple):
     estimate: Estimate
     moving: tuple[bool, ...]
     recognition: Recognition
+    interaction: Interaction
     stopped: bool = False
 
 
@@ -120,9 +120,9 @@ class Core:
         return Recognizer(self.model, self.tares)
 
     @cached_property
-    def force_sensor(self) -> ForceSensor:
-        """Rows to force."""
-        return ForceSensor(self.model, self.tares, self.limits[MAGNITUDE][1])
+    def interactor(self) -> Interactor:
+        """Rows of an instant to forces and events."""
+        return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1])
 
     @cached_property
     def limits(self) -> dict[str, tuple[float, float]]:
@@ -150,7 +150,8 @@ class Core:
         nothing = no_estimate(0, Reason.STARTING, None)
         still = (False,) * len(self.service.machine.signals)
         inputs, known = self.assembler.begin(), self.recognizer.begin()
-        return State(inputs, None, self.weigher.begin(), self.adapter.begin(), scale, 0, nothing, still, known)
+        drift, contact = self.adapter.begin(), self.interactor.begin()
+        return State(inputs, None, self.weigher.begin(), drift, scale, 0, nothing, still, known, contact)
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
@@ -193,18 +194,20 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if state.pipe is None or not TICK_SLACK < periods < core.longest_step:
         reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
         return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
-    pipe, rows = core.pipeline.advance(state.pipe, channels, round(periods))
+    pipe, rows, instant = core.pipeline.advance(state.pipe, channels, round(periods))
     state = state._replace(pipe=pipe, sampled_us=t_us, moving=_moving(core, pipe))
     if pipe.steps <= core.model.settle_steps:
-        return state._replace(estimate=no_estimate(t_us, Reason.STARTING, state.estimate.booking))
+        return state._replace(estimate=_nothing(state, t_us, Reason.STARTING))
     usable = pipe.waiting == 0
     left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ state.drift.values)
     weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
-    force = core.force_sensor.estimate(rows, left, usable)
+    drifted = core.adapter.columns(instant.rows) @ state.drift.values
+    weighed = (weighing, load)
+    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
     drift = _drift(core, state.drift, weighing, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
-    state = state._replace(weighing=weighing, drift=drift, recognition=recognition)
-    return state._replace(estimate=_estimate(core, state, load, force, t_us))
+    state = state._replace(weighing=weighing, drift=drift, recognition=recognition, interaction=interaction)
+    return state._replace(estimate=_estimate(core, state, load, forces, t_us))
 
 
 def _channels(core: Core, sample: Sample) -> Array | Reason:
@@ -225,8 +228,14 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         moving=(False,) * len(state.moving),
         weighing=core.weigher.interrupt(state.weighing),
         recognition=core.recognizer.interrupt(state.recognition),
-        estimate=no_estimate(t_us, reason, state.estimate.booking),
+        interaction=core.interactor.interrupt(state.interaction),
+        estimate=_nothing(state, t_us, reason),
     )
+
+
+def _nothing(state: State, t_us: int, reason: Reason) -> Estimate:
+    """No value, and why; the last booking and events stay."""
+    return no_estimate(t_us, reason, state.estimate.booking, state.estimate.events)
 
 
 def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Residual, usable: Array) -> Drift:
@@ -237,19 +246,18 @@ def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Resid
     return core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
 
 
-def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> Estimate:
-    """The published estimate: load, load less zero (gross), less tare (net), and force. OK becomes DEGRADED for
+def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -> Estimate:
+    """The published estimate: load, load less zero (gross), less tare (net), and forces. OK becomes DEGRADED for
     LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
     outside their declared range."""
     for reason in _doubts(core, state, t_us):
-        load, force = (
-            Load(*(_degrade(q, reason) for q in load)),
-            each_component(force, partial(_degrade, reason=reason)),
-        )
+        load = Load(*(degraded(q, reason) for q in load))
+        forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
     rated = core.service.machine.rated_payload
-    gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], rated)
-    net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], rated)
-    return Estimate(t_us, load, gross, net, force, state.weighing.booking)
+    gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
+    net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
+    events = state.interaction.contact.events
+    return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.booking, forces.soil, events)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
@@ -272,26 +280,9 @@ def _tilted(core: Core, sample: Sample) -> bool:
     )
 
 
-def _shift(q: Quantity, by: float) -> Quantity:
-    return q._replace(value=q.value + by)
-
-
 def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
     """Why nothing that is published now is OK."""
     if state.recognition.another and core.tares.identified:
         yield Reason.NOT_THIS_MACHINE
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME
-
-
-def _degrade(q: Quantity, reason: Reason) -> Quantity:
-    return q._replace(status=Status.DEGRADED, reason=reason) if q.status is Status.OK else q
-
-
-def _checked(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
-    """The quantity itself when it is finite, within `limits`, and its standard error is between 0 and `largest_error`;
-    else INVALID."""
-    if q.status is Status.INVALID:
-        return q
-    fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
-    return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from cylforce.canopen.dictionary import vendor_eds
-from cylforce.mechanics.installation import SensorNode
+from cylforce.mechanics.installation import Filters, SensorNode
 from cylforce.service.publication import publication
 from cylforce.settings.error import FaultError, Inspection, Key
 from cylforce.settings.model import MachineFile, NodeTable, PdoTable, SensorTable, Skipped
@@ -17,19 +17,21 @@ TYPES = {"i8": "b", "u8": "B", "i16": "h", "u16": "H", "i32": "i", "u32": "I", "
 Entry = tuple[int, SensorTable]  # number of the sensor in the file
 
 
-def own_pdos(file: MachineFile, findings: Inspection) -> tuple[Pdo, ...]:
+def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple[Pdo, ...]:
     """The TPDOs that cylforce sends. A period below one step, and rated values too large for their objects, go to
     `findings`."""
     own = file.publication
     if own.period_ms * file.filter.rate_hz < 1000.0:
         problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
         findings.errors.append(FaultError(("publication", "period_ms"), f"{problem}: publish no faster than that"))
-    pdos = publication(own.node_id, own.period_ms * MILLISECOND, file.machine.rated_payload_kg, own.rated_force_n)
-    rated: tuple[tuple[str, Key], ...] = (
+    often = max(own.force_period_ms * MILLISECOND, 1.0 / file.filter.rate_hz)
+    rated = file.machine.rated_payload_kg
+    pdos = publication(own.node_id, own.period_ms * MILLISECOND, rated, own.rated_force_n, often, filters)
+    limits: tuple[tuple[str, Key], ...] = (
         ("N", ("publication", "rated_force_n")),
         ("kg", ("machine", "rated_payload_kg")),
     )
-    for unit, key in rated:
+    for unit, key in limits:
         large = [field for pdo in pdos for field in pdo.fields if field.unit == unit and not _fits(field)]
         if large:
             problem = f"is too large for {large[0].signal} ({TYPE_NAMES[large[0].code]}): make it smaller"

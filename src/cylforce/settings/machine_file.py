@@ -121,7 +121,7 @@ def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[M
     findings.errors.extend(_filter_faults(file.filter) if "filter" in good else ())
     parts = Parts()
     if good >= BUS:
-        own = own_pdos(file, findings)
+        own = own_pdos(file, _filters(file.filter), findings)
         parts = parts._replace(publication=own, nodes=nodes(file, folder, own, findings))
     if good >= ARM:
         parts = parts._replace(machine=_machine(file, good, findings))
@@ -152,9 +152,14 @@ def _unusual(file: MachineFile, name: str) -> list[FaultError]:
     return list(unusual(section, (name,))) if section is not None else []
 
 
+CUT_OFFS, FAST = ("channel_hz", "regressor_hz", "smoothing_hz"), ("force_hz", "inertia_hz")
+HIGHEST = 0.4  # times the rate: cut-off frequency of the force where the file says none and the rate is low; chosen
+
+
 def _filter_faults(table: FilterTable) -> list[FaultError]:
     nyquist = table.rate_hz / 2.0
-    keys = [key for key in ("channel_hz", "regressor_hz", "smoothing_hz") if getattr(table, key) >= nyquist]
+    keys = [key for key in CUT_OFFS if getattr(table, key) >= nyquist]
+    keys += [key for key in FAST if key in table.model_fields_set and getattr(table, key) >= nyquist]
     problem = f"is not below half of rate_hz ({nyquist:g} Hz, Nyquist): lower it"
     return [FaultError(("filter", key), problem) for key in keys]
 
@@ -181,6 +186,8 @@ def _filters(table: FilterTable) -> Filters:
         regressor_hz=table.regressor_hz,
         smoothing_hz=table.smoothing_hz,
         direction_speed=table.direction_speed_m_s,
+        force_hz=min(table.force_hz, HIGHEST * table.rate_hz),
+        inertia_hz=min(table.inertia_hz, HIGHEST * table.rate_hz),
     )
 
 

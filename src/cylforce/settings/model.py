@@ -149,6 +149,12 @@ class FilterTable(SettingsTable):
     smoothing_hz: Cutoff = Field(
         default=2.0, description="Second low-pass, after `regressor_hz`, of the same terms and torque."
     )
+    force_hz: Cutoff = Field(
+        default=20.0, description="Low-pass of second order on the cylinder forces, for the force at the tool."
+    )
+    inertia_hz: Cutoff = Field(
+        default=8.0, description="Low-pass of first order on the torque of inertia, for the force at the tool."
+    )
     direction_speed_m_s: SlowSpeed = Field(
         default=0.002, description="Cylinder speed below which the direction of friction is not known."
     )
@@ -171,6 +177,9 @@ class PublicationTable(SettingsTable):
 
     node_id: NodeId = Field(default=64, description="Its node-ID.")
     period_ms: Period = Field(default=100, description="How often results are published.")
+    force_period_ms: Period = Field(
+        default=20, description="How often the forces are published; not more seldom than `period_ms`."
+    )
     sync_producer: bool = Field(default=True, description="Whether it produces SYNC, at `filter.rate_hz`.")
     heartbeat_ms: int = Field(default=500, ge=1, le=32767, description="Its heartbeat.")
     rated_force_n: Force = Field(default=300_000.0, description="Greatest tool force; scales what is published.")

@@ -1,6 +1,7 @@
 """PDO data to SI values and back, by `struct` formats compiled once from the table of PDO layouts."""
 
 from collections.abc import Mapping
+from functools import cache
 from math import isfinite, nan
 from struct import Struct
 from typing import NamedTuple
@@ -46,7 +47,12 @@ def _decoder(pdo: Pdo, signals: Mapping[str, int]) -> Decoder:
 
 
 def _struct(pdo: Pdo) -> Struct:
-    return Struct("<" + "".join(field.code for field in pdo.fields))
+    return _little_endian("".join([field.code for field in pdo.fields]))
+
+
+@cache
+def _little_endian(codes: str) -> Struct:
+    return Struct("<" + codes)
 
 
 def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
@@ -64,7 +70,7 @@ def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
 def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
     """Data of a PDO from SI values by name; a value that is missing, not finite or outside the field's range is sent as
     "no value"."""
-    return _struct(pdo).pack(*(_raw(f, values.get(f.signal, nan) if f.signal else 0.0) for f in pdo.fields))
+    return _struct(pdo).pack(*[_raw(f, values.get(f.signal, nan) if f.signal else 0.0) for f in pdo.fields])
 
 
 def _raw(field: Field, value: float) -> int | float:

@@ -3,10 +3,13 @@ withheld."""
 
 from collections.abc import Callable
 from enum import IntEnum
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cylforce.signals.contact import ContactEvent
 
 Array = NDArray[np.float64]
 
@@ -49,17 +52,19 @@ class Reason(IntEnum):
     NOT_OPERATIONAL = 22
     NOT_IDENTIFIED = 23
     NOT_THIS_MACHINE = 24
+    NO_CONTACT = 25
 
 
 class Sample(NamedTuple):
     """The signals at a tick: SI `values` (S,) in the order of the machine's signals; per signal the reason why it is
     not usable (NONE: usable); `late`: the reason why at least one value is not fresh but repeated from before (NONE:
-    all are fresh)."""
+    all are fresh); `age` (S,) [s] of each value at the tick, infinite where there never was one."""
 
     t_us: int
     values: Array
     reasons: tuple[Reason, ...]
     late: Reason
+    age: Array
 
 
 class Quantity(NamedTuple):
@@ -74,6 +79,25 @@ class Quantity(NamedTuple):
 def invalid(reason: Reason) -> Quantity:
     """A quantity without a value, with the reason."""
     return Quantity(float("nan"), float("nan"), Status.INVALID, reason)
+
+
+def less(q: Quantity, by: float) -> Quantity:
+    """The quantity with its value less `by`."""
+    return q._replace(value=q.value - by)
+
+
+def degraded(q: Quantity, reason: Reason) -> Quantity:
+    """The quantity, DEGRADED for this reason if it was OK."""
+    return q._replace(status=Status.DEGRADED, reason=reason) if q.status is Status.OK else q
+
+
+def within(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
+    """The quantity itself when it is finite, within `limits`, and its standard error is between 0 and `largest_error`;
+    else INVALID."""
+    if q.status is Status.INVALID:
+        return q
+    fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
+    return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
 
 
 class Force(NamedTuple):
@@ -124,7 +148,8 @@ def invalid_load(reason: Reason) -> Load:
 
 class Estimate(NamedTuple):
     """All estimates of a tick, as published: `load` before zero and tare, `gross` = load less zero [kg], `net` = gross
-    less tare [kg], the force at the tool, the last booking."""
+    less tare [kg], `force`: the resultant of all that acts on the tool, the last booking; `soil`: the force of the soil
+    alone; the last events at the teeth, newest last."""
 
     t_us: int
     load: Load
@@ -132,12 +157,14 @@ class Estimate(NamedTuple):
     net: Quantity
     force: Force
     booking: Booking | None
+    soil: Force
+    events: tuple[ContactEvent, ...] = ()
 
 
-def no_estimate(t_us: int, reason: Reason, booking: Booking | None) -> Estimate:
-    """No value at all, and why; the last booking stays."""
-    nothing = invalid(reason)
-    return Estimate(t_us, invalid_load(reason), nothing, nothing, invalid_force(reason), booking)
+def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()) -> Estimate:
+    """No value at all, and why; the last booking and the last events stay."""
+    nothing, no_force = invalid(reason), invalid_force(reason)
+    return Estimate(t_us, invalid_load(reason), nothing, nothing, no_force, booking, no_force, events)
 
 
 def each_component(force: Force, change: Callable[[Quantity], Quantity]) -> Force:
@@ -152,5 +179,6 @@ def held_estimate(last: Estimate, t_us: int, reason: Reason) -> Estimate:
     def repeated(q: Quantity) -> Quantity:
         return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
 
-    load, force = Load(*(repeated(q) for q in last.load)), each_component(last.force, repeated)
-    return Estimate(t_us, load, repeated(last.gross), repeated(last.net), force, last.booking)
+    load, gross, net = Load(*(repeated(q) for q in last.load)), repeated(last.gross), repeated(last.net)
+    force, soil = each_component(last.force, repeated), each_component(last.soil, repeated)
+    return Estimate(t_us, load, gross, net, force, last.booking, soil, last.events)

@@ -2,6 +2,7 @@
 them."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 CODES = {
@@ -21,7 +22,7 @@ TYPE_NAMES |= {"I": "UNSIGNED32", "f": "REAL32"}
 class Field:
     """One mapped object: SI value = raw * scale + offset. `signal` is the name of the signal or published value, None
     for unused bytes. `index` and `sub` address the object; values outside `low`..`high` [SI] are neither accepted nor
-    published."""
+    published. `note`: bandwidth and delay of a published value, for its description."""
 
     signal: str | None
     index: int
@@ -32,6 +33,7 @@ class Field:
     unit: str
     low: float
     high: float
+    note: str = ""
 
 
 class Pdo(NamedTuple):
@@ -53,6 +55,7 @@ class Pdo(NamedTuple):
         return sum(CODES[field.code] for field in self.fields)
 
 
+@cache
 def not_available(code: str) -> int | float:
     """The raw value that means "no value" for a `struct` code: NaN, the most negative signed or the largest unsigned
     integer."""

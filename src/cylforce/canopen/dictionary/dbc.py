@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from cylforce.service.publication import FORCE_QUALITY, PAYLOAD_QUALITY
+from cylforce.service.publication import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
+from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import DEGREE
@@ -40,6 +41,7 @@ def dbc(pdos: Sequence[Pdo], node_id: int) -> str:
             'VERSION ""\n\nNS_ :\n\nBS_:\n\n',
             f"BU_: {NODE}\n\n",
             *(_message(*message) for message in ordered),
+            *(_notes(pdo) for pdo in pdos),
             *(_types(pdo) for pdo in pdos),
             *(_words(can_id, signal) for _, can_id, _, signals in ordered for signal in signals),
         ]
@@ -58,7 +60,7 @@ def _signals(pdo: Pdo) -> list[DbcSignal]:
 def _field(field: Field, start: int) -> Iterable[DbcSignal]:
     if field.signal is None:
         return
-    if field.signal in (PAYLOAD_QUALITY, FORCE_QUALITY):
+    if field.signal in (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values()):
         what = field.signal.removesuffix("_quality")
         yield DbcSignal(f"{what}_status", start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status))
         bits = 8 * CODES[field.code] - _STATUS_BITS
@@ -66,11 +68,12 @@ def _field(field: Field, start: int) -> Iterable[DbcSignal]:
         return
     unit, size = _UNITS.get(field.unit, (field.unit, 1.0))
     words = {} if field.code == "f" else {int(not_available(field.code)): "no_value"}
+    words |= _names(EventKind) if field.signal == EVENT_KIND else {}
     scale, offset = field.scale / size, field.offset / size
     yield DbcSignal(field.signal, start, 8 * CODES[field.code], field.code.islower(), scale, offset, unit, words)
 
 
-def _names(words: type[Status] | type[Reason]) -> dict[int, str]:
+def _names(words: type[Status] | type[Reason] | type[EventKind]) -> dict[int, str]:
     return {int(word): word.name.lower() for word in words}
 
 
@@ -92,6 +95,12 @@ def _signal(signal: DbcSignal) -> str:
     return (
         f' SG_ {signal.name} : {place} ({signal.scale:.12g},{signal.offset:.12g}) [0|0] "{signal.unit}" Vector__XXX\n'
     )
+
+
+def _notes(pdo: Pdo) -> str:
+    """Bandwidth and delay, as comments."""
+    said = ((field.signal, field.note) for field in pdo.fields if field.note)
+    return "".join(f'CM_ SG_ {pdo.can_id} {name} "{note}";\n' for name, note in said)
 
 
 def _types(pdo: Pdo) -> str:

@@ -33,6 +33,7 @@ UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
 INT16, INT32 = 0x7130, 0x9130  # process values
 ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperature and wear, and its states
 
+_BASES = range(0x180, 0x580, 0x80)  # COB-IDs of PDOs in CiA 301, to which the node id is added
 _SLOTS = 8  # entries of a mapping that can be written
 _SYNC = 0x80
 # SI unit -> code of CiA 303-2 for the unit in which it is published, that unit's size in SI
@@ -44,6 +45,7 @@ _UNITS = {
     "m": (0xFD010000, MILLIMETRE),
     "rad/s": (0x00410300, DEGREE),
     "K": (0x002D0000, 1.0),
+    "s": (0xFD030000, 1e-3),
     "1": (0x00000000, 1.0),
 }
 _NAMES = {
@@ -51,7 +53,7 @@ _NAMES = {
     406: {0x6004: "Position value", 0x6030: "Speed value"},
     410: {0x6010: "Slope long16", 0x6020: "Slope lateral16", 0x6110: "Slope long32", 0x6120: "Slope lateral32"},
 }
-_OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload"}
+_OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload", 0x2180: "Last event"}
 
 
 def own_objects(
@@ -134,7 +136,7 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
     """Communication and mapping parameters; `mapped`: how many of the entries are in use."""
     entries = [f.index << 16 | f.sub << 8 | 8 * CODES[f.code] for f in pdo.fields]
     slots = entries + [0] * (_SLOTS - len(entries)) if access == "rw" else entries
-    relative = pdo.can_id == 0x100 * pdo.number + 0x80 + pdo.node_id
+    relative = pdo.can_id - pdo.node_id in _BASES
     parameter = (
         Entry(1, "COB-ID used by TPDO", "I", "rw", pdo.can_id - relative * pdo.node_id, relative),
         Entry(2, "Transmission type", "B", access, max(pdo.sync, 1) if pdo.synchronous else 255),
@@ -161,6 +163,7 @@ def _carried(field: Field, names: dict[int, str]) -> Object:
     """A mapped object, "no value" to begin with."""
     name = names.get(field.index, f"Object {field.index:04X}")
     what = name if field.sub == 0 else f"{name} {field.signal or field.sub}"
+    what += f" ({field.note})" if field.note else ""
     entry = Entry(field.sub, what, field.code, "ro", not_available(field.code), mappable=True)
     if field.sub == 0:
         return Object(field.index, name, VARIABLE, (entry,))

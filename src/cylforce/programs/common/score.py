@@ -6,9 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.filters import first_order, second_order
 from cylforce.files.truth import TruthTable
-from cylforce.mechanics.installation import Filters
 from cylforce.signals.estimate import Array, Booking, Estimate
 from cylforce.signals.units import STANDARD_GRAVITY
 from cylforce.simulation.trajectory import Phase
@@ -56,27 +54,18 @@ def _cycle(true_kg: float, booking: Booking | None) -> CycleScore:
     return CycleScore(true_kg, booking.mass, booking.standard_error)
 
 
-def filtered_truth(truth: TruthTable, filters: Filters) -> Array:
-    """The force that the tool felt (T, 2) [N], soil and weight of the material together, through the estimator's
-    filters.
+def true_force(truth: TruthTable) -> Array:
+    """The force that the tool felt (T, 2) [N], soil and weight of the material together, through no filter.
 
     Forces on one body have the same resultant wherever they act: reduced to the tooth line they keep it."""
     weight = -truth.columns["mass"] * STANDARD_GRAVITY * np.cos(truth.columns["roll"])
-    force = np.stack([truth.columns["soil_x"], truth.columns["soil_z"] + weight], axis=-1)
-    dt = 1.0 / filters.rate_hz
-    smooth = second_order(filters.channel_hz, dt)
-    force = smooth.run(smooth.steady(force[0]), force)[1]
-    force = np.concatenate([force[:1], (force[1:] + force[:-1]) / 2.0])
-    for stage in (first_order(filters.regressor_hz, dt), second_order(filters.smoothing_hz, dt)):
-        force = stage.run(stage.zero(force.shape[1:]), force)[1]
-    return force
+    return np.stack([truth.columns["soil_x"], truth.columns["soil_z"] + weight], axis=-1)
 
 
-def score_force(truth: TruthTable, estimates: Sequence[Estimate], filters: Filters) -> ForceScore:
-    """Estimates are compared with the truth of the samples that they used: those asked for one tick before."""
-    wanted = filtered_truth(truth, filters)
-    asked = np.array([e.t_us for e in estimates]) - round(1e6 / filters.rate_hz)
-    row = _nearest(truth.t_us, asked)
+def score_force(truth: TruthTable, estimates: Sequence[Estimate]) -> ForceScore:
+    """Estimates are compared with the truth of the moment at which they are published."""
+    wanted = true_force(truth)
+    row = _nearest(truth.t_us, np.array([e.t_us for e in estimates]))
     digging = (truth.columns["phase"][row] == Phase.DIG) & (np.hypot(*wanted[row].T) > SMALLEST_FORCE)
     found = np.array([(e.force.x.value, e.force.z.value) for e in estimates])[digging]
     return _force_score(found, wanted[row][digging])

@@ -40,7 +40,8 @@ class Station(Generic[S]):
 
     def __init__(self, service: Service, step: Step[S], state: S, bus: Bus, log: LogWriter | None) -> None:
         self._step, self.state = step, state
-        self._every = max(1, round(service.publication[0].period_s * service.filters.rate_hz))
+        rate = service.filters.rate_hz
+        self._every = {pdo.number: max(1, round(pdo.period_s * rate)) for pdo in service.publication}
         self.bus, self.log = bus, log
         self.counts = Counts()
         self._missed = self._said_us = 0
@@ -102,8 +103,8 @@ class Station(Generic[S]):
         self.before_tick(tick.t_us)
         self._keep(tick)
         self.state, out = self._step(self.state, tick)
-        if self.counts.steps % self._every == 0:
-            for number, data in out.frames:
+        for number, data in out.frames:
+            if self.counts.steps % self._every[number] == 0:
                 self.node.publish(number, data)
         self.node.produce_sync()
         self.network.poll(tick.t_us)

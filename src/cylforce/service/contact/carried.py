@@ -1,0 +1,51 @@
+"""The load that the force of the soil does not contain: as the weighing knows it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.residual import load_spread
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+
+FILLING_S = 5.0  # s of contact in which a bucket can be filled or emptied; chosen
+
+
+class KnownLoad(NamedTuple):
+    """State: the load's (m, m x, m z, J about the last pin) `values` (4,) and `covariance` (4, 4) as last weighed;
+    `filling`: seconds of contact since then; whether it is `known` now, because a load hangs and is weighed."""
+
+    values: Array
+    covariance: Array
+    filling: float
+    known: bool
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """The load of one machine."""
+
+    machine: Machine
+
+    @cached_property
+    def _full(self) -> Array:
+        """A full bucket (4,)."""
+        rated, middle = self.machine.rated_payload, self.machine.payload_reach / 2.0
+        return rated * np.array([1.0, middle, 0.0, middle**2])
+
+    def begin(self) -> KnownLoad:
+        """Nothing is known of the load."""
+        return KnownLoad(np.zeros(4), np.diag(load_spread(self.machine) ** 2), 0.0, False)
+
+    def step(self, state: KnownLoad, weighed: tuple[Array, Array] | None, touching: bool, dt: float) -> KnownLoad:
+        """The state after one instant of `dt` [s]: `weighed`, the load's (values, covariance) where one hangs."""
+        if weighed is not None and not touching:
+            return KnownLoad(*weighed, 0.0, True)
+        return state._replace(filling=state.filling + dt * touching, known=False)
+
+    def covariance(self, state: KnownLoad) -> Array:
+        """Covariance (4, 4) of the load: as weighed, and a bucket that fills while it is in contact."""
+        filled = min(state.filling / FILLING_S, 1.0) * self._full
+        return state.covariance + np.multiply.outer(filled, filled)

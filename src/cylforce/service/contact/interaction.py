@@ -1,0 +1,129 @@
+"""From the rows of an instant to the two forces and the events: resultant of all that acts on the tool, and that of the
+soil, which is the resultant less the load in the bucket."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.fast import Instant
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.residual import SMALLEST
+from cylforce.service.contact.carried import Carrier, KnownLoad
+from cylforce.service.contact.events import Moment, Touch, Watcher
+from cylforce.service.contact.hanging_mass import without_mass
+from cylforce.service.contact.noise import Noise, Unrest
+from cylforce.service.force import ForceSensor, Solved
+from cylforce.service.weighing import Weighing
+from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
+from cylforce.signals.units import STANDARD_GRAVITY
+
+STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
+
+
+class Interaction(NamedTuple):
+    """State: errors, load in the bucket, contact."""
+
+    unrest: Unrest
+    carried: KnownLoad
+    contact: Touch
+
+
+class Forces(NamedTuple):
+    """The resultant of all that acts on the tool, and the force of the soil."""
+
+    resultant: Force
+    soil: Force
+
+
+@dataclass(frozen=True)
+class Interactor:
+    """The interaction of one machine with its surroundings."""
+
+    model: Model
+    tares: Tares
+    rated_force: float
+
+    @cached_property
+    def _sensor(self) -> ForceSensor:
+        return ForceSensor(self.model, self.tares, self.rated_force)
+
+    @cached_property
+    def _noise(self) -> Noise:
+        return Noise(self.model, self.tares)
+
+    @cached_property
+    def _carrier(self) -> Carrier:
+        return Carrier(self.model.machine)
+
+    @cached_property
+    def _watcher(self) -> Watcher:
+        return Watcher(self.rated_force, self.model.machine.rated_payload, 1.0 / self.model.filters.rate_hz)
+
+    def begin(self) -> Interaction:
+        """The state before any sample."""
+        return Interaction(self._noise.begin(), self._carrier.begin(), self._watcher.begin())
+
+    def interrupt(self, state: Interaction) -> Interaction:
+        """The state after an interruption of the measurement: errors and events remain."""
+        unrest = state.unrest._replace(
+            inertia=self._noise.begin().inertia, reversing=np.zeros_like(state.unrest.reversing)
+        )
+        return Interaction(unrest, self._carrier.begin(), self._watcher.interrupt(state.contact))
+
+    def step(
+        self,
+        state: Interaction,
+        instant: Instant,
+        drift: Array,
+        usable: Array,
+        weighed: tuple[Weighing, Load],
+        t_us: int,
+    ) -> tuple[Interaction, Forces]:
+        """The state and the forces after one instant: its rows, the torque of the adapted friction and zeros `drift`
+        (R,) [N m], `usable` (R,) rows, weighing and load of the same step, time [us]."""
+        if not usable.any():
+            nothing = invalid_force(Reason.DEAD_POINT)
+            return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
+        carried = self._carried(state, *weighed)
+        own = instant.rows.columns[:, : len(self.tares.values)]
+        left = self.tares.scale * (instant.rows.torque - own @ self.tares.values - drift)
+        unrest = self._noise.step(state.unrest, instant, self.tares.values + self.model.load @ carried.values)
+        noise = self._noise.covariance(unrest, instant, left)
+        solved = self._sensor.solve(instant.rows.columns, left, noise, usable)
+        contact = self._watcher.step(state.contact, Moment(t_us, *solved[:2], instant.place, instant.velocity))
+        load = own @ self.model.load
+        if carried.known and not contact.touching:
+            moving = np.logical_and(usable, self._moves(instant))
+            unrest = self._noise.learn(unrest, instant, left - load @ carried.values, moving)
+        forces = self._forces(solved, load, carried, contact.touching)
+        return Interaction(unrest, carried, contact), forces
+
+    def _forces(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Forces:
+        """Both forces. The resultant is that of no contact while nothing touches the tool or hangs in it."""
+        hanging = carried.values[0] if carried.known else self._alone(solved)[1] / STANDARD_GRAVITY
+        acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
+        return Forces(self._sensor.force(*solved[:2], acts), self._soil(solved, load, carried, touching))
+
+    def _alone(self, solved: Solved) -> tuple[Array, float]:
+        """The force (2,) without the mass that explains most of it, and the weight of that mass [N]."""
+        alone = without_mass(solved.found, solved.spread, self.model.machine.rated_payload)
+        return alone, float(alone[1] - solved.found[1])
+
+    def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
+        known = load.mass.status is not Status.INVALID
+        lift = (weighing.lift.values, weighing.lift.covariance) if known else None
+        return self._carrier.step(state.carried, lift, state.contact.touching, 1.0 / self.model.filters.rate_hz)
+
+    def _moves(self, instant: Instant) -> Array:
+        return np.array([np.abs(instant.speed[list(acting)]).max() > STILL for acting in self.model.acting])
+
+    def _soil(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Force:
+        """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
+        of it."""
+        if not carried.known and not touching:
+            return self._sensor.force(self._alone(solved)[0], solved.spread, touching)
+        seen = solved.gain @ load
+        spread = solved.spread + seen @ self._carrier.covariance(carried) @ seen.T
+        return self._sensor.force(solved.found - seen @ carried.values, spread, touching)

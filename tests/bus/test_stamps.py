@@ -1,0 +1,51 @@
+"""Frames that wait while the loop is busy keep the times at which they came."""
+
+import asyncio
+import struct
+import time
+from itertools import pairwise
+
+import pytest
+
+from cylforce.can.clock import now_us
+from cylforce.can.opening import open_bus
+from cylforce.can.socketcan import waited_us
+
+STAMP = 35  # SO_TIMESTAMPNS
+LEVEL = 1  # SOL_SOCKET
+
+
+@pytest.mark.parametrize(("age_ns", "waited"), [(0, 0), (5_000_000, 5000), (-1000, 0), (2_000_000_000, 0)])
+def test_a_stamp_tells_how_long_a_frame_waited(age_ns, waited):
+    """One of the future, or more than a second old, is of a clock that was set."""
+    wall = 1_700_000_000_000_000_000
+    stamp = struct.pack("@ll", *divmod(wall - age_ns, 10**9))
+    assert waited_us([(LEVEL, STAMP, stamp)], wall) == waited
+
+
+def test_without_a_stamp_a_frame_has_just_come():
+    assert waited_us([], time.time_ns()) == 0
+
+
+def test_frames_of_one_burst_have_their_own_times():
+    sender, receiver = open_bus("socketcan:vcan0"), open_bus("socketcan:vcan0")
+    got = []
+
+    async def main():
+        receiver.attach(asyncio.get_running_loop(), got.append)
+        before = now_us()
+        for k in range(3):
+            assert sender.send(0x181, bytes([k]))
+            time.sleep(0.02)  # noqa: ASYNC251  # the loop is busy
+        await asyncio.sleep(0.1)
+        return before
+
+    try:
+        before = asyncio.run(asyncio.wait_for(main(), 10.0))
+    finally:
+        sender.close()
+        receiver.close()
+    assert len(got) == 3
+    times = [frame.t_us - before for frame in got]
+    assert all(later - earlier >= 15_000 for earlier, later in pairwise(times))
+    assert times[0] < 15_000
