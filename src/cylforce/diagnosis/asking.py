@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from cylforce.diagnosis.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.hypotheses import InOrder
+from cylforce.diagnosis.numbers import EXPECTED
 from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.rows import BLOCK, Viewer
 from cylforce.diagnosis.sizes import Column, Terms
 from cylforce.diagnosis.statistics import White, crossed, statistics, white
 from cylforce.diagnosis.whitening import Floor
-from cylforce.effects.fault import INCIDENTAL, ForceLaw, MassChange, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
@@ -111,7 +112,7 @@ class Asking:
     def _form(self, p: Proposal, own: tuple[int, ...]) -> Column:
         about = p.about
         high = max(self.problem.largest(p), about.low)
-        expected = self.problem.from_sheet and isinstance(p.group[0], ForceLaw | MassChange)
+        expected = self.problem.from_sheet and p.name in EXPECTED
         return Column(p.name, p.at, own, about.low, high, about.sign, about.axes, expected)
 
     def sums(self, group: Sequence[Seen], shared: Sequence[Array], kept: NDArray[np.bool_] | None = None) -> Sums:

@@ -12,7 +12,7 @@ from cylforce.diagnosis.correction import Applied, bends, without
 from cylforce.diagnosis.discrepancy import Moments, Noise
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
-from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, SELDOM, SIGMAS
+from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.rows import Recorded, Viewer
@@ -142,7 +142,7 @@ class _Search:
         forms = [column for _, column in self._question.forms]
         name, at = self.only or ("", "")
         if not name and self.plain.problem.from_sheet:  # it cannot tell errors of sensors from its own
-            return [k for k, f in enumerate(forms) if f.expected]
+            return [k for k, f in enumerate(forms) if f.name in IDENTIFIED]
         return [k for k, f in enumerate(forms) if not name or (f.name == name and at in ("", f.at))]
 
     def found(self) -> Found:

@@ -25,7 +25,6 @@ WIDTH, DEEPEST = 2, 8  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 UNSURE = 3.0  # times as uncertain as between two recordings is the discrepancy that no reference shows
-MINOR = 0.001
 UNSEEN = 1.0  # level of the discrepancy where no reference shows it: that of the noise
 
 
@@ -289,6 +288,8 @@ class Inference:
         found = dict[tuple[int, ...], Hypothesis]({(): none})
         expected = [p for p in asked if self.scene.forms[p].expected]
         beam = self._grown(found, [none], expected, 0.0) if expected else [none]
+        if expected and beam[0].rest <= 1.0:
+            return list(found.values())  # the floor is all that is left: it was not measured on other recordings
         self._grown(found, beam, asked, -float(np.log(SECOND * (1.0 - IN_ORDER - ODD) / max(len(asked), 1))))
         return list(found.values())
 
@@ -296,7 +297,6 @@ class Inference:
         self, found: dict[tuple[int, ...], Hypothesis], beam: list[Hypothesis], asked: Sequence[int], worth: float
     ) -> list[Hypothesis]:
         """The last beam that was worth [nats] one form more; all hypotheses go to `found`."""
-        none = found[()]
         for _ in range(DEEPEST):
             grown = []
             for base in beam:
@@ -307,8 +307,6 @@ class Inference:
                         grown.append(found[which])
             best = sorted(grown, key=lambda h: -h.log)[:WIDTH]
             if not best or (len(best[0].which) > 1 and best[0].log < beam[0].log + worth):
-                break
-            if best[0].energy > beam[0].energy - MINOR * none.energy:
                 break
             beam = best
         return beam

@@ -20,6 +20,11 @@ USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (me
 AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generators (`tools/accuracy decisions --learn`)
 EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 
+# What a data sheet does not know, dry friction and where the masses are: there as probably as not. Beside it only what
+# else an identification determines is asked of a machine that nobody identified: sensors cannot be told from the sheet.
+EXPECTED = ("coulomb_friction", "first_moment_change")
+IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmetric_friction")
+
 # The answer: conventions.
 SIGMAS = 5.0  # standard errors from which on an effect is detectable
 MASS = 0.9  # probability that the set of causes holds
