@@ -37,7 +37,7 @@ CASES = {
     "angle_scale": ("boom_angle", 0.03, {}),
     "sensor_delay": ("bucket_angle", 0.05, {}),
     "tilt_ignored": ("machine", [0.03, 0.02], {}),
-    "linkage_geometry": ("stick", [0.02, 0.02], {"shape": {"part": 0}}),
+    "linkage_geometry": ("stick", [0.04, 0.04], {"shape": {"part": 0}}),
     "extra_mass": ("stick", [200.0, 300.0, 60.0, 500.0], {}),
     "mud": ("bucket", [600.0, 0.0, 0.0], {}),
     "hose_spring": ("stick", 2000.0, {}),

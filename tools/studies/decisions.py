@@ -30,7 +30,7 @@ from cylforce.diagnosis.posterior import (
     UNKNOWN,
     Asked,
     Belief,
-    Logistic,
+    Calibration,
     believed,
     calibrated,
     largest_evidence,
@@ -54,6 +54,7 @@ from trial.source import Labelled, labelled, references
 CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
+POWERS = tuple(float(x) for x in np.geomspace(1e-3, 1.0, 31))  # of the calibration, that are tried
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
 FOREIGN, REFERENCE = "foreign", "reference"
 
@@ -272,32 +273,39 @@ def layers(rows: Sequence[Row]) -> dict[str, list[Scored]]:
         "largest evidence": [Scored(r, largest_evidence(r.asked)) for r in rows],
         "probability model": [Scored(r, b) for r, b in zip(rows, beliefs, strict=True)],
     }
-    right = [Scored(r, b).right for r, b in zip(rows, beliefs, strict=True)]
-    features, may = np.array([b.features for b in beliefs]), np.array([not r.truth.work for r in rows])
     again = []
-    for r, b in zip(rows, beliefs, strict=True):
-        others = may & np.array([o.case.place != r.case.place for o in rows])
-        again.append(Scored(r, calibrated(b, fitted(features[others], np.array(right)[others]))))
+    for place in dict.fromkeys(r.case.place for r in rows):
+        by = calibration([r for r in rows if r.case.place != place])
+        each = [(r, b) for r, b in zip(rows, beliefs, strict=True) if r.case.place == place]
+        again += [Scored(r, calibrated(b, by)) for r, b in each]
     return found | {"with calibration": again}
 
 
-def calibration(rows: Sequence[Row]) -> Logistic:
-    """Fitted on all cases in the air."""
-    air = [(b.features, Scored(r, b).right) for r in rows if not r.truth.work for b in [believed(r.asked)]]
-    return fitted(np.array([f for f, _ in air]), np.array([x for _, x in air]))
+def calibration(rows: Sequence[Row]) -> Calibration:
+    """Fitted on all cases in the air: whether the model is right, then the power with the best log score."""
+    air = [Scored(r, believed(r.asked)) for r in rows if not r.truth.work]
+    right = fitted(np.array([c.answer.features for c in air]), np.array([c.right for c in air]))
+
+    def score(power: float) -> float:
+        each = [Scored(c.row, calibrated(c.answer, Calibration(right, power))).probability for c in air]
+        return float(np.sum(np.log(np.maximum(each, LEAST))))
+
+    return Calibration(right, max(POWERS, key=score))
 
 
 HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
 
-from cylforce.diagnosis.posterior import Logistic
+from cylforce.diagnosis.posterior import Calibration, Logistic
 
 '''
 
 
-def written(by: Logistic) -> str:
+def written(by: Calibration) -> str:
     """The module that the diagnosis reads."""
-    told = [tuple(round(x, 4) for x in each) for each in by]
-    return HEAD + "CALIBRATION: Logistic | None = Logistic(\n" + "".join(f"    {each},\n" for each in told) + ")\n"
+    told = [tuple(round(x, 4) for x in each) for each in by.right]
+    rows = "".join(f"        {each},\n" for each in told)
+    own = f"    Logistic(\n{rows}    ),\n    {by.tempered:.4g},\n)\n"
+    return HEAD + "CALIBRATION: Calibration | None = Calibration(\n" + own
 
 
 def main() -> int:

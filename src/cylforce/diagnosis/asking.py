@@ -28,7 +28,8 @@ NOISY_S = 60.0  # of a recording, from which the noise that columns and residual
 
 
 class Step(NamedTuple):
-    """The instant from which a load is another one: block `first` (of all faulty ones) to before block `last`."""
+    """When a load becomes another one: in block `first` (of all faulty ones), which does not count, until before block
+    `last`."""
 
     first: int
     last: int
@@ -72,10 +73,13 @@ class Asking:
         more = [np.asarray((clock * (seen.rows.t / GROWTH_S)[:, None])[..., None], dtype=np.float64)]
         if self.step:
             number = block + np.arange(len(seen.rows.t)) // BLOCK
-            on = (number >= self.step.first) & (number < self.step.last)
+            on = (number > self.step.first) & (number < self.step.last)
             more.append(np.asarray(each.rows[..., self._incidental(LOAD)] * on[:, None, None], dtype=np.float64))
         rows = np.concatenate([each.rows[..., :-1], *more, each.rows[..., -1:]], axis=-1)
-        return White(rows.astype(np.float32), each.good)
+        if not self.step:
+            return White(rows.astype(np.float32), each.good)
+        counts = number != self.step.first
+        return White(np.asarray(rows * counts[:, None, None], dtype=np.float32), each.good & counts[:, None])
 
     def _incidental(self, names: Sequence[str]) -> list[int]:
         return [self.problem.lasting + INCIDENTAL.index(name) for name in names]

@@ -32,6 +32,7 @@ STILL = 0.03  # of a size: a smaller change of it does not bend its columns
 KEPT = 0.5  # of the usable rows, which must be left when effects are taken out at the sizes found
 TIP = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
 SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
+CONTACT = "soil_contact"
 CARRIED = ("load.mass", "load.X", "load.Z")
 Watch = Callable[[str], None]
 
@@ -151,22 +152,37 @@ class _Search:
         case = self._case
         hypotheses = case.searched(self._wanted)
         happened, when = self._happened(case)
-        blocks: dict[tuple[int, ...], Blocks] = {}
-        if min([h.rest for h in hypotheses] + [h.rest for h in happened]) > GAP:
-            work = Work(self._question, case)
-            idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
-            if idle.log > max([h.log for h in hypotheses] + [h.log for h in happened]):
-                left_out = float(np.mean(~kept))
-                if left_out > SELDOM:
-                    case, happened, when = at_work, (), {}
-                    hypotheses, blocks = self._at_work(work, idle, at_work, kept)
-                else:
-                    happened = (*happened, Happened(UNKNOWN, idle.log, left_out, idle.rest))
-        gap = case.rest(_as_it_was(self._question.problem, case), case.usual)
-        told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
+        told = self._told_of(case, hypotheses, happened)
         self.watch("effects at their sizes")
-        told, again = self._again(case, told, blocks)
-        return Found(self._question, self._machine, told, again, when, bool(blocks), self._least(case, told.none))
+        told, again = self._again(case, told, {})
+        touched = max((h.log for h in happened if h.key[0] == CONTACT), default=-np.inf)
+        explained = min([h.rest for h in told.hypotheses] + [h.rest for h in happened]) <= GAP
+        if explained or touched < max(h.log for h in told.hypotheses):
+            return self._as_found(case, told, again, when)
+        work = Work(self._question, case)
+        idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
+        if idle.log <= max([h.log for h in told.hypotheses] + [h.log for h in happened]):
+            return self._as_found(case, told, again, when)
+        left_out = float(np.mean(~kept))
+        if left_out <= SELDOM:
+            happened = (*happened, Happened(UNKNOWN, idle.log, left_out, idle.rest))
+            return self._as_found(case, replace(told, happened=happened), again, when)
+        hypotheses, blocks = self._at_work(work, idle, at_work, kept)
+        told, again = self._again(at_work, self._told_of(at_work, hypotheses, ()), blocks)
+        return replace(self._as_found(at_work, told, again, {}), working=True)
+
+    def _told_of(self, case: Inference, hypotheses: Sequence[Hypothesis], happened: tuple[Happened, ...]) -> Asked:
+        gap = case.rest(_as_it_was(self._question.problem, case), case.usual)
+        return Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
+
+    def _as_found(
+        self,
+        case: Inference,
+        told: Asked,
+        again: Mapping[tuple[int, ...], tuple[Problem, list[Applied]]],
+        when: Mapping[Key, Blocks],
+    ) -> Found:
+        return Found(self._question, self._machine, told, again, when, False, self._least(case, told.none))
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
@@ -192,7 +208,7 @@ class _Search:
         """What may have happened at moments, and in which blocks (B,)."""
         found, when = [], {}
         for key, each in self._incidents():
-            told, where = settled(case, each)
+            told, where = settled(self._question.problem, case, each)
             found.append(Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest))
             when[key] = where
         return tuple(found), when
@@ -279,18 +295,16 @@ def _possible(form: Column, sizes: Array) -> bool:
     return float(np.linalg.norm(sizes[: form.measured])) <= BEYOND * form.high
 
 
-def settled(case: Inference, moments: Moments) -> tuple[Hypothesis, Blocks]:
+def settled(problem: Problem, case: Inference, moments: Moments) -> tuple[Hypothesis, Blocks]:
     """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not."""
     noise: Noise = case.usual
-    left = np.append(-case.mean, 1.0)
-    where = moments.happening(left, noise)
+    where = moments.happening(_as_it_was(problem, case), noise)
     found = replace(case, moments=moments.only(where)).hypothesis((), noise)
     for _ in range(SETTLING):
         held = replace(case, moments=moments.only(where))
         found = held.hypothesis((), noise)
         noise = found.noise
-        left = held.under((), held.state(noise))[2]
-        again = moments.happening(left, noise)
+        again = moments.happening(held.under((), held.state(noise))[2], noise)
         if np.array_equal(again, where):
             break
         where = again
@@ -312,17 +326,40 @@ def _changed(question: Asking, case: Inference) -> Step | None:
     loaded = [(span, seen) for span, seen in zip(problem.spans, problem.faulty, strict=True) if seen.recorded.load]
     if not loaded:
         return None
-    moments, left = question.moments(problem.faulty, CARRIED), _as_it_was(problem, case)
+    moments = question.moments(problem.faulty, CARRIED)
     across, precision, _ = moments.weighed(case.usual)
-    pull, one = across @ left, np.eye(precision.shape[-1])
-    told = precision - one
+    pull, told = across @ _as_it_was(problem, case), precision - np.eye(precision.shape[-1])
     best, found = -np.inf, None
-    ends = {seen.recorded.name: span[1] for span, seen in loaded}
+    begins, ends = {}, {}
     for (first, last), seen in loaded:
-        for k in range(first + 1, last - 1):
-            end = ends[seen.recorded.name]
-            score, known = pull[k:end].sum(axis=0), told[k:end].sum(axis=0) + one
-            gain = 0.5 * float(score @ np.linalg.solve(known, score)) - 0.5 * float(np.linalg.slogdet(known)[1])
+        begins.setdefault(seen.recorded.name, first)
+        ends[seen.recorded.name] = last
+    for (first, last), seen in loaded:
+        name = seen.recorded.name
+        for k in range(first, last - 1):
+            gain = _gain(pull, told, (begins[name], k, ends[name]))
             if gain > best:
-                best, found = gain, Step(k, end)
+                best, found = gain, Step(k, ends[name])
     return found
+
+
+def _gain(pull: Array, told: Array, blocks: tuple[int, int, int]) -> float:
+    """Evidence [nats] that a load changes in a block of a recording, with where it hung beforehand unknown: score
+    (B, I) and information (B, I, I) of each block, in units of the prior; first, changed, end."""
+    first, k, end = blocks
+    parts = [(slice(first, end), 1), (slice(k, k + 1), 0), (slice(k + 1, end), 0)]
+    score = np.concatenate([pull[part][:, axis:].sum(axis=0) for part, axis in parts])
+    each = [[_both(told, a, b) for b in parts] for a in parts]
+    own, before = np.block(each) + np.eye(len(score)), len(CARRIED) - 1
+    return _told_by(score, own) - _told_by(score[:before], own[:before, :before])
+
+
+def _both(told: Array, a: tuple[slice, int], b: tuple[slice, int]) -> Array:
+    """Information of what two parts of a recording have in common: blocks, and the first of the columns."""
+    blocks = slice(max(a[0].start, b[0].start), min(a[0].stop, b[0].stop))
+    return np.asarray(told[blocks][:, a[1] :, b[1] :].sum(axis=0))
+
+
+def _told_by(score: Array, precision: Array) -> float:
+    """Evidence [nats] of a score (I,), sizes integrated out."""
+    return 0.5 * float(score @ np.linalg.solve(precision, score)) - 0.5 * float(np.linalg.slogdet(precision)[1])

@@ -15,6 +15,7 @@ from cylforce.diagnosis.sizes import Column
 Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
+LEAST = 1e-300  # probability
 LITTLE = 0.1  # of the floor's energy, beyond which there is a gap to explain
 
 
@@ -201,8 +202,17 @@ class Logistic(NamedTuple):
         return float(1.0 / (1.0 + np.exp(-np.append(each, 1.0) @ np.array(self.weights))))
 
 
-def calibrated(belief: Belief, by: Logistic) -> Belief:
-    """The first's probability from a calibration, all others in proportion."""
-    p, rest = by(belief.features), 1.0 - belief.probability
-    scaled = {k: v * (1.0 - p) / rest if rest > 1e-12 else 0.0 for k, v in belief.of.items()}
-    return belief._replace(of=scaled | {belief.first: p})
+class Calibration(NamedTuple):
+    """How far the model is to be believed: the probability that it is `right`, and by which power what it says is
+    `tempered` where it is not."""
+
+    right: Logistic
+    tempered: float
+
+
+def calibrated(belief: Belief, by: Calibration) -> Belief:
+    """A mixture of what the model says and of the same tempered: the order stays."""
+    right = by.right(belief.features)
+    flat = {k: max(p, LEAST) ** by.tempered for k, p in belief.of.items()}
+    whole = sum(flat.values())
+    return belief._replace(of={k: right * p + (1.0 - right) * flat[k] / whole for k, p in belief.of.items()})
