@@ -152,36 +152,40 @@ class _Search:
         case = self._case
         hypotheses = case.searched(self._wanted)
         happened, when = self._happened(case)
-        told = self._told_of(case, hypotheses, happened)
-        self.watch("effects at their sizes")
-        told, again = self._again(case, told, {})
-        touched = max((h.log for h in happened if h.key[0] == CONTACT), default=-np.inf)
-        explained = min([h.rest for h in told.hypotheses] + [h.rest for h in happened]) <= GAP
-        if explained or touched < max(h.log for h in told.hypotheses):
-            return self._as_found(case, told, again, when)
-        work = Work(self._question, case)
-        idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
-        if idle.log <= max([h.log for h in told.hypotheses] + [h.log for h in happened]):
-            return self._as_found(case, told, again, when)
-        left_out = float(np.mean(~kept))
-        if left_out <= SELDOM:
-            happened = (*happened, Happened(UNKNOWN, idle.log, left_out, idle.rest))
-            return self._as_found(case, replace(told, happened=happened), again, when)
-        hypotheses, blocks = self._at_work(work, idle, at_work, kept)
-        told, again = self._again(at_work, self._told_of(at_work, hypotheses, ()), blocks)
-        return replace(self._as_found(at_work, told, again, {}), working=True)
+        work, idle, at_work, kept = self._apart(case, hypotheses, happened)
+        if idle and float(np.mean(~kept)) > SELDOM:
+            hypotheses, blocks = self._at_work(work, idle, at_work, kept)
+            return replace(self._as_found(at_work, hypotheses, (), {}, blocks), working=True)
+        if idle:
+            happened = (*happened, Happened(UNKNOWN, idle.log, float(np.mean(~kept)), idle.rest))
+        return self._as_found(case, hypotheses, happened, when, {})
 
-    def _told_of(self, case: Inference, hypotheses: Sequence[Hypothesis], happened: tuple[Happened, ...]) -> Asked:
-        gap = case.rest(_as_it_was(self._question.problem, case), case.usual)
-        return Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
+    def _apart(
+        self, case: Inference, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
+    ) -> tuple[Work, Hypothesis | None, Inference, Blocks]:
+        """The machine in order where some blocks do not count, if contact explains more than any one effect and this
+        is likelier than all that was found."""
+        work, none = Work(self._question, case), (None, case, np.zeros(0, bool))
+        found = [*hypotheses, *happened]
+        touched = max((h.log for h in happened if h.key[0] == CONTACT), default=-np.inf)
+        one = max(h.log for h in hypotheses if len(h.which) < 2)
+        if min(h.rest for h in found) <= GAP or touched < one:
+            return work, *none
+        idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
+        return (work, idle, at_work, kept) if idle.log > max(h.log for h in found) else (work, *none)
 
     def _as_found(
         self,
         case: Inference,
-        told: Asked,
-        again: Mapping[tuple[int, ...], tuple[Problem, list[Applied]]],
+        hypotheses: Sequence[Hypothesis],
+        happened: tuple[Happened, ...],
         when: Mapping[Key, Blocks],
+        blocks: Mapping[tuple[int, ...], Blocks],
     ) -> Found:
+        gap = case.rest(_as_it_was(self._question.problem, case), case.usual)
+        told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
+        self.watch("effects at their sizes")
+        told, again = self._again(case, told, blocks)
         return Found(self._question, self._machine, told, again, when, False, self._least(case, told.none))
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
@@ -237,7 +241,10 @@ class _Search:
         order = sorted((h for h in told.hypotheses if h.which), key=lambda h: -h.log - told.prior_of(h))
         found, again = {h.which: h for h in told.hypotheses}, {}
         cases = {}
-        for h in order[:AGAIN]:
+        alone = [
+            h for h in order if len(h.which) == 1
+        ]  # a strong effect's columns may fit worse than a sum of wrong ones
+        for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
             if any(bends(self._question.forms[p][0]) for p in h.which):
                 found[h.which], again[h.which], cases[h.which] = self._at_sizes(case, h, blocks.get(h.which))
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))

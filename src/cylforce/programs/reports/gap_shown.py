@@ -153,11 +153,10 @@ def _most(search: Search, own: list[Array]) -> tuple[int, int, slice]:
 
 def _steps(search: Search, judged: Judged, gap: Gap) -> tuple[tuple[str, Array], ...]:
     """The gap as effect after effect is simulated, with the sizes that they have together."""
-    named, all_of = judged.named, written(search, judged)
-    labels = [f"+ {readable(n.cause.key)}" for n in named]
-    labels += ["+ others"] if len(all_of) > len(named) else []
-    parts = [[n.cause for n in named[: k + 1]] for k in range(len(labels) - 1)]
-    simulation = Simulation(search, all_of)
+    named = written(search, judged)
+    labels = [f"+ {readable(cause.key)}" for cause in named]
+    parts = [named[: k + 1] for k in range(len(labels) - 1)]
+    simulation = Simulation(search, named)
     steps = [*(_mean(simulation.left(part)) for part in parts), gap.after]
     return (
         ("as it was, parameters fixed", gap.fixed),
