@@ -268,7 +268,7 @@ def test_too_short_a_recording_is_not_judged(capsys, files):
 
 
 def test_a_minute_of_reference_is_enough_to_answer(capsys, files):
-    """Another recording in order is no gap, the fault is the likeliest cause: with one minute less sure than with more."""
+    """Another recording in order is no gap, the fault is the likeliest cause, if less sure than with more."""
     recorded(files / "again.csv", 8)
     code, output, _ = gap(capsys, MACHINE, files / "again.csv", "--reference", files / "order.csv")
     assert code == 0

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from cylforce.diagnosis.diagnosis import settled
-from cylforce.diagnosis.discrepancy import DECAY, Moments, Noise, Sums, likeliest, sums
+from cylforce.diagnosis.discrepancy import DECAY, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.hypotheses import Inference, InOrder
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, believed, calibrated
 from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
@@ -75,7 +75,7 @@ def answer(machine, rows):
 
 def test_the_likelihood_is_that_of_the_whole_covariance():
     """Against scipy's density of all rows at once, parameters integrated out."""
-    rows, noise = recording(3)[:2], Noise(np.array([0.7, 2.0]), np.array([1.1, 0.8]))
+    rows, noise = recording(3)[:2], Scatter(np.array([0.7, 2.0]), np.array([1.1, 0.8]))
     two = told(np.concatenate([rows, np.zeros((BLOCKS - 2, *rows.shape[1:]))]))
     two = two._replace(rows=np.where(np.arange(BLOCKS)[:, None] < 2, float(ROWS), 0.0) * np.ones(JOINTS))
     plain = SCENE._replace(spread=np.ones(COUNT))
@@ -158,7 +158,7 @@ def test_sensor_noise_in_both_is_taken_off():
     found = Sums(
         np.zeros((1, 2, 2)), np.zeros((1, SMOOTH, 2, 2)), np.full(1, 100.0), np.full(1, 2.0), np.array([[30.0, 0.0]])
     )
-    noise = Noise(np.full(1, 1e-9), np.full(1, 2.0))
+    noise = Scatter(np.full(1, 1e-9), np.full(1, 2.0))
     assert found.common(noise) == pytest.approx([30.0])
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cylforce.diagnosis.discrepancy import Noise, Sums
+from cylforce.diagnosis.discrepancy import Scatter, Sums
 from cylforce.diagnosis.hypotheses import Inference, InOrder
 from cylforce.diagnosis.numbers import USUALLY
 
@@ -12,7 +12,7 @@ LEARNT = 0.02, 1.0  # the least and the largest that is learnt: beyond the least
 FASTER, FURTHEST = 8.0, 0.7  # power of a step of expectation maximisation, its logarithm at most
 
 
-def differences(machine: InOrder, case: Inference, noise: Noise) -> dict[str, list[float]]:
+def differences(machine: InOrder, case: Inference, noise: Scatter) -> dict[str, list[float]]:
     """Expected squares of the everyday differences in a recording of the machine in order under its noise, of the
     least plausible size, by name of the effect."""
     state, found = case.state(noise), dict[str, list[float]]()

@@ -71,14 +71,12 @@ class Asking:
         """`block`: number of the recording's first."""
         clock = each.rows[..., self.problem.lasting + CLOCK]
         more = [np.asarray((clock * (seen.rows.t / GROWTH_S)[:, None])[..., None], dtype=np.float64)]
+        number = block + np.arange(len(seen.rows.t)) // BLOCK
+        counts = np.ones(len(number), dtype=np.bool_)
         if self.step:
-            number = block + np.arange(len(seen.rows.t)) // BLOCK
-            on = (number > self.step.first) & (number < self.step.last)
+            on, counts = (number > self.step.first) & (number < self.step.last), number != self.step.first
             more.append(np.asarray(each.rows[..., self._incidental(LOAD)] * on[:, None, None], dtype=np.float64))
         rows = np.concatenate([each.rows[..., :-1], *more, each.rows[..., -1:]], axis=-1)
-        if not self.step:
-            return White(rows.astype(np.float32), each.good)
-        counts = number != self.step.first
         return White(np.asarray(rows * counts[:, None, None], dtype=np.float32), each.good & counts[:, None])
 
     def _incidental(self, names: Sequence[str]) -> list[int]:

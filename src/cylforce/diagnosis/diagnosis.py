@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.diagnosis.asking import Asking, Step, noisy
 from cylforce.diagnosis.correction import Applied, bends, without
-from cylforce.diagnosis.discrepancy import Moments, Noise
+from cylforce.diagnosis.discrepancy import Moments, Scatter
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
 from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
@@ -166,13 +166,13 @@ class _Search:
         """The machine in order where some blocks do not count, if contact explains more than any one effect and this
         is likelier than all that was found."""
         work, none = Work(self._question, case), (None, case, np.zeros(0, bool))
-        found = [*hypotheses, *happened]
+        found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
         touched = max((h.log for h in happened if h.key[0] == CONTACT), default=-np.inf)
         one = max(h.log for h in hypotheses if len(h.which) < 2)
-        if min(h.rest for h in found) <= GAP or touched < one:
+        if min(rest for _, rest in found) <= GAP or touched < one:
             return work, *none
         idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
-        return (work, idle, at_work, kept) if idle.log > max(h.log for h in found) else (work, *none)
+        return (work, idle, at_work, kept) if idle.log > max(log for log, _ in found) else (work, *none)
 
     def _as_found(
         self,
@@ -213,6 +213,9 @@ class _Search:
         found, when = [], {}
         for key, each in self._incidents():
             told, where = settled(self._question.problem, case, each)
+            if self._question.step:  # a block that does not count is like those beside it
+                k = self._question.step.first
+                where[k] = np.any(where[max(k - 1, 0) : k + 2])
             found.append(Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest))
             when[key] = where
         return tuple(found), when
@@ -304,7 +307,7 @@ def _possible(form: Column, sizes: Array) -> bool:
 
 def settled(problem: Problem, case: Inference, moments: Moments) -> tuple[Hypothesis, Blocks]:
     """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not."""
-    noise: Noise = case.usual
+    noise: Scatter = case.usual
     where = moments.happening(_as_it_was(problem, case), noise)
     found = replace(case, moments=moments.only(where)).hypothesis((), noise)
     for _ in range(SETTLING):
@@ -337,7 +340,8 @@ def _changed(question: Asking, case: Inference) -> Step | None:
     across, precision, _ = moments.weighed(case.usual)
     pull, told = across @ _as_it_was(problem, case), precision - np.eye(precision.shape[-1])
     best, found = -np.inf, None
-    begins, ends = {}, {}
+    begins: dict[str, int] = {}
+    ends: dict[str, int] = {}
     for (first, last), seen in loaded:
         begins.setdefault(seen.recorded.name, first)
         ends[seen.recorded.name] = last

@@ -20,7 +20,7 @@ RHO, V = (each.ravel() for each in np.meshgrid(LEVELS, SCALES, indexing="ij"))  
 VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (SMOOTH, G) along each polynomial
 
 
-class Noise(NamedTuple):
+class Scatter(NamedTuple):
     """Of every joint (R,): level of the discrepancy and scale of the noise; `unsure`: times as uncertain as between
     two recordings of one machine is what is usual (of the usual noise only)."""
 
@@ -41,24 +41,24 @@ class Sums:
     blocks: Array
     crossed: Array
 
-    def information(self, noise: Noise) -> Array:
+    def information(self, noise: Scatter) -> Array:
         """X' P X (K+1, K+1), P the inverse covariance of noise and discrepancy."""
         return np.asarray(np.sum(self.by_joint(noise), axis=0))
 
-    def by_joint(self, noise: Noise) -> Array:
+    def by_joint(self, noise: Scatter) -> Array:
         """The same of each joint (R, K+1, K+1)."""
         smooth = noise.rho[:, None] ** 2 * DECAY
         share = smooth / (noise.v[:, None] ** 2 + smooth)
         white = self.whole - np.einsum("rk,rkij->rij", share, self.smooth)
         return np.asarray(white / noise.v[:, None, None] ** 2)
 
-    def common(self, noise: Noise) -> Array:
+    def common(self, noise: Scatter) -> Array:
         """What noise in both adds to X' P y (K,): errors in variables."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
         white = 1.0 - self.blocks * np.sum(share, axis=1) / np.maximum(self.rows, 1.0)
         return np.asarray(white @ self.crossed[:, :-1])
 
-    def norm(self, noise: Noise) -> float:
+    def norm(self, noise: Scatter) -> float:
         """What of the logarithm of the likelihood depends on noise alone."""
         each = np.log1p(noise.rho[:, None] ** 2 * DECAY / noise.v[:, None] ** 2)
         smooth = 0.5 * self.blocks * np.sum(each, axis=1)
@@ -92,7 +92,7 @@ def sums(spread: Array, parts: Sequence[Statistics]) -> Sums:
     return Sums(whole, np.sum(each, axis=0) * np.outer(unit, unit), rows, blocks.astype(np.float64), crossed)
 
 
-def likeliest(found: Sums, white: Array, smooth: Array, usual: Noise | None) -> tuple[Noise, Array]:
+def likeliest(found: Sums, white: Array, smooth: Array, usual: Scatter | None) -> tuple[Scatter, Array]:
     """Level and scale of every joint (H, R) that make energies (H, R), (H, R, SMOOTH) most probable, and of every
     hypothesis the log likelihood with their prior (H,)."""
     levels, scales, log = np.zeros(white.shape), np.zeros(white.shape), np.zeros(len(white))
@@ -103,10 +103,10 @@ def likeliest(found: Sums, white: Array, smooth: Array, usual: Noise | None) -> 
         best = np.argmax(told, axis=1)
         levels[:, r], scales[:, r] = RHO[best], V[best]
         log += told[np.arange(len(told)), best]
-    return Noise(levels, scales), log
+    return Scatter(levels, scales), log
 
 
-def log_prior(rho: Array, v: Array, usual: Noise, joint: int) -> Array:
+def log_prior(rho: Array, v: Array, usual: Scatter, joint: int) -> Array:
     """Log density of level and scale: what references show, and the flat tail."""
     level, scale = usual.unsure * APART[0], usual.unsure * APART[1]
     apart = (np.log(rho / usual.rho[joint]) / level) ** 2 + (np.log(v / usual.v[joint]) / scale) ** 2
@@ -126,7 +126,7 @@ class Moments:
     waves: Array
     smooth: Array
 
-    def weighed(self, noise: Noise) -> tuple[Array, Array, float]:
+    def weighed(self, noise: Scatter) -> tuple[Array, Array, float]:
         """Of every block the product with all columns (B, I, K+1), the precision (B, I, I), and what the freedom
         costs."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
@@ -138,14 +138,14 @@ class Moments:
         precision = within + np.eye(within.shape[-1])
         return across, precision, 0.5 * float(np.sum(np.linalg.slogdet(precision)[1]))
 
-    def told(self, noise: Noise) -> tuple[Array, float]:
+    def told(self, noise: Scatter) -> tuple[Array, float]:
         """What of the information (K+1, K+1) is lost to them, and the cost."""
         across, precision, cost = self.weighed(noise)
         root = np.linalg.cholesky(precision)
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
         return np.asarray(half.T @ half, dtype=np.float64), cost
 
-    def energies(self, left: Array, noise: Noise) -> tuple[Array, Array]:
+    def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
         across, precision, _ = self.weighed(noise)
         covariance = np.linalg.inv(precision)
@@ -159,7 +159,7 @@ class Moments:
         smooth = np.sum((plain - moved) ** 2 - plain**2, axis=0) + spread
         return whole - np.sum(smooth, axis=1), smooth
 
-    def happening(self, left: Array, noise: Noise) -> NDArray[np.bool_]:
+    def happening(self, left: Array, noise: Scatter) -> NDArray[np.bool_]:
         """The blocks (B,) in which such a force is more probable than none, by what coefficients (K+1,) leave."""
         across, precision, _ = self.weighed(noise)
         pull = across @ left

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from cylforce.diagnosis.discrepancy import Moments, Noise, Sums, likeliest, log_prior
+from cylforce.diagnosis.discrepancy import Moments, Scatter, Sums, likeliest, log_prior
 from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, USUALLY
 from cylforce.diagnosis.sizes import WIDE, Terms, beside, log_size
 from cylforce.signals.estimate import Array
@@ -35,7 +35,7 @@ class Hypothesis(NamedTuple):
 
     which: tuple[int, ...]
     log: float
-    noise: Noise
+    noise: Scatter
     sizes: Array
     errors: Array
     rest: float
@@ -68,13 +68,13 @@ class InOrder:
         return Sums(*(np.sum([getattr(s, k) for s in each], axis=0) for k in Sums.__annotations__))
 
     @cached_property
-    def _fit(self) -> tuple[Noise, Array, Array]:
+    def _fit(self) -> tuple[Scatter, Array, Array]:
         """Noise, mean (K,) and covariance (K, K)."""
         if not self.references:
             return self._unseen()
         size, together = len(self.scene.spread), self._all
         precision = (self.scene.always / self.scene.spread) ** -2.0
-        noise = Noise(np.full(len(together.rows), 1.0), np.full(len(together.rows), 1.0))
+        noise = Scatter(np.full(len(together.rows), 1.0), np.full(len(together.rows), 1.0))
         mean, covariance = np.zeros(size), np.zeros((size, size))
         for _ in range(6):
             told = together.information(noise)
@@ -83,11 +83,11 @@ class InOrder:
             noise = _one(likeliest(together, *_each(together.energies(np.append(-mean, 1.0), covariance)), None)[0])
         return noise, mean, covariance
 
-    def _unseen(self) -> tuple[Noise, Array, Array]:
+    def _unseen(self) -> tuple[Scatter, Array, Array]:
         """The same without references: parameters as they were identified, no effects, the noise told by the floor."""
         size, joints = len(self.scene.spread), self.joints
         known = np.where(np.arange(size) < self.scene.first, (self.scene.always / self.scene.spread) ** 2, 0.0)
-        return Noise(np.full(joints, UNSEEN), np.ones(joints), UNSURE), np.zeros(size), np.diag(known)
+        return Scatter(np.full(joints, UNSEEN), np.ones(joints), UNSURE), np.zeros(size), np.diag(known)
 
     def with_everyday(self, everyday: Mapping[str, float]) -> "InOrder":
         """The same machine with other everyday differences; its references are not fitted again."""
@@ -96,7 +96,7 @@ class InOrder:
         return found
 
     @property
-    def noise(self) -> Noise:
+    def noise(self) -> Scatter:
         """As the references show it."""
         return self._fit[0]
 
@@ -139,7 +139,7 @@ class Inference:
 
     scene: Terms
     sums: Sums
-    usual: Noise
+    usual: Scatter
     mean: Array
     covariance: Array
     moments: Moments | None = None
@@ -151,7 +151,7 @@ class Inference:
     def _precision(self) -> tuple[Array, float]:
         return np.asarray(np.linalg.inv(self.covariance)), float(np.linalg.slogdet(self.covariance)[1])
 
-    def state(self, noise: Noise) -> Marginal:
+    def state(self, noise: Scatter) -> Marginal:
         """Everything that follows from a noise."""
         told, cost = self.sums.information(noise), 0.0
         rounding = np.diag(ROUNDING * np.diag(told)[:-1])
@@ -218,7 +218,7 @@ class Inference:
             k += m
         return log, fitted, self._left(own, fitted.more, state)
 
-    def hypothesis(self, which: tuple[int, ...], noise: Noise) -> Hypothesis:
+    def hypothesis(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
         """A hypothesis with its own noise: maximised in turns with what it leaves (expectation maximisation)."""
         state = self.state(noise)
         for _ in range(ROUNDS):
@@ -235,7 +235,7 @@ class Inference:
         rest, energy = float(np.sqrt(np.max(each))), float(np.mean(each))
         return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, rest, energy)
 
-    def _energies(self, left: Array, covariance: Array, noise: Noise) -> tuple[Array, Array]:
+    def _energies(self, left: Array, covariance: Array, noise: Scatter) -> tuple[Array, Array]:
         found = self.sums.energies(left, covariance)
         if not self.moments:
             return found
@@ -243,11 +243,11 @@ class Inference:
         white, smooth = (np.maximum(a + b, 1e-3 * a) for a, b in zip(found, more, strict=True))
         return white, smooth
 
-    def rest(self, left: Array, noise: Noise | None = None) -> float:
+    def rest(self, left: Array, noise: Scatter | None = None) -> float:
         """What is left at the worst joint, of the floor (rms); with `noise` beside what happens at moments."""
         return float(np.sqrt(np.max(self._left_at(left, noise))))
 
-    def _left_at(self, left: Array, noise: Noise | None) -> Array:
+    def _left_at(self, left: Array, noise: Scatter | None) -> Array:
         """The energy that is left at each joint (R,), of the floor's."""
         energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
         if self.moments and noise is not None:
@@ -323,5 +323,5 @@ def _each(energies: tuple[Array, Array]) -> tuple[Array, Array]:
     return white[None], smooth[None]
 
 
-def _one(noise: Noise) -> Noise:
-    return Noise(noise.rho[0], noise.v[0])
+def _one(noise: Scatter) -> Scatter:
+    return Scatter(noise.rho[0], noise.v[0])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.discrepancy import APART, LEVELS, SCALES, Noise, log_prior
+from cylforce.diagnosis.discrepancy import APART, LEVELS, SCALES, Scatter, log_prior
 from cylforce.diagnosis.hypotheses import Hypothesis
 from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SECOND, SELDOM, TAIL
 from cylforce.diagnosis.sizes import Column
@@ -65,7 +65,7 @@ class Asked:
     forms: tuple[Column, ...]
     hypotheses: tuple[Hypothesis, ...]
     happened: tuple[Happened, ...]
-    usual: Noise
+    usual: Scatter
     gap: float
 
     @cached_property
@@ -134,7 +134,7 @@ class Asked:
         gap = self.gap**2 - 1.0
         return 1.0 - max(rest**2 - 1.0, 0.0) / gap if gap > LITTLE else 1.0
 
-    def usually(self, noise: Noise) -> float:
+    def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
         found = 1.0
         for r in range(len(noise.rho)):

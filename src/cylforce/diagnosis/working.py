@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.asking import Asking
-from cylforce.diagnosis.discrepancy import DECAY, Moments, Noise
+from cylforce.diagnosis.discrepancy import DECAY, Moments, Scatter
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.numbers import HAPPENS
 from cylforce.diagnosis.statistics import White, blocked, polynomials
@@ -55,7 +55,7 @@ class Work:
         basis = np.concatenate([polynomials(good) for good in usable])
         return rows, basis, np.concatenate([good.sum(axis=(1, 2)) for good in usable])
 
-    def energies(self, left: Array, noise: Noise) -> Array:
+    def energies(self, left: Array, noise: Scatter) -> Array:
         """What coefficients (K+1,) leave of every block (B,), weighed by the noise, a load of its own taken off."""
         rows, basis, _ = self._rows
         plain = np.einsum("btrk,k->btr", rows, left, optimize=True)
@@ -68,18 +68,18 @@ class Work:
         load = np.einsum("bi,bi->b", pull, np.linalg.solve(precision, pull[..., None])[..., 0])
         return np.asarray(np.maximum(np.sum(each / noise.v**2, axis=1) - load, 0.0))
 
-    def free(self, left: Array, noise: Noise) -> Blocks:
+    def free(self, left: Array, noise: Scatter) -> Blocks:
         """The blocks (B,) that are more probably free of contact than not."""
         with_all, alone = self._logs(left, noise)
         return np.asarray((self._rows[2] > 0.0) & (with_all >= alone))
 
-    def apart(self, kept: Blocks, left: Array, noise: Noise) -> float:
+    def apart(self, kept: Blocks, left: Array, noise: Scatter) -> float:
         """Log of the probability of the blocks that are not `kept` (B,), and of that these are they."""
         _, alone = self._logs(left, noise)
         out = (self._rows[2] > 0.0) & ~kept
         return float(np.sum(alone[out])) + float(np.sum(kept)) * float(np.log(1.0 - HAPPENS))
 
-    def _logs(self, left: Array, noise: Noise) -> tuple[Array, Array]:
+    def _logs(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """Log of the probability of every block (B,) with the noise of all, and with a variance of its own."""
         count = self._rows[2]
         energy = np.maximum(self.energies(left, noise), 1e-9)
@@ -100,7 +100,7 @@ class Work:
         recording = self.question.sums(problem.faulty, self.question.noisy.faulty, kept)
         return replace(self.case, sums=recording, moments=self._loads.only(kept), apart=0.0)
 
-    def hypothesis(self, which: tuple[int, ...], kept: Blocks, noise: Noise) -> tuple[Hypothesis, Inference, Blocks]:
+    def hypothesis(self, which: tuple[int, ...], kept: Blocks, noise: Scatter) -> tuple[Hypothesis, Inference, Blocks]:
         """A hypothesis with the blocks in which it holds, from those `kept` at first."""
         best = None
         for _ in range(ROUNDS):
