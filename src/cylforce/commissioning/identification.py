@@ -13,6 +13,7 @@ from cylforce.commissioning.repairs import Case
 from cylforce.commissioning.soundness import soundness
 from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
+from cylforce.commissioning.zeros import correlation
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, settled
 from cylforce.estimation.model import FRICTION, TYPICAL, Model, Tares
@@ -78,7 +79,8 @@ def identify(
     seen = np.sum(factors.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
     left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
     covariance = under_load(best, fit.covariance)
-    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error)
+    lasting = correlation(best, fewer, fit.values, left)
+    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error, lasting)
     broken = violations(best, fit.values, np.sqrt(np.diag(fit.covariance)))
     found = quality(best, fewer, fit.values, fit.covariance)
     sound = soundness(Case(model, evidence[0].kept), found, broken)

@@ -55,7 +55,8 @@ class Tares(NamedTuple):
     laws; `names` and `values` (P,) of the parameters with `covariance` (P, P); `row_error` (R,) [N m]: rms torque that
     the model does not explain on the empty machine; `identified`: from a recording, else from the data sheet. The
     remaining torque is multiplied by `scale` (with standard error `scale_error`), which a lift of a known weight
-    corrects for errors of levers, areas and gains."""
+    corrects for errors of levers, areas and gains. `correlation` [s]: for so long the unexplained torque keeps its sign,
+    as far as a weight is concerned; 0: not measured."""
 
     friction: tuple[str, ...]
     names: tuple[str, ...]
@@ -65,6 +66,7 @@ class Tares(NamedTuple):
     identified: bool
     scale: float = 1.0
     scale_error: float = 0.0
+    correlation: float = 0.0
 
 
 @dataclass(frozen=True)

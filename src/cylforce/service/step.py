@@ -198,8 +198,9 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if pipe.steps <= core.model.settle_steps:
         return state._replace(estimate=no_estimate(t_us, Reason.STARTING, state.estimate.booking))
     usable = pipe.waiting == 0
-    left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ state.drift.values)
-    weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
+    drifting = core.adapter.columns(rows)
+    left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting)
     force = core.force_sensor.estimate(rows, left, usable)
     drift = _drift(core, state.drift, weighing, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
@@ -233,8 +234,9 @@ def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Resid
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty."""
     if not core.adapts:
         return drift
-    empty = np.logical_and(usable, core.weigher.is_empty(weighing))
-    return core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
+    if not core.weigher.is_empty(weighing, drift):
+        return core.adapter.loaded(drift)
+    return core.adapter.step(drift, rows, left.torque, np.where(usable, left.variance, np.inf))
 
 
 def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> Estimate:
@@ -249,7 +251,7 @@ def _estimate(core: Core, state: State, load: Load, force: Force, t_us: int) -> 
     rated = core.service.machine.rated_payload
     gross = _checked(_shift(load.mass, -state.scale.zero), core.limits[GROSS], rated)
     net = _checked(_shift(gross, -state.scale.tare), core.limits[GROSS], rated)
-    return Estimate(t_us, load, gross, net, force, state.weighing.booking)
+    return Estimate(t_us, load, gross, net, force, state.weighing.books.booking)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
