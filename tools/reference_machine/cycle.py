@@ -40,7 +40,7 @@ TWITCH = 0.25  # s
 @dataclass(frozen=True)
 class Manner:
     """How the work is done. `carry_back_kg` stays in the bucket after each dump; `spilled`: share of each load that
-    falls out while it is lifted; `slew_rate`: fastest turning of the house [rad/s], None: drawn; `jerk` [m]: size of an
+    falls out while it is lifted; `slew_rate`: fastest turning of the house [rad/s], on its way back, None: drawn; `jerk` [m]: size of an
     unsteady hand's twitches, one in a second and cylinder."""
 
     carry_back_kg: tuple[float, ...] = ()
@@ -59,7 +59,7 @@ class Manner:
     def turn(self, rng: np.random.Generator) -> float:
         """Angle between pit and truck [rad]."""
         drawn = float(rng.uniform(0.9, 1.5) * rng.choice((-1.0, 1.0)))
-        return drawn if self.slew_rate is None else float(np.sign(drawn)) * self.slew_rate * SWING / STEEPEST
+        return drawn if self.slew_rate is None else float(np.sign(drawn)) * self.slew_rate * BACK / STEEPEST
 
 
 STEADY = Manner()
