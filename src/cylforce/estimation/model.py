@@ -15,6 +15,7 @@ from cylforce.effects.friction.load_dependent_friction import LoadDependentFrict
 from cylforce.effects.friction.stribeck import Stribeck
 from cylforce.effects.friction.viscous_friction import ViscousFriction
 from cylforce.effects.loads.rigid import Rigid
+from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.effects.loads.slew import Slew, slew_parameters
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.delay import Delay
@@ -27,8 +28,9 @@ from cylforce.mechanics.machine import Machine, base_parameter_covariance, base_
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-# Friction laws that a model may contain; with them the delay of the angles, which looks like friction while empty.
-FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional", "stribeck")
+# Friction laws that a model may contain; with them the delay of the angles, which looks like friction while empty, and
+# the weight of the rockers, which the links represent in the mean only.
+FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional", "stribeck", "rocker")
 
 # Share of the lever with friction of unknown direction, above which a row is not fitted: the speed there is so low that
 # noise and break-away friction would bias the fit; chosen.
@@ -46,6 +48,7 @@ SPREAD = {
 # m/s: speed at which the extra friction of creep has fallen to 37 %. Fitted: of 10, 15, 20, 30 and 50 mm/s the one that
 # predicts held-out empty motion best, on each of ten machines of a foreign generator.
 CREEP = 0.01
+ROCKER = 100.0  # kg m: prior standard error of a rocker's first moment; chosen: 150 kg of bars on a rocker of 0.7 m
 TYPICAL = {"load_dependent": 0.01}  # prior means that are not zero; chosen: one percent of the force for seals and pins
 ABSOLUTE = ("load_dependent", "delay")  # laws whose prior does not scale with the cylinder's largest force
 
@@ -90,8 +93,12 @@ class Model:
             "stribeck": Stribeck(CREEP, rounding),
         }
         turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
-        friction = (Delay() if name == "delay" else Friction(name, laws[name]) for name in self.friction)
+        others: dict[str, Effect] = {"delay": Delay(), "rocker": RockerWeight()}
+        friction = (others.get(name) or Friction(name, laws[name]) for name in self.friction if self._has(name))
         return Regressor(self.machine, (Rigid(), *turning, *friction))
+
+    def _has(self, law: str) -> bool:
+        return law != "rocker" or bool(RockerWeight().parameters(self.machine))
 
     @cached_property
     def _slews(self) -> bool:
@@ -209,6 +216,9 @@ class Model:
                 guesses.append((f"{link.name}.D_excess", excess, 0.2 * abs(excess) + 1.0))
                 guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
         for law in self.friction:
+            if law == "rocker":
+                guesses += [(p.name, 0.0, ROCKER) for p in RockerWeight().parameters(self.machine)]
+                continue
             for c in self.machine.cylinders:
                 largest = 300e5 * c.area_head  # N, at a relief pressure of 300 bar, typical of excavators
                 spread = SPREAD[law] * (1.0 if law in ABSOLUTE else largest)

@@ -78,6 +78,12 @@ def parted(books: Books) -> Books:
     return books._replace(newest=None, dumped=None)
 
 
+def spilled(books: Books) -> Books:
+    """The state when the load has changed while it hung: any later weight of it is better."""
+    before = books.candidate if books.newest is None else books.newest
+    return Books(None, None if before is None else before._replace(moving=0), None, books.booking)
+
+
 def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) -> Weighed:
     """The weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load since."""
     if before is None or now.moving >= before.moving:

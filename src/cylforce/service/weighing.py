@@ -19,7 +19,8 @@ from cylforce.estimation.residual import (
     load_spread,
 )
 from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.booking import Books, Weighed, error, noted, parted
+from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled
+from cylforce.service.spill import CERTAIN, EVERY_S, change, information
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, invalid, invalid_load
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
@@ -35,7 +36,7 @@ class Lift(NamedTuple):
     """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
     `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
     covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples for which each row has been
-    at rest."""
+    at rest; `marks` (2, 4, 5): information about the load at the last two looks for a spill."""
 
     root: Root
     values: Array
@@ -45,6 +46,7 @@ class Lift(NamedTuple):
     refused: int
     moving: int
     rested: Array
+    marks: Array
 
 
 class Weight(NamedTuple):
@@ -86,7 +88,7 @@ class Weigher:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)))
+        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)), np.stack([information(root)] * 2))
 
     @cached_property
     def _still(self) -> Drift:
@@ -120,6 +122,8 @@ class Weigher:
         if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
             # the candidate remains until the bucket is seen empty
             lift, state = self._fresh, state._replace(books=parted(state.books))
+        elif not lift.taken and state.lift.taken:
+            state = state._replace(books=spilled(state.books))
         weight = self._conclude(lift, drift)
         state = self._note(state._replace(lift=lift), weight, t_us, drift)
         return state, self._judge(lift, weight)
@@ -151,7 +155,20 @@ class Weigher:
         moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
         if lift.taken + 1 == self.model.settle_steps:  # until now the filters still held what was before the lift
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
-        return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested)
+        now = Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested, lift.marks)
+        return self._watched(now)
+
+    def _watched(self, lift: Lift) -> Lift:
+        """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
+        every = round(EVERY_S * self.model.filters.rate_hz)
+        if lift.taken % every or lift.taken > self._long:
+            return lift
+        now = information(lift.root)
+        by, wrong = change(lift.marks[0], now)
+        enough = lift.taken >= 3 * every + self.model.settle_steps
+        if enough and abs(by) > max(CERTAIN * wrong, GOOD_ENOUGH * self.model.machine.rated_payload):
+            return self._fresh
+        return lift._replace(marks=np.stack([lift.marks[1], now]))
 
     def _load(self, lift: Lift, drift: Drift) -> Array:
         """The load (4,) with the drift as it is known now."""
