@@ -26,6 +26,7 @@ ZERO_ERROR, ZERO_LIMIT = 3e4, 6e5  # Pa, prior standard error of a pressure's ze
 # proportion to a power of the viscosity, which oil of grade VG 46 halves every 15 to 20 K; chosen for 40 K.
 FRICTION_ERROR = {"coulomb": 0.2, "viscous": 1.0}
 FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
+PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
 LOAD = 4  # parameters of a load: m, m x, m z, J
 SHOWN = 0.02  # share of the difference by which each update changes the drift in kilograms; chosen: smooths it
 
@@ -124,7 +125,18 @@ class Adapter:
         if np.any(limited != both[LOAD:]):
             root = Root(root.factor, root.factor @ np.append(both[:LOAD], limited))
         shown = self._mass(drift, drifting @ limited, rows)
-        return Drift(root, limited, covariance[LOAD:, LOAD:], 0, shown, True)
+        return Drift(root, limited, self._believed(limited, covariance[LOAD:, LOAD:]), 0, shown, True)
+
+    def _believed(self, values: Array, covariance: Array) -> Array:
+        """The covariance (D, D) of the drift, with the spread that this machine shows instead of the prior's, for
+        friction and for zeros: k^2 = (n + sum (d/s)^2) / (n + sum (1 - c/s^2)), s the prior's standard error, c the
+        variance that is left, n = PRIOR_COUNT. A drift that was not seen leaves k at 1."""
+        seen = 1.0 - np.minimum(np.diag(covariance) / self._spread**2, 1.0)
+        size, moved = len(self.model.changing_friction), (values / self._spread) ** 2
+        parts = (slice(0, size), slice(size, None))
+        shares = [(PRIOR_COUNT + moved[p].sum()) / (PRIOR_COUNT + seen[p].sum()) for p in parts]
+        scale = np.sqrt(np.repeat(shares, (size, len(values) - size)))
+        return np.asarray(scale[:, None] * covariance * scale)
 
     def _remembered(self, root: Root, keep: float) -> Root:
         """The prior of the drift gains what older motion loses (stabilised forgetting): without it, what sticks in the

@@ -13,6 +13,8 @@ from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
 from cylforce.service.adaptation import Drift
 from cylforce.signals.estimate import Array, Booking
 
+DUMPING = 0.7  # of the load: what is less than that is on its way out; chosen: spills are smaller, dumps larger
+GONE = -1  # in place of the samples in motion: the bucket has been seen empty since, but not certainly enough
 AGREES = 3.0  # standard errors within which two weights of one lift are the same; chosen
 
 
@@ -65,12 +67,15 @@ def _error(noise: float, gain: Array, drifted: Array, mass: float, tares: Tares,
 def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, drift: Drift) -> Books:
     """The state when a lift has gone on to the present `weight`: the newest weight before it is now known to be one of
     a load that hung. It is the candidate for booking, or it shows that the bucket is empty."""
-    settled, books = books.newest, books._replace(newest=weight)
-    if settled is None or error(settled, tares, drift) > GOOD_ENOUGH * rated:
+    settled, books, enough = books.newest, books._replace(newest=weight), GOOD_ENOUGH * rated
+    if settled is None or settled.noise > enough**2:
         return books
     if corrected(settled, drift) >= SMALLEST * rated:
         return books._replace(candidate=_better(books.candidate, settled, tares, drift), dumped=None)
-    return _returned(books, settled, t_us, tares, drift)
+    lifted = books.candidate or books.dumped
+    if lifted is None or max(error(w, tares, drift) for w in (settled, lifted)) > enough:
+        return books._replace(candidate=books.candidate and books.candidate._replace(moving=GONE))
+    return _returned(books, lifted, settled, t_us, tares, drift)
 
 
 def parted(books: Books) -> Books:
@@ -80,24 +85,26 @@ def parted(books: Books) -> Books:
 
 def spilled(books: Books) -> Books:
     """The state when the load has changed while it hung: any later weight of it is better."""
-    before = books.candidate if books.newest is None else books.newest
+    before = books.candidate
     return Books(None, None if before is None else before._replace(moving=0), None, books.booking)
 
 
 def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) -> Weighed:
     """The weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load since."""
-    if before is None or now.moving >= before.moving:
+    if before is None or before.moving == GONE:
+        return now
+    if corrected(now, drift) < DUMPING * corrected(before, drift):
+        return before
+    if now.moving >= before.moving:
         return now
     apart = abs(corrected(now, drift) - corrected(before, drift))
     return now if apart > AGREES * difference_error(now, before, tares, drift) else before
 
 
-def _returned(books: Books, left: Weighed, t_us: int, tares: Tares, drift: Drift) -> Books:
+def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Tares, drift: Drift) -> Books:
     """The state with the candidate booked. While the bucket returns, the booking becomes more precise: what remained in
     it and how friction and zeros have drifted is known better and better."""
-    lifted, last = books.candidate or books.dumped, books.booking
-    if lifted is None:
-        return books
+    last = books.booking
     if books.candidate is not None:
         number = 1 if last is None else last.number + 1
     else:

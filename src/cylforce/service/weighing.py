@@ -25,6 +25,7 @@ from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, inv
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
+DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift that is not known yet; chosen: twice its error
 PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
 EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
@@ -138,7 +139,10 @@ class Weigher:
         columns = left.columns @ self.model.load
         known_drift = self.tares.scale * (drifting @ drift.values)
         expected = columns @ self._load(lift, drift)
-        variance = ((columns @ lift.covariance) * columns).sum(axis=1) + left.variance + BREAK_AWAY**2 * left.rest
+        unsure = ((columns @ lift.covariance) * columns).sum(axis=1)
+        drifted = ((drifting @ drift.covariance) * drifting).sum(axis=1)
+        unsure = unsure + np.minimum(drifted, DRIFTED * left.variance)
+        variance = unsure + left.variance + BREAK_AWAY**2 * left.rest
         torque = left.torque + known_drift
         innovation = (left.torque - expected) ** 2 / variance
         if not usable.any() or innovation[usable].mean() > GATE:
@@ -161,7 +165,8 @@ class Weigher:
     def _watched(self, lift: Lift) -> Lift:
         """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
         every = round(EVERY_S * self.model.filters.rate_hz)
-        if lift.taken % every or lift.taken > self._long:
+        hangs = lift.values[0] > SMALLEST * self.model.machine.rated_payload
+        if lift.taken % every or lift.taken > self._long or not hangs:
             return lift
         now = information(lift.root)
         by, wrong = change(lift.marks[0], now)
