@@ -24,7 +24,7 @@ EVERY = 5  # steps between updates, because neighbouring samples contain the sam
 ZERO_ERROR, ZERO_LIMIT = 3e4, 6e5  # Pa, prior standard error of a pressure's zero drift, and its limit; chosen
 # times the identified friction: prior standard errors of its drift. Dry friction falls by a fifth, viscous friction in
 # proportion to a power of the viscosity, which oil of grade VG 46 halves every 15 to 20 K; chosen for 40 K.
-FRICTION_ERROR = {"coulomb": 0.2, "viscous": 1.0}
+FRICTION_ERROR = {"coulomb": 0.1, "viscous": 0.5}
 FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
 PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
 LOAD = 4  # parameters of a load: m, m x, m z, J

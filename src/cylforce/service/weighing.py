@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
@@ -37,7 +38,7 @@ class Lift(NamedTuple):
     """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
     `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
     covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples for which each row has been
-    at rest; `marks` (2, 4, 5): information about the load at the last two looks for a spill."""
+    at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for a spill."""
 
     root: Root
     values: Array
@@ -89,7 +90,7 @@ class Weigher:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)), np.stack([information(root)] * 2))
+        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)), np.stack([information(root, nothing)] * 2))
 
     @cached_property
     def _still(self) -> Drift:
@@ -160,16 +161,16 @@ class Weigher:
         if lift.taken + 1 == self.model.settle_steps:  # until now the filters still held what was before the lift
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
         now = Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested, lift.marks)
-        return self._watched(now)
+        return self._watched(now, drift)
 
-    def _watched(self, lift: Lift) -> Lift:
+    def _watched(self, lift: Lift, drift: Drift) -> Lift:
         """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
         every = round(EVERY_S * self.model.filters.rate_hz)
         hangs = lift.values[0] > SMALLEST * self.model.machine.rated_payload
         if lift.taken % every or lift.taken > self._long or not hangs:
             return lift
-        now = information(lift.root)
-        by, wrong = change(lift.marks[0], now)
+        now = information(lift.root, lift.gram)
+        by, wrong = change(lift.marks[0], now, block_diag(self.tares.covariance, drift.covariance))
         enough = lift.taken >= 3 * every + self.model.settle_steps
         if enough and abs(by) > max(CERTAIN * wrong, GOOD_ENOUGH * self.model.machine.rated_payload):
             return self._fresh
