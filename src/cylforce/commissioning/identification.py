@@ -25,7 +25,9 @@ ONE_WAY = 0.05  # of a cylinder's motion: with less in one direction it moved in
 ONE_WAY_SECONDS = 2.0  # s of motion of a cylinder, below which its directions are not checked; chosen
 FOLDS = 5  # parts of the recording for the choice of friction laws by prediction; chosen
 CERTAIN = ("coulomb", "delay", "load_dependent")  # laws that are always in the model; see `_choose`
-BEYOND = 0.005  # of the force: additional standard error of load-dependent friction beyond the measured forces; chosen
+# Of the force: additional standard error of load-dependent friction beyond the measured forces. Fitted: with 0.005 the
+# weights of 12 reference machines without a known lift were wrong by 1.6 of their standard errors, rms.
+BEYOND = 0.008
 DETERMINED = 0.5  # times the prior's standard error: above it the recording does not determine a parameter; chosen
 
 

@@ -48,6 +48,8 @@ SPREAD = {
 # m/s: speed at which the extra friction of creep has fallen to 37 %. Fitted: of 10, 15, 20, 30 and 50 mm/s the one that
 # predicts held-out empty motion best, on each of ten machines of a foreign generator.
 CREEP = 0.01
+# Relative standard error of a pressure sensor's gain: accuracy class 0.5, so evenly within 0.5 % either way.
+GAIN_ERROR = 0.005 / 3.0**0.5
 ROCKER = 100.0  # kg m: prior standard error of a rocker's first moment; chosen: 150 kg of bars on a rocker of 0.7 m
 TYPICAL = {"load_dependent": 0.01}  # prior means that are not zero; chosen: one percent of the force for seals and pins
 ABSOLUTE = ("load_dependent", "delay")  # laws whose prior does not scale with the cylinder's largest force
@@ -148,13 +150,13 @@ class Model:
     def scale_error(self) -> float:
         """Relative standard error of the torque computed from pressures, from the data sheet: piston areas, and the
         lever with its two pins in mid-range, at the innermost measured joint. A recording of the empty machine cannot
-        reduce it; a lift of a known weight can. At a loader's arm only the lift cylinders count: the lever of the tilt
+        reduce it; a lift of a known weight can. The gain of the pressure sensors is part of it. At a loader's arm only the lift cylinders count: the lever of the tilt
         cylinder may vanish there, and its torque with it."""
         middle = np.array([(link.angle_low + link.angle_high) / 2.0 for link in self.machine.links])
         lever = np.abs(self.machine.geometry(middle).lever[:, self.machine.rows[0]])
         own = [c for c in self.acting[0] if max(self.machine.spans[c]) == self.machine.rows[0]] or self.acting[0]
         cylinders = [self.machine.cylinders[c] for c in own]
-        areas = max(c.area_error for c in cylinders)
+        areas = np.hypot(max(c.area_error for c in cylinders), GAIN_ERROR)
         pins = max(c.pin_error * np.sqrt(2.0) / lever[k] for c, k in zip(cylinders, own, strict=True))
         return float(np.hypot(areas, pins))
 

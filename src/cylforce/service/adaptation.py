@@ -21,10 +21,8 @@ from cylforce.signals.estimate import Array
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
 STROKE_SECONDS = 3.0  # s, duration of a typical stroke, over which model errors keep their sign; chosen
 EVERY = 5  # steps between updates, because neighbouring samples contain the same information; chosen
-ZERO_ERROR, ZERO_LIMIT = 3e4, 6e5  # Pa, prior standard error of a pressure's zero drift, and its limit; chosen
-# times the identified friction: prior standard errors of its drift. Dry friction falls by a fifth, viscous friction in
-# proportion to a power of the viscosity, which oil of grade VG 46 halves every 15 to 20 K; chosen for 40 K.
-FRICTION_ERROR = {"coulomb": 0.1, "viscous": 0.5}
+ZERO_ERROR, ZERO_LIMIT = 1.5e4, 6e5  # Pa, prior standard error of a pressure's zero drift, and its limit; chosen
+FRICTION_ERROR = 0.1  # times the identified friction: prior standard error of its drift; chosen
 FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
 PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
 LOAD = 4  # parameters of a load: m, m x, m z, J
@@ -69,9 +67,7 @@ class Adapter:
         """Prior standard errors (D,) of the drift."""
         zero = [ZERO_ERROR * c.area_head for c in self.model.machine.cylinders]
         floor = [1e-3 * self.model.machine.cylinders[0].area_head * 1e5] * len(self.model.changing_friction)
-        changing = self.model.changing_friction
-        share = np.array([FRICTION_ERROR[self.tares.names[k].rpartition(".")[2]] for k in changing])
-        friction = np.maximum(share * np.abs(self.tares.values[changing]), floor)
+        friction = np.maximum(FRICTION_ERROR * np.abs(self.tares.values[self.model.changing_friction]), floor)
         return np.concatenate([friction, zero])
 
     def begin(self) -> Drift:

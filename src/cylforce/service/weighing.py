@@ -26,6 +26,7 @@ from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, inv
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
+COLD = 5.0  # times the expected drift, for which the gate allows: oil of 0 instead of 40 degC; chosen
 DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift that is not known yet; chosen: twice its error
 PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
 EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
@@ -53,12 +54,13 @@ class Lift(NamedTuple):
 
 class Weight(NamedTuple):
     """Mass [kg] with standard error [kg]; centre x + i z [m] of the load in the last link's frame with the standard
-    errors (x, z) [m]."""
+    errors (x, z) [m]; `drifted` [kg m]: standard error of the first moment by a drift that is not known yet."""
 
     mass: float
     standard_error: float
     centre: complex
     centre_error: tuple[float, float]
+    drifted: float
 
 
 class Weighing(NamedTuple):
@@ -142,7 +144,7 @@ class Weigher:
         expected = columns @ self._load(lift, drift)
         unsure = ((columns @ lift.covariance) * columns).sum(axis=1)
         drifted = ((drifting @ drift.covariance) * drifting).sum(axis=1)
-        unsure = unsure + np.minimum(drifted, DRIFTED * left.variance)
+        unsure = unsure + np.minimum(COLD**2 * drifted, DRIFTED * left.variance)
         variance = unsure + left.variance + BREAK_AWAY**2 * left.rest
         torque = left.torque + known_drift
         innovation = (left.torque - expected) ** 2 / variance
@@ -202,7 +204,9 @@ class Weigher:
         centre = complex(load[1], load[2]) / scale
         along = np.array([[-centre.real, 1.0, 0.0, 0.0], [-centre.imag, 0.0, 1.0, 0.0]]) / scale
         error_x, error_z = np.sqrt(np.sum((along @ lift.covariance) * along, axis=1))
-        return Weight(mass, wrong, centre, (float(error_x), float(error_z)))
+        moments = lift.covariance[1:3] @ lift.gram[:, len(self.model.parameters) :]
+        drifted = float(np.sqrt(np.sum((moments @ drift.covariance) * moments)))
+        return Weight(mass, wrong, centre, (float(error_x), float(error_z)), drifted)
 
     def _plausible(self, weight: Weight) -> bool:
         """Whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass near
@@ -210,7 +214,7 @@ class Weigher:
         rated, reach = self.model.machine.rated_payload, self.model.machine.payload_reach
         if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
-            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach
+            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
     def _judge(self, lift: Lift, weight: Weight) -> Load:
