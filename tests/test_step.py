@@ -743,11 +743,15 @@ def digging(bench):
 
 
 def bookings(estimates):
-    """In the order in which they were shown; each must stay what it is until the next."""
+    """In the order in which they were shown, each as it is in the end; while the bucket returns, number and time of a
+    booking stay what they are."""
     found = []
     for e in estimates:
-        if e.booking is not None and (not found or e.booking != found[-1]):
+        if e.booking is not None and (not found or e.booking.number != found[-1].number):
             found.append(e.booking)
+        elif found:
+            assert e.booking.t_us == found[-1].t_us
+            found[-1] = e.booking
     return found
 
 

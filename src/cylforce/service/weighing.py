@@ -39,7 +39,8 @@ class Lift(NamedTuple):
     """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
     `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
     covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples for which each row has been
-    at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for a spill."""
+    at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for a spill;
+    `mixed`: whether the filters still hold what was before the lift."""
 
     root: Root
     values: Array
@@ -50,6 +51,7 @@ class Lift(NamedTuple):
     moving: int
     rested: Array
     marks: Array
+    mixed: bool
 
 
 class Weight(NamedTuple):
@@ -92,7 +94,12 @@ class Weigher:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)), np.stack([information(root, nothing)] * 2))
+        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)), np.stack([information(root, nothing)] * 2), mixed=False)
+
+    @property
+    def _again(self) -> Lift:
+        """A lift that follows another motion."""
+        return self._fresh._replace(mixed=True)
 
     @cached_property
     def _still(self) -> Drift:
@@ -125,7 +132,7 @@ class Weigher:
         lift = self._advance(state.lift, left, usable, drift, columns)
         if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
             # the candidate remains until the bucket is seen empty
-            lift, state = self._fresh, state._replace(books=parted(state.books))
+            lift, state = self._again, state._replace(books=parted(state.books))
         elif not lift.taken and state.lift.taken:
             state = state._replace(books=spilled(state.books))
         weight = self._conclude(lift, drift)
@@ -160,9 +167,9 @@ class Weigher:
         others = np.concatenate([left.columns, drifting], axis=1)[informative]
         gram = gram + (used / variance[:, None]).T @ others
         moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
-        if lift.taken + 1 == self.model.settle_steps:  # until now the filters still held what was before the lift
+        if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
-        now = Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested, lift.marks)
+        now = Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed)
         return self._watched(now, drift)
 
     def _watched(self, lift: Lift, drift: Drift) -> Lift:
@@ -175,7 +182,7 @@ class Weigher:
         by, wrong = change(lift.marks[0], now, block_diag(self.tares.covariance, drift.covariance))
         enough = lift.taken >= 3 * every + self.model.settle_steps
         if enough and abs(by) > max(CERTAIN * wrong, GOOD_ENOUGH * self.model.machine.rated_payload):
-            return self._fresh
+            return self._again
         return lift._replace(marks=np.stack([lift.marks[1], now]))
 
     def _load(self, lift: Lift, drift: Drift) -> Array:
