@@ -40,8 +40,8 @@ TWITCH = 0.25  # s
 @dataclass(frozen=True)
 class Manner:
     """How the work is done. `carry_back_kg` stays in the bucket after each dump; `spilled`: share of each load that
-    falls out while it is lifted; `slew_rate`: fastest turning of the house [rad/s], on its way back, None: drawn; `jerk` [m]: size of an
-    unsteady hand's twitches, one in a second and cylinder."""
+    falls out while it is lifted; `slew_rate`: fastest turning of the house [rad/s], on its way back, None: drawn;
+    `jerk` [m]: size of an unsteady hand's twitches, one in a second and cylinder."""
 
     carry_back_kg: tuple[float, ...] = ()
     spilled: tuple[float, ...] = ()
@@ -129,9 +129,10 @@ def _twitching(path: Array, size: float, rng: np.random.Generator) -> Array:
     if size == 0.0:
         return path
     t, found = np.arange(len(path)) / RATE, path.copy()
-    for column in found.T:
+    for j in range(path.shape[1]):
         for begin in rng.uniform(0.0, t[-1], int(t[-1])).tolist():
-            column += rng.uniform(-size, size) * smooth((t - begin) / TWITCH) * smooth((begin + 3 * TWITCH - t) / TWITCH)
+            pulse = smooth((t - begin) / TWITCH) * smooth((begin + 3 * TWITCH - t) / TWITCH)
+            found[:, j] += rng.uniform(-size, size) * pulse
     return found
 
 

@@ -1,4 +1,4 @@
-"""Simple scales on the same recordings. Both are told from the truth when the bucket hangs freely, which no scale is."""
+"""Simple scales on the same recordings. When the bucket hangs freely they take from the truth, which no scale knows."""
 
 from collections.abc import Callable
 

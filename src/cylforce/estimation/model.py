@@ -36,7 +36,8 @@ FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional", "str
 # noise and break-away friction would bias the fit; chosen.
 CERTAIN_SHARE = 0.02
 # Prior standard errors: of coulomb, directional and stribeck as a share of the cylinder's largest force; of viscous as
-# such a share per m/s; of load_dependent as a share of the force; of the delay in seconds. Chosen: wide for any cylinder.
+# such a share per m/s; of load_dependent as a share of the force; of the delay in seconds. Chosen: wide for any
+# cylinder.
 SPREAD = {
     "coulomb": 0.05,
     "viscous": 0.2,
@@ -60,8 +61,8 @@ class Tares(NamedTuple):
     laws; `names` and `values` (P,) of the parameters with `covariance` (P, P); `row_error` (R,) [N m]: rms torque that
     the model does not explain on the empty machine; `identified`: from a recording, else from the data sheet. The
     remaining torque is multiplied by `scale` (with standard error `scale_error`), which a lift of a known weight
-    corrects for errors of levers, areas and gains. `correlation` [s]: for so long the unexplained torque keeps its sign,
-    as far as a weight is concerned; 0: not measured."""
+    corrects for errors of levers, areas and gains. `correlation` [s]: how long the unexplained torque keeps its
+    sign, as far as a weight is concerned; 0: not measured."""
 
     friction: tuple[str, ...]
     names: tuple[str, ...]
@@ -149,9 +150,10 @@ class Model:
     @cached_property
     def scale_error(self) -> float:
         """Relative standard error of the torque computed from pressures, from the data sheet: piston areas, and the
-        lever with its two pins in mid-range, at the innermost measured joint. A recording of the empty machine cannot
-        reduce it; a lift of a known weight can. The gain of the pressure sensors is part of it. At a loader's arm only the lift cylinders count: the lever of the tilt
-        cylinder may vanish there, and its torque with it."""
+        lever with its two pins in mid-range, at the innermost measured joint. A recording of the empty machine
+        cannot reduce it; a lift of a known weight can. The gain of the pressure sensors is part of it. At a
+        loader's arm only the lift cylinders count: the lever of the tilt cylinder may vanish there, and its torque
+        with it."""
         middle = np.array([(link.angle_low + link.angle_high) / 2.0 for link in self.machine.links])
         lever = np.abs(self.machine.geometry(middle).lever[:, self.machine.rows[0]])
         own = [c for c in self.acting[0] if max(self.machine.spans[c]) == self.machine.rows[0]] or self.acting[0]

@@ -44,7 +44,9 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
 def correlated(filters: Filters, seconds: float = 0.0) -> float:
     """Number of consecutive samples that count as one independent sample: the correlation time of the filters, or the
     longer one [s] that was measured of the residual."""
-    return max(1.0, filters.rate_hz / (np.pi * min(filters.smoothing_hz, filters.regressor_hz)), seconds * filters.rate_hz)
+    return max(
+        1.0, filters.rate_hz / (np.pi * min(filters.smoothing_hz, filters.regressor_hz)), seconds * filters.rate_hz
+    )
 
 
 def load_spread(machine: Machine) -> Array:

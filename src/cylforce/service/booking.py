@@ -32,8 +32,8 @@ class Weighed(NamedTuple):
 
 class Books(NamedTuple):
     """State of the booking: the newest weight of the present lift, which becomes the `candidate` of a loaded bucket, or
-    the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last, while
-    the bucket returns (`dumped`); the last booking."""
+    the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last,
+    while the bucket returns (`dumped`); the last booking."""
 
     newest: Weighed | None = None
     candidate: Weighed | None = None
@@ -105,10 +105,11 @@ def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Ta
     """The state with the candidate booked. While the bucket returns, the booking becomes more precise: what remained in
     it and how friction and zeros have drifted is known better and better."""
     last = books.booking
-    if books.candidate is not None:
-        number = 1 if last is None else last.number + 1
+    if last is None:
+        number = 1
+    elif books.candidate is not None:
+        number = last.number + 1
     else:
-        assert last is not None
         number, t_us = last.number, last.t_us
     mass, remains = corrected(lifted, drift), corrected(left, drift)
     booking = Booking(

@@ -27,20 +27,22 @@ from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, inv
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
 COLD = 5.0  # times the expected drift, for which the gate allows: oil of 0 instead of 40 degC; chosen
-DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift that is not known yet; chosen: twice its error
+DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift not known yet; chosen: twice its error
 PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
 EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
 FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; chosen
-LATER_S = 0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
+LATER_S = (
+    0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
+)
 
 
 class Lift(NamedTuple):
     """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
     `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
-    covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples for which each row has been
-    at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for a spill;
-    `mixed`: whether the filters still hold what was before the lift."""
+    covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
+    for which each row has been at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for
+    a spill; `mixed`: whether the filters still hold what was before the lift."""
 
     root: Root
     values: Array
@@ -94,7 +96,17 @@ class Weigher:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)), np.stack([information(root, nothing)] * 2), mixed=False)
+        return Lift(
+            root,
+            *solution(root),
+            nothing,
+            0,
+            0,
+            0,
+            np.zeros(len(machine.rows)),
+            np.stack([information(root, nothing)] * 2),
+            mixed=False,
+        )
 
     @property
     def _again(self) -> Lift:
