@@ -60,6 +60,7 @@ class IdentifiedFile(_Strict):
     scale: Number
     scale_standard_error: Number
     unexplained_torque_n_m: tuple[Number, ...]
+    unexplained_correlation_s: Number = 0.0
     parameters: tuple[IdentifiedParameter, ...]
     covariance: tuple[tuple[Number, ...], ...]
 
@@ -77,6 +78,7 @@ def write_identified(path: Path, found: Identification, loaded: Loaded, recordin
             cylforce=cylforce.__version__,
         ),
         unexplained_torque_n_m=tuple(found.tares.row_error.tolist()),
+        unexplained_correlation_s=found.tares.correlation,
         warnings=found.warnings,
         friction=found.model.friction,
         scale=found.tares.scale,
@@ -114,8 +116,8 @@ def read_identified(path: Path, loaded: Loaded) -> Tares:
     _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
     names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
     left = np.array(file.unexplained_torque_n_m)
-    scale = (file.scale, file.scale_standard_error)
-    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *scale)
+    rest = (file.scale, file.scale_standard_error, file.unexplained_correlation_s)
+    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *rest)
 
 
 def identified_warnings(path: Path) -> tuple[str, ...]:
