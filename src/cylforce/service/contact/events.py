@@ -12,7 +12,7 @@ from cylforce.service.contact.slope import Course, course_begun, kink
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
 from cylforce.signals.estimate import Array
 
-# Fitted on machines with an odd number (`tools/accuracy events --foreign`), see tools/README.md.
+# Fitted on machines of another generator (`tools/accuracy events --foreign`), see tools/studies/README.md.
 BEGINS = 100.0  # f' C^-1 f at which contact begins: 10 standard errors; empty motion reached 85 in 75 minutes
 ENDS = 12.0  # f' C^-1 f below which there is none: 99.8 % of the noise
 ENDING_S = 0.1  # s for which it must stay there

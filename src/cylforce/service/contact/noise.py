@@ -11,7 +11,7 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import RELATIVE
 from cylforce.signals.estimate import Array
 
-# The figures below are measured on machines of another generator, those with an odd number: see tools/README.md.
+# The figures below are measured on machines of another generator: see tools/studies/README.md.
 PRIOR = 5.0  # times the row error of the weighing: standard error of a row before the machine was seen in the air
 LATE_S = 0.034  # s: the torque of inertia is wrong by this time's change of it
 FADING_S = 0.045  # s in which such an error fades, the delay of the measured speed
