@@ -11,7 +11,6 @@ from layers.discrepancy import DECAY, Noise, Sums, likeliest, moments, sums
 from layers.intervals import wilson
 from layers.sizes import BEYOND, log_size
 from layers.statistics import SMOOTH, Column, Scene, Statistics, one_way
-from studies.labelled import COLUMNS, shares
 
 ROWS, BLOCKS, JOINTS, COUNT = 60, 40, 2, 4  # rows of a block, blocks, joints, columns
 PARTS = (Column("one", "a", (2,), 0.2, 8.0, 0, 1), Column("two", "b", (3,), 0.2, 8.0, 0, 1))
@@ -167,20 +166,3 @@ def test_friction_that_is_larger_one_way_is_half_a_change_and_half_an_asymmetry(
 def test_intervals_are_wilsons():
     assert wilson(8, 10) == pytest.approx((0.490, 0.943), abs=1e-3)
     assert wilson(0, 0) == (0.0, 1.0)
-
-
-def test_answers_to_labelled_machines_are_counted():
-    row = dict.fromkeys(COLUMNS, "") | {"effect": "one", "at": "a", "nameable": "1", "over_floor": "3", "in_order": "0"}
-    row |= {"scenario": "field_air", "recording": "case_1"}
-    right = row | {"verdict": "explained", "first": "one", "first_at": "a", "causes": "1"}
-    listed = row | {"verdict": "ambiguous", "first": "two", "first_at": "b", "causes": "1", "also": "one@a"}
-    silent = row | {"verdict": "no_gap", "causes": "0"}
-    weak = silent | {"over_floor": "1.2"}
-    order = row | {"in_order": "1", "effect": "", "recording": "empty_in_order", "verdict": "unknown"}
-    found = shares([right, listed, silent, weak, order])
-    assert found["first right"] == (1, 3)
-    assert found["truth among the answers"] == (2, 3)
-    assert found["silent"] == (1, 3)
-    assert found["of these right"] == (1, 1)
-    assert found["in order, empty: alarm"] == (1, 1)
-    assert found["in order, empty: named"] == (0, 1)

@@ -119,11 +119,12 @@ def test_no_pattern_needs_more_stuff_bits_than_the_worst(count):
 
 def test_bus_load_is_the_sum_computed_by_hand(capsys):
     """100 SYNC of 55 bits, 100 times 7 PDOs of 4 bytes (95 bits) and one of 2 bytes (75), 9 heartbeats of 1 byte (65)
-    twice a second, our 4 PDOs of 8 bytes (135) 20 times a second: 5500 + 66500 + 7500 + 1170 + 10800 = 91470 bit/s."""
-    assert sum(each.bits_per_second for each in traffic(load(EXCAVATOR).service)) == pytest.approx(91470)
+    twice a second, of our 8 PDOs of 8 bytes (135) two 50 and six 20 times a second: 5500 + 66500 + 7500 + 1170 +
+    29700 = 110370 bit/s."""
+    assert sum(each.bits_per_second for each in traffic(load(EXCAVATOR).service)) == pytest.approx(110370)
     out = described(capsys, EXCAVATOR)
-    assert "in all 91470 bit/s with the most stuff bits" in out
-    assert "73 % of 125 kbit/s, 37 % of 250 kbit/s, 18 % of 500 kbit/s, 9 % of 1000 kbit/s" in out
+    assert "in all 110370 bit/s with the most stuff bits" in out
+    assert "88 % of 125 kbit/s, 44 % of 250 kbit/s, 22 % of 500 kbit/s, 11 % of 1000 kbit/s" in out
 
 
 def test_nodes_and_pdos_as_the_bus_has_them(capsys):

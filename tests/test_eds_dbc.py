@@ -23,7 +23,8 @@ from cylforce.signals.layout import CODES, Field, not_available
 ROOT = Path(__file__).resolve().parents[1]
 NODE_ID = 64
 PUBLICATION = publication(NODE_ID, 0.1, 1500.0, 300e3, 0.02, default_filters())
-SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": dbc(PUBLICATION, NODE_ID)}
+EXCAVATOR = publication(NODE_ID, 0.05, 1500.0, 300e3, 0.02, default_filters())  # of the file in config
+SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": dbc(EXCAVATOR, NODE_ID)}
 
 
 @pytest.mark.parametrize("name", SHIPPED)

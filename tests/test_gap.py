@@ -15,6 +15,7 @@ from cylforce.effects.library import LIBRARY
 from cylforce.files.tables import Table, read_table, write_table
 from cylforce.programs import cli
 from cylforce.programs.common.play import read_effects
+from cylforce.programs.gap import Question, diagnose
 from cylforce.programs.gap_output import sentence
 from cylforce.programs.reports import report
 from cylforce.programs.reports.units import SHOWN, interval, shown
@@ -221,6 +222,15 @@ def test_the_text_says_verdict_effect_and_next_step(capsys, files, made):
     assert f"next: {made[0]['next_experiment'][0]}" in out
 
 
+def test_an_effect_left_out_of_the_library_is_not_named(files):
+    """Nor listed anywhere; with an empty list the library is whole."""
+    words = (files / "field.csv",), (files / "order.csv",)
+    whole = diagnose(LOADED, Question(*words)).answer
+    assert {each["name"] for each in whole["effects"]} == {"angle_offset"}
+    part = diagnose(LOADED, Question(*words, without=("angle_offset",))).answer
+    assert '"angle_offset"' not in json.dumps(part)
+
+
 def without(folder, rows=slice(None), **columns):
     """field.csv with some rows, and columns set to what is given (None: left out)."""
     names = [s.name for s in LOADED.service.machine.signals]
@@ -313,6 +323,8 @@ def test_what_cannot_be_read_is_one_sentence(capsys, files):
         (("--load", "field.csv=much"), "--load field.csv=much: write the recording's name"),
         (("--load", "field.csv=-5"), "--load field.csv=-5: is no weight in kg"),
         (("--only", "glue"), "effect 'glue' is not known: choose one of coulomb_friction"),
+        (("--without", "stribeck", "--without", "glue"), "effect 'glue' is not known: choose one of coulomb_friction"),
+        (("--without", "stribeck", "--only", "stribeck"), "effect 'stribeck' is not known: choose one of"),
         (("--only", "stribeck@roof"), "effect 'stribeck' sits at 'roof', which is no cylinder: choose one of stick"),
     ],
 )

@@ -14,8 +14,6 @@ from reference_machine import draw
 from reference_machine.machinefile import machine_file
 from reference_machine.truth import links_parameters
 
-LATE = 0.237  # s, the low-passes' delay (test_truth.py)
-
 
 @pytest.fixture(scope="module")
 def machine():
@@ -60,15 +58,17 @@ def test_a_load_in_motion_is_told_with_its_weight_and_its_centre(core, machine):
 
 
 def test_a_force_in_motion_is_told_on_both_axes(core, machine):
-    """Pulled at by a force in any direction while the arm moves, against their truth as late as the low-passes are: rms
-    within 3 % of the force's."""
+    """Pulled at by a force in any direction while the arm moves, against the truth of the same moment: rms within 8 %
+    of the force's (12 % at p95 is asked of the service), and within what the standard error tells."""
     recording = machine.run("tip_load", duration_s=40.0, pitch_deg=3.0, roll_deg=0.0)
     found = [e.force for e in estimates(core, recording)]
-    t, true = recording.t_s, recording.truth
+    true = recording.truth
     for axis, name in (("x", "tip_force_horizontal"), ("z", "tip_force_vertical")):
         told = np.array([getattr(force, axis).value for force in found])
-        expected = np.interp(t - LATE, t, true[name])
+        expected = true[name]
         good = np.isfinite(told)
         assert np.mean(good[200:]) > 0.95
         rms = np.sqrt(np.mean((told - expected)[good] ** 2))
-        assert rms < 0.03 * np.sqrt(np.mean(true["tip_force_horizontal"] ** 2 + true["tip_force_vertical"] ** 2))
+        errors = np.array([getattr(force, axis).standard_error for force in found])[good]
+        assert rms < 1.5 * np.sqrt(np.mean(errors**2))
+        assert rms < 0.08 * np.sqrt(np.mean(true["tip_force_horizontal"] ** 2 + true["tip_force_vertical"] ** 2))

@@ -97,6 +97,6 @@ def test_daemon_gives_the_numbers_of_a_replay(crane, tmp_path):
     # a replay's first tick sees the second row, so does the first of these steps
     pairs = [(s.sent, dict(frames(core.service.publication, e))) for s, e in zip(found, wanted, strict=False)]
     compared = [(sent, expected) for sent, expected in pairs[begin:] if sent]
-    assert all(sent == expected for sent, expected in compared)
+    assert all(sent.items() <= expected.items() for sent, expected in compared)  # each PDO has a period of its own
     assert len(compared) > 0.09 * min(len(found), len(wanted))  # every tenth step is published
     assert any(estimate.gross.status is Status.OK for estimate in wanted[: len(found)])

@@ -12,17 +12,20 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from cylforce.settings.machine_file import load
-from trial.fault import Draw, Fault
-from trial.field import LOAD_KG, Lengths, Site, faulty, scene
+from trial.effects.fault import Draw, Fault
+from trial.effects.rubbing import asymmetric
+from trial.effects.sensing import pressure_offset
+from trial.field import Site, faulty, scene
 from trial.orders import machine_seed
-from trial.rubbing import asymmetric
-from trial.sensing import pressure_offset
+from trial.repertoire import LOAD_KG, PLAIN
 from trial.sigmas import Effect, Floor, Rows, compared, explained
 
+Array = NDArray[np.float64]
 JOINTS = ("boom", "stick", "bucket")
 FRICTION = ("own", "foreign")
 SHARE, BAR = 0.35, 2.0  # of dry friction; of the offset, which is scaled to come nearest
@@ -40,23 +43,32 @@ class Given(Draw):
         """The place."""
         return self.at
 
+    def portion(self) -> float:
+        """Both directions alike."""
+        return 0.5
+
     def signed(self, low: float, high: float) -> float:
         """The size."""
         return self.given
 
 
+def calm(values: Array) -> NDArray[np.bool_]:
+    """Nothing unknown acts at any row."""
+    return np.ones(len(values), dtype=bool)
+
+
 def one_site(work: tuple[int, str]) -> list[dict[str, Any]]:
     """Standard errors of an asymmetry, of an offset, and of what of the asymmetry no offset explains, by joint."""
     seed, friction = work
-    site = Site(seed, friction, Lengths())
+    site = Site(seed, friction, repertoire=PLAIN)
     with TemporaryDirectory() as folder:
         (Path(folder) / "machine.toml").write_text(site.data_sheet)
         floor = Floor(load(Path(folder) / "machine.toml"), LOAD_KG)
-    references = [floor.rows(name, values) for name, values in site.references.items()]
+    references = [floor.rows(name, values, calm(values)) for name, values in site.references.items()]
 
     def rows(*faults: Fault) -> list[Rows]:
         made = {p.stretch.name: p.values(faulty(p, list(faults)), (seed, 1)) for p in site.pieces}
-        return [floor.rows(name, site.shown(values)) for name, values in made.items()]
+        return [floor.rows(name, site.shown(values), calm(values)) for name, values in made.items()]
 
     twin, seen = rows(), scene(site.pieces)
     found = []

@@ -27,12 +27,13 @@ from layers.discrepancy import Sums, moments, sums
 from layers.intervals import wilson
 from layers.statistics import Machine as Stored
 from layers.statistics import Statistics, made_of, one_way, read_scene, read_statistics
-from studies.labelled import VISIBLE, Labelled, labelled, references
 from trial.cases import simulated, write
-from trial.field import Lengths, Site
+from trial.field import Site
+from trial.judged import CERTAIN, VISIBLE
 from trial.orders import PER_MACHINE, order
+from trial.repertoire import PLAIN
 from trial.run import Truth
-from trial.scoring import CERTAIN
+from trial.source import Labelled, labelled, references
 
 CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
@@ -77,7 +78,7 @@ def store_reference(place: int, cache: Path) -> None:
         return
     numbers = range(PER_MACHINE * place, PER_MACHINE * (place + 1))
     orders = [o for n in numbers if not (o := order(SEED, n, development=True)).poor and not o.two_links]
-    site = Site(orders[0].machine, orders[0].friction, Lengths())
+    site = Site(orders[0].machine, orders[0].friction, repertoire=PLAIN)
     with TemporaryDirectory() as name:
         fields, inputs, folder = dict[str, tuple[Path, ...]](), dict[str, Any](), Path(name)
         for each in orders:

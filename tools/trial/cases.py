@@ -11,24 +11,29 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from .fault import Draw, Fault
-from .field import LOAD_KG, Piece, Site, faulty, scene
-from .foreign import FOREIGN
-from .library import KNOWN, TWO_LINKS, clutter
+from .effects.fault import Draw, Fault
+from .effects.foreign import FOREIGN
+from .effects.library import KNOWN, TWO_LINKS, clutter
+from .effects.unheard import UNHEARD
+from .field import Piece, Site, faulty, scene
 from .orders import Order
+from .repertoire import LOAD_KG
 
 Array = NDArray[np.float64]
+MAKES = KNOWN | TWO_LINKS | FOREIGN | UNHEARD
 
 
 @dataclass(frozen=True)
 class Case:
-    """The recordings as values (T, S) by name, when each begins [s], and the label."""
+    """The recordings as values (T, S) by name, when each begins [s], the rows (T,) of each at which nothing unknown
+    acts, and the label."""
 
     order: Order
     signals: tuple[str, ...]
     references: dict[str, Array]
     field: dict[str, Array]
     begins: dict[str, float]
+    quiet: dict[str, NDArray[np.bool_]]
     machine_toml: str
     label: dict[str, Any]
 
@@ -38,7 +43,7 @@ def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, 
     same noise. `only`: with the effect of that number alone."""
     rng = np.random.default_rng([*order.seed, 11])
     poor, site = order.poor, site.two_links if order.two_links else site
-    pieces = site.field(rng, 100 + order.number, poor) if poor else site.pieces
+    pieces = site.poor(rng, 100 + order.number, poor) if poor else site.showing(order.names)
     faults, small = drawn(order, pieces, rng)
     if only is not None:
         faults, small = faults[only : only + 1], []
@@ -47,15 +52,22 @@ def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, 
     twin = {p.stretch.name: site.shown(p.values(p.machine, noise)) for p in pieces}
     references = {k: v for k, v in site.references.items() if not (poor == "no_load" and k.endswith("loaded"))}
     begins = dict.fromkeys(references, 0.0) | {p.stretch.name: p.stretch.begin_s for p in pieces}
-    case = Case(order, site.signals, references, field, begins, site.data_sheet, label(order, faults, small))
+    quiet = {p.stretch.name: p.quiet for p in (*site.reference_pieces, *pieces)}
+    told = label(order, faults, small) | {"references": sorted(references), "scenario": scenario(pieces)}
+    case = Case(order, site.signals, references, field, begins, quiet, site.data_sheet, told)
     return case, twin
 
 
 def drawn(order: Order, pieces: tuple[Piece, ...], rng: np.random.Generator) -> tuple[list[Fault], list[Fault]]:
     """The case's faults, and the small ones around them."""
     seen, draw = scene(pieces), Draw(rng)
-    faults = [(KNOWN | TWO_LINKS | FOREIGN)[name](draw, seen) for name in order.names]
+    faults = [MAKES[name](draw, seen) for name in order.names]
     return faults, clutter(draw, seen, order.names) if order.clutter else []
+
+
+def scenario(pieces: tuple[Piece, ...]) -> str:
+    """What the field does, in the words of labelled folders."""
+    return "dig_cycles" if any(not piece.quiet.all() for piece in pieces) else "air"
 
 
 def label(order: Order, faults: list[Fault], small: list[Fault]) -> dict[str, Any]:

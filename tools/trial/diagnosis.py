@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -49,6 +50,12 @@ class Diagnosis:
         answer: dict[str, Any] = json.loads(out.read_text())
         return answer | {"seconds": time.monotonic() - start}
 
+    def left_out(self, folder: Path, names: Sequence[str]) -> dict[str, Any] | None:
+        """The answer where the library lacks effects; None from a diagnosis that cannot be asked so."""
+        if "--without" not in self.options:
+            return None
+        return self.answer(folder, tuple(word for name in names for word in ("--without", name)))
+
 
 def _environment() -> dict[str, str]:
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
@@ -56,11 +63,13 @@ def _environment() -> dict[str, str]:
 
 
 def arguments(folder: Path) -> list[str]:
-    """The command line of a case, relative to its folder."""
+    """The command line of a case, relative to its folder; tares where case.json names them."""
     case = json.loads((folder / "case.json").read_text())
     found = ["machine.toml", *case["field"]]
     for name in case["reference"]:
         found += ["--reference", name]
+    if "identified" in case:
+        found += ["--identified", case["identified"]]
     for name, kilograms in case["loads_kg"].items():
         found += ["--load", f"{name}={kilograms:g}"]
     return found

@@ -10,38 +10,36 @@ from reference_machine.datasheet import JOINTS
 from reference_machine.engine import Trace
 from reference_machine.machine import Machine, Stage, draw
 from reference_machine.machinefile import TWO_LINK_SIGNALS, machine_file, two_link_file
-from reference_machine.plan import Plan
+from reference_machine.plan import RATE, Plan
 from reference_machine.sensors import SIGNALS
 
-from .fault import Fault, Scene, Stretch, same_physics
+from .effects.fault import Fault, Scene, Stretch, same_physics
+from .motion import quiet, stage, standing
+from .repertoire import USUAL, Repertoire, Ride, drawn, noisier
 
 Array = NDArray[np.float64]
 NAME = "Excavator"  # of every machine
-LOAD_KG = 1000.0
 PAUSE_S = 30.0  # between the field's recordings
-EMPTY, LOADED = "field_empty", "field_loaded"
-
-
-@dataclass(frozen=True)
-class Lengths:
-    """Durations [s] of the recordings."""
-
-    reference_empty: float = 240.0
-    reference_loaded: float = 90.0
-    field_empty: float = 100.0
-    field_loaded: float = 100.0
+POOR_S = 15.0  # of a field that is short
+CARRIED = ("payload_shift", "payload_spill")  # effects of a load, which the field must then have
+TURNED = ("slew_centrifugal",)  # effects of slewing
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A recording of the field before its sensors are read: the motion of the clean machine. `boom` (T,): planned
-    lengths of the boom's cylinders [m], where the clean machine does not move them."""
+    """A recording before its sensors are read: the motion of the clean machine. `boom` (T,): planned lengths of the
+    boom's cylinders [m], where the clean machine does not move them."""
 
     stretch: Stretch
     machine: Machine
     stage: Stage
     plan: Plan
     boom: Array | None = None
+
+    @property
+    def quiet(self) -> NDArray[np.bool_]:
+        """Whether nothing that the diagnosis does not know acts on the arm (T,)."""
+        return quiet(self.plan, known="loaded" in self.stretch.name)
 
     @cached_property
     def clean(self) -> Trace:
@@ -57,13 +55,14 @@ class Piece:
 
 
 class Site:
-    """A drawn machine: reference recordings, made once, and the field's pieces."""
+    """A drawn machine: reference recordings, made once, and the field's pieces. `share` of the usual durations."""
 
     signals, turns = SIGNALS, True
 
-    def __init__(self, seed: int, friction: str, lengths: Lengths) -> None:
-        self.seed, self.friction, self.lengths = seed, friction, lengths
-        self.machine = draw(seed, friction=friction)
+    def __init__(self, seed: int, friction: str, share: float = 1.0, repertoire: Repertoire | None = None) -> None:
+        self.seed, self.friction, self.share = seed, friction, share
+        self.repertoire = repertoire or drawn(seed)
+        self.machine = noisier(draw(seed, friction=friction), self.repertoire.noise)
 
     @property
     def data_sheet(self) -> str:
@@ -73,7 +72,7 @@ class Site:
     @cached_property
     def two_links(self) -> "Site":
         """The same machine as a system of stick and bucket alone."""
-        return TwoLinks(self.seed, self.friction, self.lengths)
+        return TwoLinks(self.seed, self.friction, self.share, self.repertoire)
 
     def shown(self, values: Array) -> Array:
         """The signals (T, S) that the machine file has, selected from all signals."""
@@ -81,17 +80,14 @@ class Site:
 
     @cached_property
     def references(self) -> dict[str, Array]:
-        """Values (T, S) of the clean machine, empty and with the known load."""
-        return {
-            "reference_empty": self._reference(0, self.lengths.reference_empty, 0.0),
-            "reference_loaded": self._reference(1, self.lengths.reference_loaded, LOAD_KG),
-        }
+        """Values (T, S) of the clean machine."""
+        pieces = enumerate(self.reference_pieces)
+        return {p.stretch.name: self.shown(p.values(p.machine, (self.seed, 99, k))) for k, p in pieces}
 
-    def _reference(self, run: int, seconds: float, load: float) -> Array:
-        stage = self.machine.stage("commissioning", seed=run, duration_s=seconds, slew=self.turns, payload_kg=load)
-        plan = self.clean(stage.plans[0])
-        trace = self.machine.trace(plan, stage.pitch, stage.roll)
-        return self.shown(self.machine.measured(trace, plan, stage, stage.rng))
+    @cached_property
+    def reference_pieces(self) -> tuple[Piece, ...]:
+        """The motion of the references."""
+        return tuple(self._piece(ride, 0.0, None, run) for run, ride in enumerate(self.repertoire.references))
 
     def clean(self, plan: Plan) -> Plan:
         """The part of a plan that the clean machine carries out."""
@@ -99,39 +95,60 @@ class Site:
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
-        """The field recordings of a case with good excitation: motions and slopes of its own."""
-        return self.field(np.random.default_rng([self.seed, 5]), 2)
+        """The field recordings of a case with motions and slopes of the machine's own."""
+        return self.field(self.repertoire.field, np.random.default_rng([self.seed, 5]), 20)
 
-    def field(self, rng: np.random.Generator, run: int, poor: str = "") -> tuple[Piece, ...]:
-        """A field; `poor` names what its motion lacks."""
-        seconds = dict(zip((EMPTY, LOADED), (self.lengths.field_empty, self.lengths.field_loaded), strict=True))
+    @cached_property
+    def usual(self) -> tuple[Piece, ...]:
+        """Strokes, empty and with a load, and slewing: for effects that the other pieces could not show."""
+        return self.field(USUAL, np.random.default_rng([self.seed, 6]), 30)
+
+    def showing(self, names: tuple[str, ...]) -> tuple[Piece, ...]:
+        """The field of a case with effects of these names."""
+        loaded = any(piece.stretch.payload_kg for piece in self.pieces)
+        turning = any(np.ptp(piece.plan.slew) > 0.0 for piece in self.pieces)
+        lacks = (not loaded and set(CARRIED) & set(names)) or (not turning and set(TURNED) & set(names))
+        return self.usual if lacks else self.pieces
+
+    def poor(self, rng: np.random.Generator, run: int, poor: str) -> tuple[Piece, ...]:
+        """The usual field of a case, whose motion lacks what `poor` names."""
+        rides = tuple(ride for ride in USUAL if poor not in ("empty_only", "no_load") or not ride.load_kg)
         if poor == "short":
-            seconds = dict.fromkeys(seconds, min(15.0, self.lengths.field_empty))
-        if poor in ("empty_only", "no_load"):
-            del seconds[LOADED]
+            rides = tuple(replace(ride, seconds=POOR_S / self.share) for ride in rides)
+        return self.field(rides, rng, run, poor)
+
+    def field(self, rides: tuple[Ride, ...], rng: np.random.Generator, run: int, poor: str = "") -> tuple[Piece, ...]:
+        """Rides one after the other."""
         pieces: list[Piece] = []
         begin = 0.0
-        for name, duration in seconds.items():
-            pieces.append(self._piece(name, begin, duration, rng, run + len(pieces), poor))
-            begin += duration + PAUSE_S
+        for ride in rides:
+            pieces.append(self._piece(ride, begin, rng, run + len(pieces), poor))
+            begin += pieces[-1].plan.rows / RATE + PAUSE_S
         return tuple(pieces)
 
-    def _piece(self, name: str, begin: float, duration: float, rng: np.random.Generator, run: int, poor: str) -> Piece:
-        load = LOAD_KG if name == LOADED else 0.0
-        slope = {"pitch_deg": float(rng.uniform(-5.0, 5.0)), "roll_deg": float(rng.uniform(-3.0, 3.0))}
-        stage = self.machine.stage(
-            "commissioning",
-            seed=run,
-            duration_s=duration,
-            oil_degc=40.0 + 0.0125 * begin,
+    def _piece(self, ride: Ride, begin: float, rng: np.random.Generator | None, run: int, poor: str = "") -> Piece:
+        """A ride; with random numbers on a slope of its own, else on one that is drawn with the run."""
+        slope = None if rng is None else (float(rng.uniform(-5.0, 5.0)), float(rng.uniform(-3.0, 3.0)))
+        made = stage(
+            self.machine,
+            self.kind(ride),
+            self.share * ride.seconds,
+            run,
+            slope=slope,
+            degc=40.0 + 0.0125 * begin,
+            load_kg=ride.load_kg,
             slew=self.turns and not poor,
-            payload_kg=load,
-            **slope,
         )
-        (plan,) = stage.plans
-        plan, boom = self.clean(lacking(plan, poor, int(rng.integers(3)))), plan.lengths[:, 0]
-        stretch = Stretch(name, begin, duration, stage.pitch, stage.roll, load)
-        return Piece(stretch, self.machine, stage, plan, None if self.turns else boom)
+        (plan,) = made.plans
+        joint = 0 if rng is None else int(rng.integers(3))
+        plan, boom = self.clean(lacking(plan, poor, joint)), plan.lengths[:, 0]
+        load = float(plan.payload[:, 0].max())
+        stretch = Stretch(ride.name, begin, plan.rows / RATE, made.pitch, made.roll, load)
+        return Piece(stretch, self.machine, made, plan, None if self.turns else boom)
+
+    def kind(self, ride: Ride) -> str:
+        """The kind of motion that the machine makes of a ride."""
+        return ride.kind
 
 
 class TwoLinks(Site):
@@ -152,9 +169,11 @@ class TwoLinks(Site):
 
     def clean(self, plan: Plan) -> Plan:
         """The boom stays where it is at the begin."""
-        lengths = plan.lengths.copy()
-        lengths[:, 0] = lengths[0, 0]
-        return replace(plan, lengths=lengths)
+        return standing(plan)
+
+    def kind(self, ride: Ride) -> str:
+        """Nobody digs without the boom."""
+        return "strokes" if ride.kind == "work" else ride.kind
 
 
 def lacking(plan: Plan, poor: str, joint: int) -> Plan:

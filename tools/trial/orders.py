@@ -5,8 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from .foreign import FOREIGN
-from .library import BOOM_MOTION, KNOWN
+from .effects.foreign import FOREIGN
+from .effects.library import BOOM_MOTION, KNOWN
+from .effects.unheard import UNHEARD
 
 KINDS = ("known",) * 8 + ("none",) * 5 + ("foreign",) * 3 + ("pair",) * 2 + ("poor",) * 2  # of twenty cases
 POOR = ("short", "one_joint", "slow", "empty_only", "no_load")
@@ -19,8 +20,9 @@ NONE_OF_TWO_LINKS = 8  # one of so many cases without an effect is a system of s
 
 @dataclass(frozen=True)
 class Order:
-    """Case `number`: its kind, the effects' names, whether 16 other effects are added, what its motion lacks; the seed
-    of its machine, the friction there, and the seed of its own random numbers."""
+    """Case `number`: its kind, the effects' names, whether small other effects are added, what its motion lacks; the
+    seed of its machine, the friction there, and the seed of its own random numbers; whether it is asked once more with
+    its effect left out of the library."""
 
     number: int
     kind: str
@@ -31,6 +33,7 @@ class Order:
     friction: str
     seed: tuple[int, ...]
     two_links: bool = False
+    without: bool = False
 
 
 def order(seed: int, number: int, *, development: bool) -> Order:
@@ -49,6 +52,7 @@ def order(seed: int, number: int, *, development: bool) -> Order:
         two_links=_two_links(seed, kind, before),
         friction=("own", "foreign")[int(np.random.default_rng([machine, 77]).integers(2))],
         seed=own,
+        without=kind == "known" and before < len(NAMES),
     )
 
 
@@ -90,7 +94,7 @@ def _names(seed: int, kind: str, index: int) -> tuple[str, ...]:
     if kind == "none":
         return ()
     if kind == "foreign":
-        return (_cycle(seed, 3, tuple(FOREIGN), index),)
+        return (_cycle(seed, 3, tuple((FOREIGN, UNHEARD)[index % 2]), index // 2),)
     if kind == "known":
         return (_cycle(seed, 4, NAMES, index),)
     if kind == "poor":

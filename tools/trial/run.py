@@ -17,8 +17,9 @@ from cylforce.settings.machine_file import load
 
 from .cases import Case, sealed, simulated, write
 from .diagnosis import Diagnosis
-from .field import LOAD_KG, Lengths, Site
+from .field import Site
 from .orders import Order
+from .repertoire import LOAD_KG
 from .scoring import true_closure
 from .sigmas import DETECTED, Comparison, Floor, Rows, compared
 
@@ -28,10 +29,10 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Trial:
-    """How cases are run: durations, the diagnosis, and the table that they are appended to."""
+    """How cases are run: the share of the usual durations, the diagnosis, and the table that they are appended to."""
 
     table: Path
-    lengths: Lengths = field(default_factory=Lengths)
+    share: float = 1.0
     diagnosis: Diagnosis = field(default_factory=Diagnosis)
     oracle: bool = True
 
@@ -50,7 +51,7 @@ class Trial:
 
 def run_machine(trial: Trial, orders: Sequence[Order]) -> int:
     """All cases of one machine; returns how many."""
-    site = Site(orders[0].machine, orders[0].friction, trial.lengths)
+    site = Site(orders[0].machine, orders[0].friction, trial.share)
     for record in records(trial, site, orders):
         trial.append(record)
     return len(orders)
@@ -73,6 +74,7 @@ def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Recor
             took = time.process_time() - start
             answer = trial.diagnosis.answer(folder)
             opened = truth.opened(label, folder, trial if trial.oracle else None)
+            again = trial.diagnosis.left_out(folder, wanted.names) if wanted.without else None
         if sealed(label, salt) != digest:
             raise RuntimeError(f"case {wanted.number}: the label is not the one that was sealed")
         yield {
@@ -83,6 +85,7 @@ def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Recor
             "label": label,
             "after": opened,
             "answer": answer,
+            "without": again,
             "simulated_s": took,
         }
 
@@ -107,7 +110,8 @@ class Truth:
         self.whole = self._compared(case)
 
     def _rows(self, recordings: dict[str, Array]) -> list[Rows]:
-        return [self.floor.rows(name, values) for name, values in recordings.items()]
+        quiet = self.case.quiet
+        return [self.floor.rows(name, values, quiet[name]) for name, values in recordings.items()]
 
     def _compared(self, case: Case) -> Comparison:
         return compared(self.floor, self.references, self.twin, self._rows(case.field))

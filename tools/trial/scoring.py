@@ -1,113 +1,19 @@
-"""Pure functions of (label, answer) pairs: how good the diagnosis was.
+"""Pure functions of labels and answers: how good the diagnosis was. A share comes with its count, for its interval."""
 
-A label has `kind`, `clutter`, `effects` [{name, at, sigmas}], `sigmas`; an answer is the diagnosis' JSON. A share comes
-with its count, so that `bounds` can give its confidence interval."""
-
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.stats import beta
 
-Record = dict[str, Any]
-SILENT = ("no_gap", "not_observable")
-NAMED = ("explained", "partly_explained", "ambiguous")
-CERTAIN = 10.0  # sigma: twice the smallest detectable size
-BINS = 5
+from .judged import Judged, Record, Share, place, share
+from .probability import brier, brier_skill, calibration_error, log_score, stated
 
-
-class Share(NamedTuple):
-    """`hits` of `cases`."""
-
-    hits: int
-    cases: int
-
-    @property
-    def value(self) -> float | None:
-        """The share, None of nothing."""
-        return self.hits / self.cases if self.cases else None
-
-
-def bounds(share: Share, confidence: float = 0.95) -> tuple[float, float]:
-    """Clopper-Pearson's interval of a share."""
-    tail, hits, misses = (1.0 - confidence) / 2.0, share.hits, share.cases - share.hits
-    low = float(beta.ppf(tail, hits, misses + 1)) if hits else 0.0
-    return low, float(beta.ppf(1.0 - tail, hits + 1, misses)) if misses else 1.0
-
-
-def share(cases: Iterable["Judged"], holds: Callable[["Judged"], bool]) -> Share:
-    """Share of the cases for which something is true."""
-    found = [holds(case) for case in cases]
-    return Share(sum(found), len(found))
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A label and the answer to it."""
-
-    label: Record
-    answer: Record
-
-    @property
-    def kind(self) -> str:
-        """Known, none, foreign, pair or poor."""
-        return str(self.label["kind"])
-
-    @property
-    def truth(self) -> set[tuple[str, str]]:
-        """(name, at) of every effect."""
-        return {(e["name"], e["at"]) for e in self.label["effects"]}
-
-    @property
-    def effects(self) -> list[Record]:
-        """The answer's effects, the likeliest first."""
-        return list(self.answer.get("effects") or [])
-
-    @property
-    def detected(self) -> bool:
-        """Any verdict but no gap and not observable."""
-        return self.answer["verdict"] not in SILENT
-
-    @property
-    def named(self) -> bool:
-        """The answer gives at least one name."""
-        return self.answer["verdict"] in NAMED and bool(self.effects)
-
-    @property
-    def one(self) -> bool:
-        """The answer gives exactly one cause."""
-        return self.named and self.answer["verdict"] != "ambiguous" and len(self.effects) == 1
-
-    @property
-    def right(self) -> bool:
-        """The first effect is a true one, at its place."""
-        return bool(self.effects) and place(self.effects[0]) in self.truth
-
-    @property
-    def listed(self) -> set[tuple[str, str]]:
-        """All effects that the answer leaves possible."""
-        found = {place(e) for e in self.effects}
-        if self.answer["verdict"] == "ambiguous":
-            found = {place(e) for e in self.effects[:1]}
-            found |= {place(e) for e in (self.effects[0].get("confused_with") or [])}
-        return found
-
-    @property
-    def visible(self) -> bool:
-        """Every true effect is above twice the smallest detectable size."""
-        sizes = [e.get("sigmas", self.label.get("sigmas", 0.0)) or 0.0 for e in self.label["effects"]]
-        return bool(sizes) and min(sizes) >= CERTAIN
-
-
-def place(effect: Record) -> tuple[str, str]:
-    """(name, at)."""
-    return str(effect["name"]), str(effect["at"])
+SURE = 0.8  # of a name that must not be given: its effect was taken out of the library
 
 
 def shares(cases: Sequence[Judged]) -> dict[str, Share]:
     """Every figure that is a share of cases."""
-    of = {kind: [c for c in cases if c.kind == kind] for kind in ("known", "none", "foreign", "pair", "poor")}
+    kinds = ("known", "none", "foreign", "pair", "poor", "without")
+    of = {kind: [c for c in cases if c.kind == kind] for kind in kinds}
     known = of["known"]
     clean = [c for c in known if not c.label["clutter"] and c.detected]
     clutter = [c for c in known if c.label["clutter"] and c.detected]
@@ -119,27 +25,42 @@ def shares(cases: Sequence[Judged]) -> dict[str, Share]:
         "precision": share([c for c in known if c.one], lambda c: c.right),
         "named_share": share(detected, lambda c: c.one),
         "false_alarms": share(of["none"], lambda c: c.detected),
-        "foreign_named": share(of["foreign"], lambda c: c.named),
+        "order_digging": share([c for c in of["none"] if c.digging], lambda c: c.detected),
+        "foreign_named": share(of["foreign"], lambda c: c.wrong),
+        "foreign_alone": share([c for c in of["foreign"] if c.visible], lambda c: c.one and not c.right),
         "unknown_recall": share([c for c in of["foreign"] if c.visible], lambda c: c.answer["verdict"] == "unknown"),
-        "set_coverage": share([c for c in known if c.named], lambda c: bool(c.truth & c.listed)),
+        "first": share([c for c in known if c.visible], lambda c: c.right),
+        "dig_first": share([c for c in known if c.visible and c.digging], lambda c: c.right),
+        "in_set": share([c for c in known if c.visible], lambda c: bool(c.truth & c.possible)),
+        "set_coverage": share([c for c in known if c.named], lambda c: bool(c.truth & (c.possible | c.listed))),
+        "pairs_in_set": share(of["pair"], lambda c: c.named and c.covered),
         "pairs_exact": share(of["pair"], lambda c: c.named and c.listed == c.truth),
         "pairs_exact_visible": share([c for c in of["pair"] if c.visible], lambda c: c.named and c.listed == c.truth),
+        "leave_one_out_named": share(of["without"], sure),
         "poor_wrong": share(of["poor"], lambda c: c.named and not c.truth & c.listed),
         "closure_coverage": share(_closures(cases), _within),
     }
 
 
+def sure(case: Judged) -> bool:
+    """Whether a name is given with confidence."""
+    return case.named and case.confidence >= SURE
+
+
 def figures(cases: Sequence[Judged]) -> dict[str, float | None]:
     """Every figure that is no share."""
-    sizes = [len(c.listed) for c in cases if c.kind == "known" and c.named]
+    sizes = [len(c.possible) for c in cases if c.kind == "known" and c.detected]
     errors = [abs(_closure(c)["value"] - c.label["closure"]) for c in _closures(cases)]
     return {
         "set_size": float(np.mean(sizes)) if sizes else None,
         "closure_error_median": float(np.median(errors)) if errors else None,
         "closure_error_p90": float(np.quantile(errors, 0.9)) if errors else None,
         "payload_ratio": payload_ratio(cases),
-        "ece": calibration_error(cases),
-        "cases": float(len(cases)),
+        "ece": calibration_error(stated(cases)),
+        "brier": brier(stated(cases)),
+        "brier_skill": brier_skill(stated(cases)),
+        "log_score": log_score(cases),
+        "cases": float(sum(c.kind != "without" for c in cases)),
     }
 
 
@@ -176,16 +97,6 @@ def payload_ratio(cases: Iterable[Judged]) -> float | None:
 def _payload(answer: Record) -> float | None:
     found = ((answer.get("end_quantities") or {}).get("payload_kg") or {}).get("after")
     return None if found is None else float(found)
-
-
-def calibration_error(cases: Iterable[Judged]) -> float | None:
-    """Expected calibration error of the first effect's confidence, in five bins of equal count."""
-    stated = [(float(c.effects[0]["confidence"]), c.right) for c in cases if c.named and "confidence" in c.effects[0]]
-    if len(stated) < BINS:
-        return None
-    stated.sort(key=lambda pair: pair[0])
-    parts = np.array_split(np.array(stated, dtype=np.float64), BINS)
-    return float(sum(len(p) * abs(np.mean(p[:, 0]) - np.mean(p[:, 1])) for p in parts) / len(stated))
 
 
 def true_closure(difference: np.ndarray, before: np.ndarray, after: np.ndarray, level: np.ndarray) -> float | None:

@@ -24,11 +24,13 @@ DETECTED = 5.0  # sigma
 
 @dataclass(frozen=True)
 class Rows:
-    """Torques (T, R) and columns (T, R, P) of a recording, zero where not usable; `load` [kg] or 0."""
+    """Torques (T, R) and columns (T, R, P) of a recording, zero where not usable; `load` [kg] or 0; `quiet` (T,): 1
+    where nothing unknown acts, else 0."""
 
     torque: Array
     columns: Array
     load: float
+    quiet: Array
 
 
 class Floor:
@@ -39,7 +41,7 @@ class Floor:
         self.model = Model(service.machine, service.filters, LAWS)
         self.load_kg = load_kg
 
-    def rows(self, name: str, values: Array) -> Rows:
+    def rows(self, name: str, values: Array, quiet: NDArray[np.bool_]) -> Rows:
         """Every fifth row of a recording (T, S)."""
         seen = observe(self.model, values)
         torque, columns = seen.torque[::EVERY], seen.columns[::EVERY]
@@ -48,7 +50,13 @@ class Floor:
             np.where(usable, torque, 0.0),
             np.where(usable[..., None], columns, 0.0),
             self.load_kg if "loaded" in name else 0.0,
+            self._quiet(quiet, len(usable)),
         )
+
+    def _quiet(self, quiet: NDArray[np.bool_], rows: int) -> Array:
+        """Of the filtered rows, from that of the recording's."""
+        at = np.clip(np.round(self.times(rows) * self.model.filters.rate_hz).astype(int), 0, len(quiet) - 1)
+        return np.asarray(quiet[at], dtype=np.float64)
 
     def times(self, rows: int) -> Array:
         """When the rows of a recording are [s], from its begin."""
@@ -118,21 +126,24 @@ class Comparison:
 
 
 def compared(floor: Floor, references: list[Rows], twin: list[Rows], case: list[Rows]) -> Comparison:
-    """Parameters are fitted on references and twin, and refitted on references and case."""
+    """Parameters are fitted on references and twin, and refitted on references and case. The floor is that of the
+    quiet rows: what is dug and lifted is the same in both, and no part of the difference."""
     columns, torque = floor.designed([*references, *twin])
     changed, felt = floor.designed([*references, *case])
-    level = np.ones(torque.shape[1])
+    calm = np.concatenate([part.quiet for part in (*references, *twin)])[:, None]
+    columns_there, torque_there, level = calm[..., None] * columns, calm * torque, np.ones(torque.shape[1])
     fit, left = np.zeros(columns.shape[-1]), torque
     for _ in range(2):
-        fit = _fit(columns, torque, level)
-        left = torque - columns @ fit
-        level = np.sqrt(np.sum(left**2, axis=0) / np.maximum(np.sum(torque != 0.0, axis=0), 1)) + 1e-9
+        fit = _fit(columns_there, torque_there, level)
+        left = torque_there - columns_there @ fit
+        level = np.sqrt(np.sum(left**2, axis=0) / np.maximum(np.sum(torque_there != 0.0, axis=0), 1)) + 1e-9
     both = (torque != 0.0) & (felt != 0.0)
-    difference = np.where(both, felt - changed @ fit - left, 0.0)
+    difference = np.where(both, felt - changed @ fit - (torque - columns @ fit), 0.0)
     basis = np.where(both[..., None], changed, 0.0)
     signal = difference - basis @ _fit(basis, difference, level)
     field = slice(sum(len(part.torque) for part in references), None)
-    return Comparison(np.where(both, difference, np.nan)[field], signal[field], left[field], level)
+    floor_there = left[field] / np.sqrt(max(float(np.mean(calm[field])), 1.0 / len(calm)))
+    return Comparison(np.where(both, difference, np.nan)[field], signal[field], floor_there, level)
 
 
 def explained(signal: Array, other: Array, level: Array) -> Array:

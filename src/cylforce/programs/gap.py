@@ -19,6 +19,7 @@ from cylforce.diagnosis.shrinkage import Gap, tried
 from cylforce.diagnosis.verdict import Judged, Verdict, judged
 from cylforce.diagnosis.where import where
 from cylforce.effects.fault import TimeCourse, places
+from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.files.atomic import RecordingError
@@ -34,17 +35,20 @@ MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 EXAMPLE = "field.log=1000"
+CLOCKS = ClockFault().about.name
 SEED = 1  # of the permutations and of the bootstrap
 
 
 class Question(NamedTuple):
-    """What is asked: faulty recordings, clean ones, known loads [kg] by file name, tares, `only` NAME@AT."""
+    """What is asked: faulty recordings, clean ones, known loads [kg] by file name, tares, `only` NAME@AT; `without`:
+    names of effects that are left out of the library."""
 
     field: tuple[Path, ...]
     reference: tuple[Path, ...] = ()
     identified: Path | None = None
     loads: dict[str, float] = {}  # noqa: RUF012
     only: str | None = None
+    without: tuple[str, ...] = ()
 
 
 class Diagnosed(NamedTuple):
@@ -61,13 +65,14 @@ def diagnose(
 ) -> Diagnosed:
     """The diagnosis of recordings. Raises RecordingError or ValueError, in a sentence."""
     _check_recordings(question)
+    library = _left(library, question.without)
     reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
     clean, faulty = reference.stretches, field.stretches
     if not faulty:
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     only = _only(library, question.only, loaded.service.machine)
     watch("clocks", None)
-    late = slips(Model(loaded.service.machine, loaded.service.filters, ()), [*clean, *faulty])
+    late = _late(loaded, [*clean, *faulty], library)
     if late and not _tells(late, clean):
         return _off_clock(late)
     viewer, known = _viewer(loaded, question, clean)
@@ -95,6 +100,13 @@ def diagnose(
 def _nothing(reason: str) -> Diagnosed:
     verdict = Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
     return Diagnosed(None, verdict, None, {"verdict": str(verdict.verdict), "effects": [], "reason": reason})
+
+
+def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ...]) -> Sequence[Slip]:
+    """Clocks that are apart, where the library has that effect."""
+    if all(group[0].about.name != CLOCKS for group in library):
+        return ()
+    return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
 
 
 def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
@@ -149,13 +161,26 @@ def _only(library: tuple[Group, ...], only: str | None, machine: Machine) -> tup
     name, _, at = only.partition("@")
     found = [group for group in library if group[0].about.name == name]
     if not found:
-        known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
-        raise ValueError(f"effect {name!r} is not known: choose one of {known}")
+        raise ValueError(_not_known(name, library))
     place = found[0][0].about.place
     there = [where for where, _ in places(machine, place)]
     if at and at not in there:
         raise ValueError(f"effect {name!r} sits at {at!r}, which is no {place}: choose one of {', '.join(there)}")
     return name, at
+
+
+def _left(library: tuple[Group, ...], without: Sequence[str]) -> tuple[Group, ...]:
+    """The library without the effects of these names."""
+    names = {group[0].about.name for group in library}
+    for name in without:
+        if name not in names:
+            raise ValueError(_not_known(name, library))
+    return tuple(group for group in library if group[0].about.name not in without)
+
+
+def _not_known(name: str, library: tuple[Group, ...]) -> str:
+    known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
+    return f"effect {name!r} is not known: choose one of {known}"
 
 
 def _viewer(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:

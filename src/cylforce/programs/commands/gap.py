@@ -21,6 +21,9 @@ def gap(
         list[str] | None, typer.Option(metavar="FILE=KG", help="The known load in one recording. May be repeated.")
     ] = None,
     only: Annotated[str | None, typer.Option(metavar="NAME@AT", help="Fit the size of this effect alone.")] = None,
+    without: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Leave this effect out of the library. May be repeated.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
@@ -44,7 +47,8 @@ def gap(
         check_extra()
     inputs = (machine, *field, *(reference or ()), identified)
     check_outputs((output, patch, html, residuals), inputs, (".json", ".toml", ".html", ".npz"))
-    question = Question(tuple(field), tuple(reference or ()), identified, known_loads(load or ()), only)
+    loads = known_loads(load or ())
+    question = Question(tuple(field), tuple(reference or ()), identified, loads, only, tuple(without or ()))
     loaded = load_machine(machine)
     with progress_bar() as watch:
         found = diagnose(loaded, question, watch=watch)

@@ -50,7 +50,7 @@ def extra_mass(draw: Draw, scene: Scene) -> Fault:
     """A lump near a link's centre of gravity."""
     at = draw.one(JOINTS)
     size = draw.size(*EXTRA[at])
-    x, z = (draw.uniform(0.0, 0.1) * draw.ray()).tolist()
+    x, z = (draw.uniform(0.0, 0.3) * draw.ray()).tolist()
 
     def apply(machine: Machine, _: Stretch) -> Machine:
         s = machine.specimen
@@ -91,7 +91,7 @@ def with_edit(machine: Machine, edit: Callable[[Plan], Plan]) -> Machine:
 
 
 def soil_contact(draw: Draw, scene: Scene) -> Fault:
-    """Contact of the teeth with soil where none is expected: a few rough pulses of 3-20 kN, 0.8-4 s each."""
+    """Contact of the teeth with soil where none is expected: a few rough pulses of 3-20 kN, 0.4-6 s each."""
     size, seed = draw.size(3e3, 20e3), int(draw.rng.integers(2**31))
 
     def apply(machine: Machine, stretch: Stretch) -> Machine:
@@ -107,8 +107,8 @@ def soil_contact(draw: Draw, scene: Scene) -> Fault:
 def _pulses(rng: np.random.Generator, rows: int, size: float) -> Array:
     """Forces (T, 2): up, and forward or back."""
     t, total = np.arange(rows) / RATE, np.zeros((rows, 2))
-    for _ in range(int(rng.integers(2, 6))):
-        width = float(rng.uniform(0.8, 4.0))
+    for _ in range(int(rng.integers(1, 9))):
+        width = float(rng.uniform(0.4, 6.0))
         begin = float(rng.uniform(2.0, max(rows / RATE - width - 1.0, 2.5)))
         rough = np.convolve(
             rng.standard_normal(rows + 20), np.hanning(21) / np.sqrt(np.sum(np.hanning(21) ** 2)), "valid"
@@ -119,18 +119,28 @@ def _pulses(rng: np.random.Generator, rows: int, size: float) -> Array:
     return total
 
 
+def since(plan: Plan, when: float, takes: float) -> Array:
+    """0 to 1 (T,) within `takes` [s], from where a share `when` of the time with a load in the bucket has passed; until
+    the end of that load."""
+    mass = plan.payload[:, 0]
+    loaded = np.flatnonzero(mass > 0.9 * mass.max())
+    begin = int(loaded[int(when * (len(loaded) - 1))])
+    same = plan.cycle == plan.cycle[begin]
+    return np.asarray(same * smooth((np.arange(plan.rows) - begin) / (RATE * takes)))
+
+
 def payload_shift(draw: Draw, scene: Scene) -> Fault:
     """The load slides 0.1-0.5 m at an instant."""
     size, way = draw.size(0.1, 0.5), draw.ray()
-    when, takes = draw.uniform(0.25, 0.75), draw.uniform(0.15, 0.6)
+    when, takes = draw.uniform(0.25, 0.75), draw.shape(0.15, 4.0)
 
     def apply(machine: Machine, stretch: Stretch) -> Machine:
         if not stretch.payload_kg:
             return machine
 
         def edit(plan: Plan) -> Plan:
-            t, payload = np.arange(plan.rows) / RATE, plan.payload.copy()
-            payload[:, 1:3] += smooth((t - when * t[-1]) / takes)[:, None] * size * way
+            payload = plan.payload.copy()
+            payload[:, 1:3] += since(plan, when, takes)[:, None] * size * way
             return replace(plan, payload=payload)
 
         return with_edit(machine, edit)
@@ -139,16 +149,16 @@ def payload_shift(draw: Draw, scene: Scene) -> Fault:
 
 
 def payload_spill(draw: Draw, scene: Scene) -> Fault:
-    """5-50 % of the load falls within seconds."""
-    size, when, takes = draw.size(0.05, 0.5), draw.uniform(0.25, 0.75), draw.uniform(0.5, 5.0)
+    """5-50 % of the load falls within 0.3-15 s."""
+    size, when, takes = draw.size(0.05, 0.5), draw.uniform(0.25, 0.75), draw.shape(0.3, 15.0)
 
     def apply(machine: Machine, stretch: Stretch) -> Machine:
         if not stretch.payload_kg:
             return machine
 
         def edit(plan: Plan) -> Plan:
-            t, payload = np.arange(plan.rows) / RATE, plan.payload.copy()
-            payload[:, 0] *= 1.0 - size * smooth((t - when * t[-1]) / takes)
+            payload = plan.payload.copy()
+            payload[:, 0] *= 1.0 - size * since(plan, when, takes)
             return replace(plan, payload=payload)
 
         return with_edit(machine, edit)
@@ -158,7 +168,7 @@ def payload_spill(draw: Draw, scene: Scene) -> Fault:
 
 def boom_motion(draw: Draw, scene: Scene) -> Fault:
     """The boom moves under a system that takes it for its chassis, at 20-100 % of an operator's speed."""
-    share = draw.size(0.2, 1.0)
+    share = min(draw.size(0.2, 1.0), 1.0)
 
     def apply(machine: Machine, stretch: Stretch) -> Machine:
         def edit(plan: Plan) -> Plan:

@@ -37,12 +37,13 @@ KNOWN: dict[str, Make] = {
 BOOM_MOTION = "boom_motion"  # only on a system of stick and bucket
 TWO_LINKS: dict[str, Make] = {BOOM_MOTION: mechanics.boom_motion}
 CANDIDATES = 9 * 3 + 3 * 6 + 2 * 3 + 9 + 3 * 3 + 2 * 3 + 4 + 3  # effects with their places, on three links
-CLUTTER, CLUTTER_SHARE = 16, 0.05
+CLUTTER = (8, 20)  # fewest and most
+CLUTTER_SHARE = (0.02, 0.08)  # of a typical size
 NO_CLUTTER = ("slew_centrifugal", "clock_fault")  # 5 % of them is no smaller kind of the same
 
 
 def clutter(draw: Draw, scene: Scene, besides: tuple[str, ...]) -> list[Fault]:
-    """Sixteen other effects, each at 5 % of a typical size."""
+    """Several other effects, each at the same few percent of a typical size."""
     names = [name for name in KNOWN if name not in (*besides, *NO_CLUTTER)]
-    small = Draw(draw.rng, CLUTTER_SHARE)
-    return [KNOWN[str(name)](small, scene) for name in draw.rng.choice(names, CLUTTER, replace=False)]
+    small, count = Draw(draw.rng, draw.shape(*CLUTTER_SHARE)), int(draw.rng.integers(CLUTTER[0], CLUTTER[1] + 1))
+    return [KNOWN[str(name)](small, scene) for name in draw.rng.choice(names, count, replace=False)]

@@ -39,7 +39,7 @@ def pressure_offset(draw: Draw, scene: Scene) -> Fault:
 
 def pressure_gain(draw: Draw, scene: Scene) -> Fault:
     """0.5-5 %, a little more or less at high pressures."""
-    at, size, bend = draw.one(PRESSURES), draw.signed(0.005, 0.05), draw.uniform(-0.15, 0.15)
+    at, size, bend = draw.one(PRESSURES), draw.signed(0.005, 0.05), draw.uniform(-0.4, 0.4)
 
     def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
         return values * (1.0 + size * (1.0 + bend * (2.0 * values / EXCAVATOR.pressure_range - 0.5)))
@@ -51,7 +51,7 @@ def pressure_drift(draw: Draw, scene: Scene) -> Fault:
     """1-8 bar at the field's end, as of a sensor that warms: exponential."""
     at, size = draw.one(PRESSURES), draw.signed(1.0, 8.0)
     end = max(s.begin_s + s.duration_s for s in scene.stretches)
-    constant = end * draw.uniform(0.4, 1.5)
+    constant = end * draw.shape(0.15, 4.0)
 
     def apply(machine: Machine, stretch: Stretch) -> Machine:
         def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
@@ -70,10 +70,10 @@ def angle_offset(draw: Draw, scene: Scene) -> Fault:
 
 
 def angle_scale(draw: Draw, scene: Scene) -> Fault:
-    """0.5-4 % about the middle of the range, where the sensor was set."""
+    """0.5-4 % about where the sensor was set, in the middle half of the range."""
     at, size = draw.one(ANGLES), draw.signed(0.005, 0.04)
     low, high = EXCAVATOR.links[at.removesuffix("_angle")].range_deg
-    zero = DEGREE * (0.5 * (low + high) + draw.uniform(-10.0, 10.0))
+    zero = DEGREE * draw.uniform(low + 0.25 * (high - low), high - 0.25 * (high - low))
     return _simple("angle_scale", at, size, "of angle", lambda s, t, values, truth: values + size * (values - zero))
 
 
@@ -89,8 +89,8 @@ def lagged(values: Array, constant_s: float) -> Array:
 
 
 def sensor_delay(draw: Draw, scene: Scene) -> Fault:
-    """10-120 ms: mostly transport, a tenth to a third of it a lag."""
-    at, size, part = draw.one((*PRESSURES, *ANGLES)), draw.size(0.010, 0.120), draw.uniform(0.1, 0.33)
+    """10-120 ms: transport, and up to nine tenths of it a lag."""
+    at, size, part = draw.one((*PRESSURES, *ANGLES)), draw.size(0.010, 0.120), draw.uniform(0.05, 0.9)
 
     def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
         return late(t, lagged(values, part * size), np.full_like(t, (1.0 - part) * size))
@@ -125,20 +125,22 @@ def slew_ignored(draw: Draw, scene: Scene) -> Fault:
 
 
 def line_loss(draw: Draw, scene: Scene) -> Fault:
-    """2-15 bar at 0.3 m/s between chamber and sensor where oil leaves, growing with speed^1.75."""
-    at, size, power = draw.one(JOINTS), draw.size(2.0, 15.0), draw.uniform(1.65, 1.85)
+    """2-15 bar at 0.3 m/s between chamber and sensor where oil leaves, growing with a power of speed;
+    less on the head side."""
+    at, size, power = draw.one(JOINTS), draw.size(2.0, 15.0), draw.uniform(1.0, 2.1)
+    sides = {"head": -draw.uniform(0.1, 1.0), "rod": 1.0}
 
     def apply(machine: Machine, _: Stretch) -> Machine:
         def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
             if signal not in (f"{at}_head_pressure", f"{at}_rod_pressure"):
                 return values
-            leaves = 1.0 if signal == f"{at}_rod_pressure" else -1.0
-            outward = np.maximum(leaves * speed(machine.specimen, at, t, dict(truth)), 0.0)
-            return np.maximum(values - size * BAR * (outward / 0.3) ** power, 0.0)
+            part = sides[signal.split("_")[1]]
+            outward = np.maximum(np.sign(part) * speed(machine.specimen, at, t, dict(truth)), 0.0)
+            return np.asarray(np.maximum(values - abs(part) * size * BAR * (outward / 0.3) ** power, 0.0))
 
         return on_sensors(machine, effect)
 
-    return Fault("return_line_loss", at, size, "bar at 0.3 m/s", apply, "turbulent")
+    return Fault("return_line_loss", at, size, "bar at 0.3 m/s", apply, f"power {power:.2f}")
 
 
 STIFFNESS = {"boom": (4e6, 20e6), "stick": (0.8e6, 5e6), "bucket": (0.25e6, 3e6)}  # N m/rad
@@ -149,7 +151,7 @@ def compliance(draw: Draw, scene: Scene) -> Fault:
     that the cylinder pushes."""
     at = draw.one(JOINTS)
     low, high = STIFFNESS[at]
-    give, knee = draw.size(1.0 / high, 1.0 / low), TYPICAL_TORQUE[at] * draw.uniform(0.8, 2.0)
+    give, knee = draw.size(1.0 / high, 1.0 / low), TYPICAL_TORQUE[at] * draw.shape(0.4, 6.0)
     b, a = butter(2, 6.0, fs=FAST)
 
     def apply(machine: Machine, _: Stretch) -> Machine:
@@ -166,11 +168,11 @@ def compliance(draw: Draw, scene: Scene) -> Fault:
 def backlash(draw: Draw, scene: Scene) -> Fault:
     """0.2-2.5 degrees of play that the load's sign takes up on the one side or the other."""
     at, size = draw.one(("stick", "bucket")), draw.size(0.2, 2.5)
-    threshold = 0.03 * TYPICAL_TORQUE[at]
+    threshold, takes = draw.shape(0.01, 0.08) * TYPICAL_TORQUE[at], draw.shape(0.01, 0.1)
 
     def apply(machine: Machine, _: Stretch) -> Machine:
         def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
-            side = lagged(_sides(torque(machine.specimen, at, dict(truth)), threshold), 0.03)
+            side = lagged(_sides(torque(machine.specimen, at, dict(truth)), threshold), takes)
             return values + 0.5 * size * DEGREE * side
 
         return on_sensors(machine, only(f"{at}_angle", change))

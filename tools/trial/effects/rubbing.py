@@ -12,7 +12,8 @@ from reference_machine.oil import WARM, viscosity
 
 from .fault import Draw, Fault, Scene, Stretch
 
-BODY_WARMS = 8.0  # the oil in the cylinder warms so much faster than the sensors' housings
+BODY_WARMS = (4.0, 16.0)  # the oil in the cylinder warms so much faster than the sensors' housings
+LEAST = 0.85  # of a direction's friction that its loss of symmetry may take
 
 
 @dataclass(slots=True)
@@ -65,14 +66,16 @@ class Loaded(Law):
 
 @dataclass(slots=True)
 class Lopsided(Law):
-    """All dry friction, load-dependent friction included, larger in one direction and smaller in the other."""
+    """All dry friction, load-dependent friction included, larger in one direction by a `part` of the share, and smaller
+    in the other by the rest."""
 
     share: float
+    part: float
 
     def step(self, speed: float, oil: float, on_head: float, on_rod: float) -> tuple[float, float]:
         """By direction."""
         smooth, dry = self.inner.step(speed, oil, on_head, on_rod)
-        return smooth, dry * (1.0 + copysign(0.5 * self.share, speed))
+        return smooth, dry * (1.0 + self.share * (self.part if speed > 0.0 else self.part - 1.0))
 
 
 @dataclass(slots=True)
@@ -80,10 +83,11 @@ class Warming(Law):
     """Friction that follows a power of the oil's viscosity while the oil warms from 40 degC."""
 
     power: float
+    faster: float
 
     def condition(self, kelvin: float, level: float) -> None:
         """The oil in this cylinder."""
-        here = WARM + BODY_WARMS * (kelvin - WARM)
+        here = WARM + self.faster * (kelvin - WARM)
         self.inner.condition(kelvin, level * (viscosity(here) / viscosity(WARM)) ** self.power)
 
 
@@ -92,6 +96,8 @@ class Bristled(Law):
     """Dry friction that builds up over two displacements, like that of bristles of two lengths."""
 
     give: float
+    near: float
+    weight: float
     short: float = 0.0
     long: float = 0.0
 
@@ -99,9 +105,9 @@ class Bristled(Law):
         """No dry limit is left."""
         smooth, dry = self.inner.step(speed, oil, on_head, on_rod)
         way, path = copysign(1.0, speed), abs(speed) * DT
-        self.short = way + (self.short - way) * exp(-path / (0.7 * self.give))
-        self.long = way + (self.long - way) * exp(-path / (1.9 * self.give))
-        return smooth + dry * (0.65 * self.short + 0.35 * self.long), 0.0
+        self.short = way + (self.short - way) * exp(-path / (self.near * self.give))
+        self.long = way + (self.long - way) * exp(-path / ((2.6 - self.near) * self.give))
+        return smooth + dry * (self.weight * self.short + (1.0 - self.weight) * self.long), 0.0
 
 
 def _core(law: Friction) -> OwnFriction | LuGre:
@@ -140,10 +146,10 @@ def _law(machine: Machine, joint: str) -> Friction:
 
 
 def stribeck(draw: Draw, scene: Scene) -> Fault:
-    """Break-away 0.3-1.5 of Coulomb more, falling within 5-50 mm/s."""
+    """Break-away 0.3-1.5 of Coulomb more, falling within 4-60 mm/s."""
     at, rational = draw.one(JOINTS), draw.uniform(0.0, 1.0) < 0.5
-    peak, falls = draw.size(0.3, 1.5), float(10.0 ** draw.uniform(-2.3, -1.3))
-    exponent = draw.uniform(1.3, 2.6) if rational else draw.uniform(0.7, 1.5)
+    peak, falls = draw.size(0.3, 1.5), draw.shape(4e-3, 6e-2)
+    exponent = draw.uniform(1.0, 4.0) if rational else draw.uniform(0.5, 2.2)
 
     def apply(machine: Machine, _: Stretch) -> Machine:
         extra = peak * coulomb(machine, at)
@@ -155,7 +161,7 @@ def stribeck(draw: Draw, scene: Scene) -> Fault:
 def load_dependent(draw: Draw, scene: Scene) -> Fault:
     """0.5-6 % of the force."""
     at, share = draw.one(JOINTS), draw.size(0.005, 0.06)
-    knee = {"boom": 300e3, "stick": 120e3, "bucket": 60e3}[at] * draw.uniform(0.6, 2.0)
+    knee = {"boom": 300e3, "stick": 120e3, "bucket": 60e3}[at] * draw.shape(0.3, 5.0)
 
     def apply(machine: Machine, _: Stretch) -> Machine:
         return with_law(machine, at, Loaded(_law(machine, at), share, knee))
@@ -164,8 +170,10 @@ def load_dependent(draw: Draw, scene: Scene) -> Fault:
 
 
 def asymmetric(draw: Draw, scene: Scene) -> Fault:
-    """10-60 % difference between the two directions."""
+    """10-60 % difference between the two directions: of both, or of one alone."""
     at, share = draw.one(JOINTS), draw.signed(0.1, 0.6)
+    drop = min(draw.portion(), LEAST / abs(share))
+    part = drop if share < 0.0 else 1.0 - drop
 
     def apply(machine: Machine, _: Stretch) -> Machine:
         law = _law(machine, at)
@@ -173,18 +181,19 @@ def asymmetric(draw: Draw, scene: Scene) -> Fault:
         if isinstance(core, LuGre):
             if core.difference == 0.0:
                 return with_law(machine, at, law)
-            return with_law(machine, at, scaled(law, {"difference": 1.0 + share * core.coulomb / core.difference}))
-        return with_law(machine, at, Lopsided(law, share))
+            apart, both = 1.0 + share * core.coulomb / core.difference, 1.0 + share * (part - 0.5)
+            return with_law(machine, at, scaled(law, {"coulomb": both, "difference": apart}))
+        return with_law(machine, at, Lopsided(law, share, part))
 
-    return Fault("asymmetric_friction", at, share, "of dry friction", apply)
+    return Fault("asymmetric_friction", at, share, "of dry friction", apply, f"{drop:.0%} less in one direction")
 
 
 def temperature_drift(draw: Draw, scene: Scene) -> Fault:
     """exp(-b (T - T0)) with b = 0.015-0.05/K near 50 degC, as the viscosity has it."""
-    at, slope = draw.one(JOINTS), draw.size(0.015, 0.05)
+    at, slope, faster = draw.one(JOINTS), draw.size(0.015, 0.05), draw.shape(*BODY_WARMS)
 
     def apply(machine: Machine, _: Stretch) -> Machine:
-        return with_law(machine, at, Warming(_law(machine, at), slope / 0.038))
+        return with_law(machine, at, Warming(_law(machine, at), slope / 0.038, faster))
 
     return Fault("friction_temperature_drift", at, slope, "1/K", apply, "viscosity")
 
@@ -192,6 +201,7 @@ def temperature_drift(draw: Draw, scene: Scene) -> Fault:
 def presliding(draw: Draw, scene: Scene) -> Fault:
     """0.2-4 mm until friction is built up."""
     at, give = draw.one(JOINTS), draw.size(0.2e-3, 4e-3)
+    near, weight = draw.uniform(0.3, 1.3), draw.uniform(0.3, 1.0)
 
     def apply(machine: Machine, _: Stretch) -> Machine:
         law = _law(machine, at)
@@ -199,7 +209,7 @@ def presliding(draw: Draw, scene: Scene) -> Fault:
         if isinstance(core, LuGre):
             softer = 1.0 / (1.0 + give * core.stiffness / core.coulomb)
             return with_law(machine, at, scaled(law, {"stiffness": softer}))
-        return with_law(machine, at, Bristled(law, give))
+        return with_law(machine, at, Bristled(law, give, near, weight))
 
     return Fault("presliding_hysteresis", at, give, "m", apply, "bristles")
 

@@ -17,6 +17,7 @@ DEGREE = np.pi / 180.0
 BAR = 1e5
 TYPICAL_TORQUE = {"boom": 200e3, "stick": 50e3, "bucket": 15e3}  # N m
 NODES = 400
+WIDER = 3.0
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,18 @@ class Scene:
 
 @dataclass
 class Draw:
-    """Random choices; with `share`, sizes are that share of a typical one (the geometric mean of the range)."""
+    """Random choices; with `share`, sizes are that share of a typical one (the geometric mean of the range).
+
+    The ranges of the effects are the usual ones; sizes are drawn from ranges whose ends are WIDER times as far apart,
+    so that some are hardly visible and some larger than usual."""
 
     rng: np.random.Generator
     share: float | None = None
 
     def size(self, low: float, high: float) -> float:
-        """Between low and high, uniform in the logarithm."""
-        drawn = float(np.exp(self.rng.uniform(np.log(low), np.log(high))))
+        """From sqrt(WIDER) below low to as much above high, uniform in the logarithm."""
+        ends = np.log((low / np.sqrt(WIDER), high * np.sqrt(WIDER)))
+        drawn = float(np.exp(self.rng.uniform(*ends)))
         return drawn if self.share is None else self.share * float(np.sqrt(low * high))
 
     def signed(self, low: float, high: float) -> float:
@@ -80,6 +85,14 @@ class Draw:
     def uniform(self, low: float, high: float) -> float:
         """Between low and high, uniform; for what is not a size."""
         return float(self.rng.uniform(low, high))
+
+    def shape(self, low: float, high: float) -> float:
+        """Between low and high, uniform in the logarithm; for the parameters of a form, which are no sizes."""
+        return float(np.exp(self.rng.uniform(np.log(low), np.log(high))))
+
+    def portion(self) -> float:
+        """Of a whole: nothing, half, all of it, or anything between."""
+        return (0.0, 0.5, 1.0, self.uniform(0.0, 1.0))[int(self.rng.integers(4))]
 
     def one(self, names: "tuple[str, ...]") -> str:
         """One of several."""

@@ -27,7 +27,8 @@ def pushed(machine: Machine, extra: ExtraTorque) -> Machine:
     return replace(machine, extra=(*machine.extra, extra))
 
 
-def _at(joint: str, torque: float) -> Torques:
+def at_joint(joint: str, torque: float) -> Torques:
+    """A torque at one joint alone."""
     k = JOINTS.index(joint)
     return (torque if k == 0 else 0.0, torque if k == 1 else 0.0, torque if k == 2 else 0.0)
 
@@ -40,7 +41,7 @@ def hose_spring(draw: Draw, scene: Scene) -> Fault:
 
     def spring(t: float, angles: list[float], rates: list[float]) -> Torques:
         x = (angles[JOINTS.index(at)] - zero) / half
-        return _at(at, -size * TYPICAL_TORQUE[at] * (0.5 * x + 0.5 * x**3))
+        return at_joint(at, -size * TYPICAL_TORQUE[at] * (0.5 * x + 0.5 * x**3))
 
     return Fault("hose_spring", at, size, "of torque", lambda m, _: pushed(m, spring))
 
@@ -56,7 +57,7 @@ def end_cushioning(draw: Draw, scene: Scene) -> Fault:
         into = rates[k] if angles[k] > 0.5 * (low + high) else -rates[k]
         depth = max(0.0, 1.0 - min(high - angles[k], angles[k] - low) / zone)
         force = size * TYPICAL_TORQUE[at] * depth * tanh(max(into, 0.0) / 0.08)
-        return _at(at, -force if rates[k] > 0.0 else force)
+        return at_joint(at, -force if rates[k] > 0.0 else force)
 
     return Fault("end_cushioning", at, size, "of torque", lambda m, _: pushed(m, cushion))
 
@@ -150,7 +151,7 @@ def position_friction(draw: Draw, scene: Scene) -> Fault:
 
     def tight(t: float, angles: list[float], rates: list[float]) -> Torques:
         bump = exp(-(((angles[k] - centre) / width) ** 2))
-        return _at(at, -size * TYPICAL_TORQUE[at] * bump * tanh(rates[k] / 0.01))
+        return at_joint(at, -size * TYPICAL_TORQUE[at] * bump * tanh(rates[k] / 0.01))
 
     return Fault("position_friction", at, size, "of torque", lambda m, _: pushed(m, tight))
 
@@ -176,7 +177,7 @@ def shaking(draw: Draw, scene: Scene) -> Fault:
     k = JOINTS.index(at)
 
     def shake(t: float, angles: list[float], rates: list[float]) -> Torques:
-        return _at(at, size * TYPICAL_TORQUE[at] * sin(2 * pi * hertz * t) * tanh(abs(rates[k]) / 0.05))
+        return at_joint(at, size * TYPICAL_TORQUE[at] * sin(2 * pi * hertz * t) * tanh(abs(rates[k]) / 0.05))
 
     return Fault("shaking", at, size, "of torque", lambda m, _: pushed(m, shake))
 

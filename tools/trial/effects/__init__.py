@@ -1,0 +1,1 @@
+"""Effects as they are put into the reference machine."""
