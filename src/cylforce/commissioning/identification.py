@@ -69,7 +69,7 @@ def identify(
     seconds = _enough(model, factors)
     noise = row_noise(factors, model.prior)
     if refuse:
-        sentence = doubt(model, whole, noise, least_squares(factors, noise, model.prior), evidence[0])
+        sentence = doubt(model, whole, evidence[0])
         if sentence is not None:
             raise ValueError(sentence)
     laws, errors = _choose(model, factors, noise)

@@ -25,13 +25,15 @@ from cylforce.estimation.channels import Channels
 from cylforce.estimation.fast import FastRegressor
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
+from cylforce.mechanics.linkages import FourBar
 from cylforce.mechanics.machine import Machine, base_parameter_covariance, base_parameters
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 # Friction laws that a model may contain; with them the delay of the angles, which looks like friction while empty, and
 # the weight of the rockers, which the links represent in the mean only.
-FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional", "stribeck", "rocker")
+BARS = "rocker"
+FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional", "stribeck", BARS)
 
 # Share of the lever with friction of unknown direction, above which a row is not fitted: the speed there is so low that
 # noise and break-away friction would bias the fit; chosen.
@@ -52,7 +54,10 @@ SPREAD = {
 CREEP = 0.01
 # Relative standard error of a pressure sensor's gain: accuracy class 0.5, so evenly within 0.5 % either way.
 GAIN_ERROR = 0.005 / 3.0**0.5
-ROCKER = 100.0  # kg m: prior standard error of a rocker's first moment; chosen: 150 kg of bars on a rocker of 0.7 m
+# First moment of a linkage's bars about the rocker's pin, as a share of (mass of the last link) times (length of the
+# rocker): prior mean and standard error. From typical excavators of 20 t: rocker pair 50 kg, link 70 kg and rod end 15
+# kg beside a bucket of 800 kg make (50/2 + 70/2 + 15) / 800 = 0.09; no bars at all are within one standard error.
+BARS_SHARE, BARS_ERROR = 0.05, 0.05
 TYPICAL = {"load_dependent": 0.01}  # prior means that are not zero; chosen: one percent of the force for seals and pins
 ABSOLUTE = ("load_dependent", "delay")  # laws whose prior does not scale with the cylinder's largest force
 
@@ -97,12 +102,12 @@ class Model:
             "stribeck": Stribeck(CREEP, rounding),
         }
         turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
-        others: dict[str, Effect] = {"delay": Delay(), "rocker": RockerWeight()}
+        others: dict[str, Effect] = {"delay": Delay(), BARS: RockerWeight()}
         friction = (others.get(name) or Friction(name, laws[name]) for name in self.friction if self._has(name))
         return Regressor(self.machine, (Rigid(), *turning, *friction))
 
     def _has(self, law: str) -> bool:
-        return law != "rocker" or bool(RockerWeight().parameters(self.machine))
+        return law != BARS or bool(RockerWeight().parameters(self.machine))
 
     @cached_property
     def _slews(self) -> bool:
@@ -226,14 +231,21 @@ class Model:
                 guesses.append((f"{link.name}.D_excess", excess, 0.2 * abs(excess) + 1.0))
                 guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
         for law in self.friction:
-            if law == "rocker":
-                guesses += [(p.name, 0.0, ROCKER) for p in RockerWeight().parameters(self.machine)]
+            if law == BARS:
+                guesses += self._bars()
                 continue
             for c in self.machine.cylinders:
                 largest = 300e5 * c.area_head  # N, at a relief pressure of 300 bar, typical of excavators
                 spread = SPREAD[law] * (1.0 if law in ABSOLUTE else largest)
                 guesses.append((f"{c.name}.{law}", TYPICAL.get(law, 0.0), spread))
         return guesses
+
+    def _bars(self) -> list[tuple[str, float, float]]:
+        """Prior (name, mean, standard error) [kg m] of the bars of every four-bar linkage."""
+        four = [c.linkage for c in self.machine.cylinders if isinstance(c.linkage, FourBar)]
+        scale = [self.machine.links[-1].mass * linkage.rocker_length for linkage in four]
+        names = [p.name for p in RockerWeight().parameters(self.machine)]
+        return [(name, BARS_SHARE * s, BARS_ERROR * s) for name, s in zip(names, scale, strict=True)]
 
     @cached_property
     def data_sheet(self) -> Tares:
