@@ -4,6 +4,8 @@ foreign generator; with adaptation and without, and without single parts of the 
 import argparse
 import json
 import os
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -52,20 +54,21 @@ def main() -> None:
     parser.add_argument("--foreign", action="store_true", help="on the machines of a foreign generator")
     parser.add_argument("--folder", type=Path, help="of the recordings")
     parser.add_argument("--ways", nargs="+", choices=(*WAYS, *BASELINES), default=["service"])
+    parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     console, found = Console(highlight=False), {}
     machines = works(options)
     rated = load(machines[0].folder / "machine.toml").service.machine.rated_payload
-    for way in options.ways:
-        rows = {}
-        for work in machines:
-            rows[work.name] = measured(work, way)
-            one = figures({work.name: rows[work.name]}, rated)["machines"]
-            console.print(way, one)
-        found[way] = figures(rows, rated)
-        if options.json:
-            options.json.write_text(json.dumps(found, indent=1) + "\n")
+    with ProcessPoolExecutor(options.processes) as pool:
+        for way in options.ways:
+            rows = {}
+            for work, booked in zip(machines, pool.map(partial(measured, way=way), machines), strict=True):
+                rows[work.name] = booked
+                console.print(way, figures({work.name: booked}, rated)["machines"])
+            found[way] = figures(rows, rated)
+            if options.json:
+                options.json.write_text(json.dumps(found, indent=1) + "\n")
     console.print(table(found))
 
 

@@ -13,7 +13,7 @@ from cylforce.commissioning.repairs import Case
 from cylforce.commissioning.soundness import soundness
 from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
-from cylforce.commissioning.zeros import correlation
+from cylforce.commissioning.zeros import between_strokes, correlation
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, settled
 from cylforce.estimation.model import FRICTION, TYPICAL, Model, Tares
@@ -82,7 +82,8 @@ def identify(
     left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
     covariance = under_load(best, fit.covariance)
     lasting = correlation(best, fewer, fit.values, left)
-    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error, lasting)
+    differ = between_strokes(best, _beside_tool(model, best, whole), fit.values, left)
+    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error, lasting, differ)
     broken = violations(best, fit.values, np.sqrt(np.diag(fit.covariance)))
     found = quality(best, fewer, fit.values, fit.covariance)
     sound = soundness(Case(model, evidence[0].kept), found, broken)
@@ -179,6 +180,11 @@ def _of(model: Model, part: Model) -> list[int]:
     """The columns of a model with fewer friction laws among those of `model`."""
     place = {p.name: k for k, p in enumerate(model.parameters)}
     return [place[p.name] for p in part.parameters]
+
+
+def _beside_tool(model: Model, part: Model, whole: Factors) -> Factors:
+    """The factors `whole` of `model` with the parameters of `part` alone; the columns that follow remain."""
+    return chosen(whole, [*_of(model, part), *range(len(model.parameters), whole.triangle.shape[-1] - 1)])
 
 
 def _choose(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:

@@ -62,13 +62,24 @@ TYPICAL = {"load_dependent": 0.01}  # prior means that are not zero; chosen: one
 ABSOLUTE = ("load_dependent", "delay")  # laws whose prior does not scale with the cylinder's largest force
 
 
+class BetweenStrokes(NamedTuple):
+    """Standard errors of what differs between strokes: of `friction`, as a share of the identified one; of a pressure's
+    `zero` [Pa]."""
+
+    friction: float
+    zero: float
+
+
+EXPECTED = BetweenStrokes(0.1, 1.5e4)  # before anything is known; chosen
+
+
 class Tares(NamedTuple):
     """The dynamic tares: the parameters that describe the empty machine. `friction`: names of the model's friction
     laws; `names` and `values` (P,) of the parameters with `covariance` (P, P); `row_error` (R,) [N m]: rms torque that
     the model does not explain on the empty machine; `identified`: from a recording, else from the data sheet. The
     remaining torque is multiplied by `scale` (with standard error `scale_error`), which a lift of a known weight
     corrects for errors of levers, areas and gains. `correlation` [s]: how long the unexplained torque keeps its
-    sign, as far as a weight is concerned; 0: not measured."""
+    sign, as far as a weight is concerned; 0: not measured. `between_strokes`: how much friction and zeros differ."""
 
     friction: tuple[str, ...]
     names: tuple[str, ...]
@@ -79,6 +90,7 @@ class Tares(NamedTuple):
     scale: float = 1.0
     scale_error: float = 0.0
     correlation: float = 0.0
+    between_strokes: BetweenStrokes = EXPECTED
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.model import CERTAIN_SHARE, Model, Tares
+from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST, load_spread
@@ -21,8 +22,7 @@ from cylforce.signals.estimate import Array
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
 STROKE_SECONDS = 3.0  # s, duration of a typical stroke, over which model errors keep their sign; chosen
 EVERY = 5  # steps between updates, because neighbouring samples contain the same information; chosen
-ZERO_ERROR, ZERO_LIMIT = 1.5e4, 6e5  # Pa, prior standard error of a pressure's zero drift, and its limit; chosen
-FRICTION_ERROR = 0.1  # times the identified friction: prior standard error of its drift; chosen
+ZERO_LIMIT = 6e5  # Pa, limit of a pressure's zero drift; chosen
 FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
 PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
 LOAD = 4  # parameters of a load: m, m x, m z, J
@@ -45,10 +45,11 @@ class Drift(NamedTuple):
 
 @dataclass(frozen=True)
 class Adapter:
-    """The adaptation of one machine."""
+    """The adaptation of one machine; `expected`: the drift before anything is seen of it."""
 
     model: Model
     tares: Tares
+    expected: BetweenStrokes = EXPECTED
 
     @cached_property
     def _limits(self) -> tuple[Array, Array]:
@@ -65,10 +66,7 @@ class Adapter:
     @cached_property
     def _spread(self) -> Array:
         """Prior standard errors (D,) of the drift."""
-        zero = [ZERO_ERROR * c.area_head for c in self.model.machine.cylinders]
-        floor = [1e-3 * self.model.machine.cylinders[0].area_head * 1e5] * len(self.model.changing_friction)
-        friction = np.maximum(FRICTION_ERROR * np.abs(self.tares.values[self.model.changing_friction]), floor)
-        return np.concatenate([friction, zero])
+        return drift_spread(self.model, self.tares.values, self.expected)
 
     def begin(self) -> Drift:
         """The state without drift, with the prior standard errors above."""

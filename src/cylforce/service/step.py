@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual, residual
 from cylforce.mechanics.installation import Service
@@ -111,8 +111,9 @@ class Core:
 
     @cached_property
     def adapter(self) -> Adapter:
-        """Rows with an empty bucket to drift."""
-        return Adapter(self.model, self.tares)
+        """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
+        friction may follow the oil much farther."""
+        return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
 
     @cached_property
     def recognizer(self) -> Recognizer:
