@@ -6,9 +6,8 @@ from math import atan2, hypot, radians
 import numpy as np
 import pytest
 
-from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.model import BetweenStrokes, Model, Tares
 from cylforce.estimation.residual import RELATIVE
-from cylforce.service import adaptation
 from cylforce.service.contact.noise import PRIOR
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
@@ -157,12 +156,11 @@ def test_the_weight_is_as_uncertain_as_the_scale_besides(core):
     assert both.standard_error**2 - alone.standard_error**2 == pytest.approx((0.02 * alone.value) ** 2)
 
 
-def test_the_weight_is_the_more_uncertain_the_heavier_it_is(core, monkeypatch):
+def test_the_weight_is_the_more_uncertain_the_heavier_it_is(core):
     """Friction and elasticity grow with the load, by one percent of its torque: a load of 1400 kg asks for 35 kN m at
     the boom, of which 1 % is far more than the rows' 20 N m. So the error grows nearly in proportion, where the zeros
     of the pressures are known."""
-    monkeypatch.setattr(adaptation, "ZERO_ERROR", 1.0)
-    known = Core(SERVICE, core.tares)
+    known = Core(SERVICE, core.tares._replace(between_strokes=BetweenStrokes(0.1, 1.0)))
     light, heavy = (said(known, held=(kg, 0.7, 0.1), seconds=3.0).load.mass for kg in (350.0, 1400.0))
     assert 3.0 < heavy.standard_error / light.standard_error < 4.0
 
