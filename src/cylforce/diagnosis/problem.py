@@ -125,7 +125,7 @@ class Problem:
     @cached_property
     def _own(self) -> Array:
         """Of what loads, linkages' bars and the base's usual motion have."""
-        bars = len(RockerWeight().parameters(self.model.machine))
+        bars = 0 if "rocker" in self.model.friction else len(RockerWeight().parameters(self.model.machine))
         loads, rides = np.tile(CENTRE, len(self._loaded)), [size for _, size in self._ridden]
         return np.concatenate([loads, np.full(bars, ROCKER * (SHEET if self.from_sheet else 1.0)), rides])
 

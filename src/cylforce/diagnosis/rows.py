@@ -147,7 +147,8 @@ class Viewer:
 
     @property
     def _bars(self) -> list[Effect]:
-        return [RockerWeight()] if RockerWeight().parameters(self.model.machine) else []
+        known = "rocker" in self.model.friction or not RockerWeight().parameters(self.model.machine)
+        return [] if known else [RockerWeight()]
 
     def _filtered(self, *more: Effect) -> FilteredRegressor:
         f, effects = self.slow.filters, (*self.slow.empty.effects, *more)

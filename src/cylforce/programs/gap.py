@@ -30,6 +30,8 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
+# Friction laws that the model of a diagnosis has; `stribeck` only where it was identified, since it is also an effect.
+ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 EXAMPLE = "field.log=1000"
 CLOCKS = ClockFault().about.name
@@ -186,10 +188,13 @@ def _viewer(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tu
     if question.identified is None and not clean:
         sheet = Model(service.machine, service.filters, ())
         return Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance))
-    model = Model(service.machine, service.filters, FRICTION)
     if question.identified is None:
+        model = Model(service.machine, service.filters, ALWAYS)
         return Viewer(model, fitted_tares(model, clean)), None
-    values, error = _spread_out(model, read_identified(question.identified, loaded))
+    tares = read_identified(question.identified, loaded)
+    laws = tuple(law for law in FRICTION if law in (*ALWAYS, *tares.friction))
+    model = Model(service.machine, service.filters, laws)
+    values, error = _spread_out(model, tares)
     return Viewer(model, values), None if clean else error
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual, residual
 from cylforce.mechanics.installation import Service
@@ -111,8 +111,9 @@ class Core:
 
     @cached_property
     def adapter(self) -> Adapter:
-        """Rows with an empty bucket to drift."""
-        return Adapter(self.model, self.tares)
+        """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
+        friction may follow the oil much farther."""
+        return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
 
     @cached_property
     def recognizer(self) -> Recognizer:
@@ -199,8 +200,9 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if pipe.steps <= core.model.settle_steps:
         return state._replace(estimate=_nothing(state, t_us, Reason.STARTING))
     usable = pipe.waiting == 0
-    left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ state.drift.values)
-    weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
+    drifting = core.adapter.columns(rows)
+    left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting)
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
@@ -242,8 +244,9 @@ def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Resid
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty."""
     if not core.adapts:
         return drift
-    empty = np.logical_and(usable, core.weigher.is_empty(weighing))
-    return core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
+    if not core.weigher.is_empty(weighing, drift):
+        return core.adapter.loaded(drift)
+    return core.adapter.step(drift, rows, left.torque, np.where(usable, left.variance, np.inf))
 
 
 def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -> Estimate:
@@ -257,7 +260,7 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
-    return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.booking, forces.soil, events)
+    return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:

@@ -123,13 +123,18 @@ def invalid_force(reason: Reason) -> Force:
 
 
 class Booking(NamedTuple):
-    """A weight that was accurate enough to be booked: number of the lift, time of booking [us], mass [kg] and its
-    standard error [kg]."""
+    """A weight that was accurate enough to be booked: number of the lift, time of booking [us]; gross `mass`, what
+    remained in the bucket after it (`carry_back`), what left it (`dumped`), each with its standard error, all [kg].
+    While the bucket returns, the same booking becomes more precise."""
 
     number: int
     t_us: int
     mass: float
     standard_error: float
+    carry_back: float
+    carry_back_error: float
+    dumped: float
+    dumped_error: float
 
 
 class Load(NamedTuple):
