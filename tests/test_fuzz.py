@@ -215,5 +215,5 @@ def test_a_million_arbitrary_frames(name, real):
             frames += isinstance(event, Frame)
     print(frames, "frames", ticks, "ticks", {s.name: n for s, n in judge.seen.items()})
     assert ticks > 10_000
-    assert judge.seen[Status.OK] > 1000
+    assert judge.seen[Status.OK] + judge.seen[Status.DEGRADED] > 1000
     assert min(judge.seen.values()) > 0

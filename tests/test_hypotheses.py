@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 from cylforce.diagnosis.diagnosis import settled
 from cylforce.diagnosis.discrepancy import DECAY, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.hypotheses import Inference, InOrder
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, believed, calibrated
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Calibration, believed, calibrated
 from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.statistics import SMOOTH, Statistics
 from layers.everyday import learnt
@@ -126,7 +126,7 @@ def test_a_force_at_moments_is_found_in_its_blocks(machine):
     rows = recording(9)
     rows[:8, ..., -1] += np.random.default_rng(9).normal(0.0, 6.0, (8, 1, 1)) * WAVE
     case = machine.asked(sums(SCENE.spread, [told(rows)]))
-    found, where = settled(case, forces(rows))
+    found, where = settled(case, forces(rows), np.append(-case.mean, 1.0))
     assert np.mean(where[:8]) > 0.7
     assert not np.any(where[8:])
     assert found.log + forces(rows).prior(where) > case.hypothesis((), case.usual).log + 20.0
@@ -165,9 +165,12 @@ def test_sensor_noise_in_both_is_taken_off():
 def test_a_calibration_says_how_often_the_first_is_right():
     rng = np.random.default_rng(0)
     features, right = rng.standard_normal((400, 2)), rng.uniform(size=400) < 0.7
-    by = fitted(features, right)
-    belief = calibrated(Belief({("one", "a"): 0.99, NOTHING: 0.01}, (0.0, 0.0)), by)
-    assert belief.probability == pytest.approx(0.7, abs=0.08)
+    by = Calibration(fitted(features, right), 0.1)
+    said = {("one", "a"): 1.0 - 1e-9, NOTHING: 1e-9, UNKNOWN: 1e-12}
+    belief = calibrated(Belief(said, (0.0, 0.0)), by)
+    flat = {k: p**0.1 for k, p in said.items()}
+    assert belief.probability == pytest.approx(0.7 + 0.3 * flat["one", "a"] / sum(flat.values()), abs=0.08)
+    assert sorted(belief.of, key=belief.of.get) == sorted(said, key=said.get)
     assert sum(belief.of.values()) == pytest.approx(1.0)
 
 

@@ -212,7 +212,7 @@ class _Search:
         """What may have happened at moments, and in which blocks (B,)."""
         found, when = [], {}
         for key, each in self._incidents():
-            told, where = settled(self._question.problem, case, each)
+            told, where = settled(case, each, _as_it_was(self._question.problem, case))
             if self._question.step:  # a block that does not count is like those beside it
                 k = self._question.step.first
                 where[k] = np.any(where[max(k - 1, 0) : k + 2])
@@ -305,10 +305,11 @@ def _possible(form: Column, sizes: Array) -> bool:
     return float(np.linalg.norm(sizes[: form.measured])) <= BEYOND * form.high
 
 
-def settled(problem: Problem, case: Inference, moments: Moments) -> tuple[Hypothesis, Blocks]:
-    """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not."""
+def settled(case: Inference, moments: Moments, left: Array) -> tuple[Hypothesis, Blocks]:
+    """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not;
+    `left` (K+1,): coefficients of what is left without it."""
     noise: Scatter = case.usual
-    where = moments.happening(_as_it_was(problem, case), noise)
+    where = moments.happening(left, noise)
     found = replace(case, moments=moments.only(where)).hypothesis((), noise)
     for _ in range(SETTLING):
         held = replace(case, moments=moments.only(where))
