@@ -27,7 +27,7 @@ from cylforce.programs.common.score import CycleScore, ForceScore, score_cycles,
 from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
 from cylforce.programs.run import Daemon, configure_messages, show_status
-from cylforce.service.step import Scale
+from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
@@ -116,7 +116,7 @@ def _relay(bus: str) -> Iterator[str]:
 async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, console: Console) -> Watched:
     """Daemon and simulated machine on one bus, until the machine's run is over."""
     console.print(f"3. {cycles} digging cycles of at most 15 s on the bus")
-    daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, Scale())
+    daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, NOTHING_KEPT)
     watched = Watched([], [], Counts())
 
     def watch(estimate: Estimate) -> None:

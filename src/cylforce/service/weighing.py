@@ -199,16 +199,16 @@ class Weigher:
         if self._doubt(state.lift, weight) is not None or weight.standard_error > GOOD_ENOUGH * rated:
             return state
         if weight.mass < SMALLEST * rated:
-            return self._book(state, t_us)
+            return self._book(state, t_us, weight.mass)
         best = state.candidate
         if best is None or state.lift.moving >= best.moving:
             found = Candidate(weight.mass, weight.standard_error, state.lift.moving)
             return state._replace(candidate=found)
         return state
 
-    def _book(self, state: Weighing, t_us: int) -> Weighing:
+    def _book(self, state: Weighing, t_us: int, left: float) -> Weighing:
         if state.candidate is None:
             return state
         number = 1 if state.booking is None else state.booking.number + 1
         best = state.candidate
-        return Weighing(state.lift, None, Booking(number, t_us, best.mass, best.standard_error))
+        return Weighing(state.lift, None, Booking(number, t_us, best.mass, best.standard_error, left))

@@ -124,12 +124,13 @@ def invalid_force(reason: Reason) -> Force:
 
 class Booking(NamedTuple):
     """A weight that was accurate enough to be booked: number of the lift, time of booking [us], mass [kg] and its
-    standard error [kg]."""
+    standard error [kg]; `left` [kg]: what the bucket weighed when it was seen empty, None where that is not known."""
 
     number: int
     t_us: int
     mass: float
     standard_error: float
+    left: float | None = None
 
 
 class Load(NamedTuple):
