@@ -11,7 +11,20 @@ import typer
 
 from cylforce.programs.cli import app
 
-DAY = ["new", "describe", "commission", "identify", "run", "replay", "gap", "sim", "demo", "records", "config"]
+DAY = [
+    "new",
+    "describe",
+    "commission",
+    "identify",
+    "run",
+    "display",
+    "replay",
+    "gap",
+    "sim",
+    "demo",
+    "records",
+    "config",
+]
 # The promise to the user. Here `--version` and `--help` take 0.08 s of processor time, `run --help` 0.18 s (typer then
 # loads pydantic), of which Python alone 0.03 s: a machine that is slower by half still keeps it. Processor time, as
 # other programs lengthen the time on the clock; the shortest of three calls, because the first one may have to compile.

@@ -7,7 +7,20 @@ import typer
 from typer.core import TyperGroup
 
 import cylforce
-from cylforce.programs.commands import commission, config, demo, describe, gap, identify, new, records, replay, run, sim
+from cylforce.programs.commands import (
+    commission,
+    config,
+    demo,
+    describe,
+    display,
+    gap,
+    identify,
+    new,
+    records,
+    replay,
+    run,
+    sim,
+)
 from cylforce.programs.commands.options import INTERRUPTED
 
 
@@ -53,6 +66,7 @@ app.command(epilog=describe.EXAMPLE)(describe.describe)
 app.command(epilog=commission.EXAMPLE)(commission.commission)
 app.command(epilog=identify.EXAMPLE)(identify.identify)
 app.command(epilog=run.EXAMPLE)(run.run)
+app.command(epilog=display.EXAMPLE)(display.display)
 app.command(epilog=replay.EXAMPLE)(replay.replay)
 app.command(epilog=gap.EXAMPLE)(gap.gap)
 app.command(epilog=sim.EXAMPLE)(sim.sim)
