@@ -30,7 +30,9 @@ function line(booking) {
 }
 
 async function print(truck) {
-  if ((await change("/print", { truck })).done) location.href = `/ticket/${truck}${query}`;
+  const said = await change("/print", { truck });
+  if (said.done) location.href = `/ticket/${truck}${query}`;
+  else at("no-records").textContent = t("No bucket of this truck counts: there is no ticket.");
 }
 
 function total([which, products]) {
