@@ -3,9 +3,11 @@ another process; this one even gives way to it."""
 
 import asyncio
 import os
+import signal
 import socket
 from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import NamedTuple
 
 import uvicorn
@@ -117,6 +119,11 @@ def run_display(served: Served, bus: Bus, tell: Tell) -> None:
     listening = listen(served.host, served.port)
     host = f"[{served.host}]" if ":" in served.host else served.host
     tell(f"http://{host}:{listening.getsockname()[1]}/")
-    with suppress(KeyboardInterrupt):
-        asyncio.run(serve_display(served, bus, listening))
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, _stopped)
+    asyncio.run(serve_display(served, bus, listening))
     bus.close()
+
+
+def _stopped(number: int, frame: FrameType | None) -> None:
+    """The server raises the signal that ended it once more, when all is done: nothing is left to do."""
