@@ -13,7 +13,7 @@ from cylforce.records.ticket import Ticket
 
 PAGE = """<!doctype html>
 <html lang="{language}"><head><meta charset="utf-8"><title>{title}</title>
-<link rel="stylesheet" href="/static/ticket.css"></head>
+<link rel="icon" href="/static/icon.svg"><link rel="stylesheet" href="/static/ticket.css"></head>
 <body><main><h1>{title}</h1>{head}{qr}<table><thead><tr>{names}</tr></thead><tbody>{rows}</tbody></table>
 <p class="total">{total}</p><p class="screen"><button id="print">{button}</button></p></main>
 <script type="module" src="/static/ticket.js"></script></body></html>

@@ -54,10 +54,11 @@ PAGE = (
     "Records have stopped: the disk is full or cannot be written.", "Force at the teeth", "direction", "Signal",
     "Value", "Age", "Reason", "Node", "State", "Emergency", "Bus load", "Cylinder", "Force", "not seen", "stopped",
     "operational", "pre-operational", "booting", "Time", "Weight", "Status", "Number", "accepted", "cancelled",
-    "Ticket", "Print ticket", "No bucket of this truck counts: there is no ticket.", "Short total", "Shift total",
-    "Grand total", "Loads", "There are no records: start the service with --records.", "PIN", "Done.",
-    "Target in kg; 0: none", "all", "Information only: no safety function.", "good", "late", "Set to zero", "OK",
-    "Cancel", "Print", "Copy", "Customer", "Job", "Operator", "Note", "Machine", "Total", "Standard error", "rated",
+    "Ticket", "Number of the product; 0: none", "Print ticket",
+    "No bucket of this truck counts: there is no ticket.", "Short total", "Shift total", "Grand total", "Loads",
+    "There are no records: start the service with --records.", "PIN", "Done.", "Target in kg; 0: none", "all",
+    "Information only: no safety function.", "good", "late", "Set to zero", "OK", "Cancel", "Print", "Copy",
+    "Customer", "Job", "Operator", "Note", "Machine", "Total", "Standard error", "rated",
 )  # fmt: skip
 
 

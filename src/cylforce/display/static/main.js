@@ -31,6 +31,7 @@ function show() {
 }
 
 async function command(what, value = 0) {
+  at("answer").textContent = "";
   const said = await change("/command", { what, value });
   at("answer").textContent = said.done ? t("Done.") : refusal(said.why);
 }
@@ -38,6 +39,11 @@ async function command(what, value = 0) {
 async function target() {
   const text = await ask(t("Target in kg; 0: none"));
   if (text !== null) await command("target", Number(text.replace(",", ".")) || 0);
+}
+
+async function product() {
+  const text = await ask(t("Number of the product; 0: none"));
+  if (text !== null) await command("product", Math.round(Number(text)) || 0);
 }
 
 function light(night) {
@@ -53,6 +59,7 @@ for (const button of document.querySelectorAll("[data-command]")) {
   button.addEventListener("click", () => command(button.dataset.command));
 }
 at("target").addEventListener("click", target);
+at("product").addEventListener("click", product);
 at("cancel").addEventListener("click", () => command("cancel", last?.truck?.last ?? 0));
 window.addEventListener("hashchange", show);
 blank();

@@ -63,7 +63,8 @@ function showTruck({ truck, marks, buckets }) {
     at("advice").textContent = "";
   } else {
     const goal = truck.target > 0 ? ` / ${kg(truck.target)}` : "";
-    at("truck-text").textContent = `${t("Truck")} ${truck.number}: ${kg(truck.total)}${goal} kg, ${t("Buckets")}: ${truck.filled}`;
+    at("truck-text").textContent = `${t("Truck")} ${truck.number}: ${kg(truck.total)}${goal} kg, ${t("Buckets")}: ${truck.filled}` +
+      (truck.product ? `, ${t("Product")} ${truck.product}` : "");
     at("advice").textContent = advice(truck);
   }
   at("buckets").replaceChildren(...buckets.map((bucket) => {
