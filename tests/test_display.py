@@ -24,6 +24,7 @@ from cylforce.display.picture import SILENT, Marks, Painter
 from cylforce.display.serving import Display, Served
 from cylforce.display.stream import Feed
 from cylforce.display.words import FOLDER, PAGE, REASONS, catalogue, languages, messages, spoken
+from cylforce.programs import scale
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.display import host_and_port, read_pin
 from cylforce.programs.run import Daemon
@@ -151,6 +152,47 @@ def test_commands_reach_a_service_and_its_answer_comes_back():
     outcomes, known = asyncio.run(main())
     assert [tuple(o) for o in outcomes] == [(True, ""), (False, "08000022"), (False, "unknown")]
     assert (known.target, known.number, known.records) == (9000.0, 1, 0)
+
+
+def test_orders_from_a_terminal():
+    """The same commands as the page's; what was refused is said in words."""
+
+    async def main():
+        machine = load(EXCAVATOR)
+        daemon = Daemon(machine, make_core(machine, None), open_bus("virtual:terminal"), None, NOTHING_KEPT)
+        loop = asyncio.get_running_loop()
+        daemon.start(loop)
+        found = []
+        try:
+            for order, number in (("target", 9000.0), ("next", 0.0), ("cancel", 7.0), ("show", 0.0)):
+                bus = open_bus("virtual:terminal")
+                found.append(await scale.ordered(bus, SERVICE.node_id, order, number))
+                bus.close()
+        finally:
+            await daemon.stop(loop)
+        bus = open_bus("virtual:empty")
+        found.append(await scale.ordered(bus, SERVICE.node_id, "show", 0.0))
+        bus.close()
+        return found
+
+    target, following, cancel, shown, silent = asyncio.run(main())
+    assert scale.told(target[1]) == "truck 1: 0.0 kg of 9000.0 kg in 0 buckets; last booking 0"
+    assert following[1].number == shown[1].number == 2
+    assert (cancel[0].done, cancel[0].why) == (False, "08000022")
+    assert (silent[0].done, silent[0].why) == (False, "no answer")
+
+
+@pytest.mark.parametrize(
+    ("order", "number", "words"),
+    [
+        ("dance", None, "is no order: use show, zero"),
+        ("target", None, "needs a number"),
+        ("zero", 1.0, "takes no number"),
+    ],
+)
+def test_what_is_no_order_is_said(order, number, words):
+    with pytest.raises(ValueError, match=words):
+        scale.check(order, number)
 
 
 class Web:

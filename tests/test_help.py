@@ -18,6 +18,7 @@ DAY = [
     "identify",
     "run",
     "display",
+    "scale",
     "replay",
     "gap",
     "sim",

@@ -73,13 +73,14 @@ class Panel:
         """Read what the service knows, every second and after each command, until cancelled."""
         while True:
             self._soon.clear()  # before reading: a command that comes meanwhile asks for one more look
-            self.loading.update(await self._read())
+            self.loading.update(await self.read())
             try:
                 await asyncio.wait_for(self._soon.wait(), EVERY_S)
             except TimeoutError:
                 continue
 
-    async def _read(self) -> Known | None:
+    async def read(self) -> Known | None:
+        """What the service knows of the truck; None without an answer."""
         read: dict[str, int] = {}
         try:
             for name, sub in FIELDS:

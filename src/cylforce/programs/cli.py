@@ -19,6 +19,7 @@ from cylforce.programs.commands import (
     records,
     replay,
     run,
+    scale,
     sim,
 )
 from cylforce.programs.commands.options import INTERRUPTED
@@ -67,6 +68,7 @@ app.command(epilog=commission.EXAMPLE)(commission.commission)
 app.command(epilog=identify.EXAMPLE)(identify.identify)
 app.command(epilog=run.EXAMPLE)(run.run)
 app.command(epilog=display.EXAMPLE)(display.display)
+app.command(epilog=scale.EXAMPLE)(scale.scale)
 app.command(epilog=replay.EXAMPLE)(replay.replay)
 app.command(epilog=gap.EXAMPLE)(gap.gap)
 app.command(epilog=sim.EXAMPLE)(sim.sim)
