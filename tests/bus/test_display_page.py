@@ -111,14 +111,25 @@ def answered(page):
     return page.text_content("#answer")
 
 
+SHOWN = """() => {
+    const at = (id) => document.getElementById(id);
+    return [at("weight").classList.contains("words"), at("weight").textContent, at("status").textContent];
+}"""
+
+
 def test_a_weight_is_a_number_only_while_it_is_valid(page):
-    """Reason in words while digging, number with its error when a load hangs."""
-    page.wait_for_selector("#weight:not(.words)")
-    number = page.text_content("#weight")
-    assert "kg ±" in number
-    page.wait_for_selector("#weight.words")
-    assert not any(letter.isdigit() for letter in page.text_content("#weight"))
-    assert page.text_content("#status") == "no weight"
+    """At every moment either a number with its error, or a reason without a digit. Both are seen."""
+    seen = set()
+
+    def both():
+        words, text, status = page.evaluate(SHOWN)
+        assert any(letter.isdigit() for letter in text) is not words, text
+        assert words or "kg ±" in text
+        assert words is (status in ("no weight", "")), status
+        seen.add(words)
+        return len(seen) == 2
+
+    until(both, 90.0)
 
 
 def test_target_truck_and_cancel(page):
