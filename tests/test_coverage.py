@@ -90,7 +90,7 @@ def test_expected_error_is_what_the_weighing_itself_says(model):
             now = Residual(*(part[point, k] for part in left))
             for _ in range(repeats):
                 state, _ = weigher.step(state, now, np.isfinite(now.variance), 0)
-        weight = weigher._conclude(state.lift)
+        weight = weigher._conclude(state.lift, weigher._still)
         assert weight.standard_error == pytest.approx(foretold.standard_error[k], rel=0.01)
         assert weight.mass == pytest.approx(model.machine.rated_payload, rel=0.05)
 

@@ -1,5 +1,6 @@
 """Laws of friction: each pinned to numbers worked out by hand."""
 
+from dataclasses import replace
 from math import pi, tanh
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.friction.end_cushion import EndCushion
 from cylforce.effects.friction.friction import AtRest, Friction
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.friction_temperature_drift import FrictionTemperatureDrift
@@ -18,7 +20,9 @@ from cylforce.effects.friction.viscous_friction import ViscousFriction
 from cylforce.effects.imposed import Imposed, excess_force, friction_level
 from cylforce.estimation.model import Model
 from cylforce.mechanics.installation import Filters
-from rig import BAR, ROD, rig, turning
+from rig import BAR, LEVER, ROD, rig, turning
+
+E_1 = 0.3678794  # 1/e
 
 
 def law(effect, speed, force=0.0, t=0.0):
@@ -55,6 +59,31 @@ def test_load_dependent_friction_is_a_share_of_the_force_whichever_way_it_pushes
 
 def test_asymmetric_friction_has_the_same_sign_both_ways_and_none_at_rest():
     np.testing.assert_allclose(1500.0 * law(AsymmetricFriction(), [0.1, -0.1, 0.0]), [1500.0, 1500.0, 0.0])
+
+
+def test_friction_larger_one_way_only_is_none_the_other_way():
+    """Extending it opposes the motion with 1500 N more, retracting likewise with the other sign; twice as much as the
+    symmetric part of the same difference is plausible."""
+    for way, expected in ((1, [1500.0, 0.0, 0.0]), (-1, [0.0, -1500.0, 0.0])):
+        np.testing.assert_allclose(1500.0 * law(AsymmetricFriction(way=way), [0.1, -0.1, 0.0]), expected)
+        assert AsymmetricFriction(way=way).about.high == 2.0 * AsymmetricFriction().about.high
+        assert AsymmetricFriction(way=way).of_dry == 2.0 * AsymmetricFriction().of_dry == 2.0
+
+
+def test_a_cushion_stops_the_motion_into_its_end_only():
+    """5 m of 5.06 m, with a cushion of 0.12 m: half entered. At 0.2 m/s, twice the speed at which it is told, four
+    times the force: 2 of 1 kN, at 2.4 m 4800 N m. Out of the end, and at the other end, nothing."""
+    machine = rig()
+    cylinder = replace(machine.cylinders[0], length_low=3.0, length_high=5.06)
+    near = replace(machine, cylinders=(cylinder,))
+    moving, t = turning(near, [0.2 / LEVER, -0.2 / LEVER, 0.0]), np.zeros(3)
+    for end in (1, 0):
+        found = 1000.0 * EndCushion(0.12, end).torque(near, moving, t, 0)[:, 0]
+        np.testing.assert_allclose(found, [4800.0, 0.0, 0.0], atol=1e-9)
+    assert not np.any(EndCushion(0.12, -1).torque(near, moving, t, 0))
+    short = replace(machine, cylinders=(replace(cylinder, length_low=4.94, length_high=7.0),))
+    found = 1000.0 * EndCushion(0.12, -1).torque(short, moving, t, 0)[:, 0]
+    np.testing.assert_allclose(found, [0.0, -4800.0, 0.0], atol=1e-9)
 
 
 def test_presliding_friction_builds_up_over_its_way_and_twice_as_much_after_a_reversal():
@@ -109,13 +138,20 @@ def test_friction_of_a_larger_level_is_the_known_one_times_that():
         np.testing.assert_allclose(friction_level([effect], 1, np.zeros(2), name), 1.3)
 
 
-def test_friction_falls_with_time_by_its_rate_in_hours():
-    """- 1.2 of it per hour: after 10 min four fifths are left; where only the viscous part drifts, dry friction
-    stays."""
-    t = np.array([0.0, 600.0])
-    every, viscous = (Imposed((FrictionTemperatureDrift(only),), "lift", 0, (-1.2,)) for only in (False, True))
-    for effect, name, left in [(every, "coulomb", 0.8), (viscous, "viscous", 0.8), (viscous, "coulomb", 1.0)]:
-        np.testing.assert_allclose(friction_level([effect], 1, t, name)[:, 0], [1.0, left])
+def test_friction_falls_as_the_oil_warms():
+    """Half of it in the end: after the oil's time of 900 s 1 - 1/e of the way, in both cylinders; alone, in one. Where
+    only the viscous part falls, dry friction stays. After a cold start half as much again is left of it by 1/e."""
+    t, way = np.array([0.0, 900.0, 1e6]), np.array([0.0, 1.0 - E_1, 1.0])
+    for effect, name, both, size, course in [
+        (FrictionTemperatureDrift(), "coulomb", True, -0.5, way),
+        (FrictionTemperatureDrift(viscous=True), "viscous", True, -0.5, way),
+        (FrictionTemperatureDrift(viscous=True), "coulomb", True, -0.5, 0.0 * way),
+        (FrictionTemperatureDrift(alone=True), "coulomb", False, -0.5, way),
+        (FrictionTemperatureDrift(cold=True), "coulomb", True, 0.5, 1.0 - way),
+    ]:
+        found = friction_level([Imposed((effect,), "any", 0, (size,))], 2, t, name)
+        np.testing.assert_allclose(found[:, 0], 1.0 + size * course, rtol=1e-6)
+        np.testing.assert_allclose(found[:, 1], 1.0 + size * course * both, rtol=1e-6)
 
 
 @pytest.mark.parametrize("foot", [-4j, 4j], ids=["lever +2.4 m", "lever -2.4 m"])

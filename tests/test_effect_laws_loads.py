@@ -14,6 +14,8 @@ from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.loads.carried import CarriedLoad, smooth
 from cylforce.effects.loads.extra_mass import ExtraMass
 from cylforce.effects.loads.first_moment_change import FirstMomentChange
+from cylforce.effects.loads.hose_spring import HoseSpring
+from cylforce.effects.loads.mud import Mud
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.effects.loads.slew import Slew, slew_parameters
@@ -166,6 +168,35 @@ def test_a_load_that_shifts_keeps_its_mass_and_moves_its_centre():
     found = changed_load([Imposed((PayloadShift(),), "outer", 1, (120.0, 40.0), 1.0)], load(), np.arange(3.0))
     np.testing.assert_allclose(found.mass, 800.0)
     np.testing.assert_allclose(found.centre, [[0.7, 0.1], [0.85, 0.15], [0.85, 0.15]])
+
+
+def test_mud_is_a_mass_that_grows():
+    """Off the centre by d its moments are m d; evenly grown it is half there after five of ten minutes, and where it
+    fills up within 200 s (1 - e^-1.5) / (1 - e^-3) of it."""
+    machine = arm(INNER, outer(800.0, 1.2, 0.4))
+    moved = arm(INNER, outer(100.0, 1.3, 0.2))
+    bare = arm(INNER, outer(0.0, 1.3, 0.2))
+    change = Mud().change(machine, 1) @ np.array([100.0, 10.0, -20.0])
+    expected = base_parameters(moved.links) - base_parameters(bare.links)
+    expected[3] += -100.0 * (0.1**2 + 0.2**2)  # of second order in the distance
+    np.testing.assert_allclose(change, expected, atol=1e-9)
+    t = np.array([0.0, 300.0, 600.0])
+    np.testing.assert_allclose(Mud().grown(t), [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(Mud(200.0).grown(t), [0.0, 0.8175745, 1.0], rtol=1e-6)
+
+
+def test_hoses_pull_the_joint_back_to_where_they_are_at_rest():
+    """500 N m/rad; the joint's range is -3 to 3: at 0.6 rad 300 N m, from the low end 1800 N m; cubic
+    500 * 0.6 * (0.6 / 3)^2 = 12 N m. The joint's own angle counts, not the link's."""
+    machine = arm(INNER, outer())
+    moving, t = at(machine, np.array([[0.5, 1.1]]), np.zeros((1, 2))), np.zeros(1)
+    for effect, expected in [
+        (HoseSpring(), 300.0),
+        (HoseSpring(rest=0.0), 1800.0),
+        (HoseSpring(rest=1.0), -1200.0),
+        (HoseSpring(cubic=True), 12.0),
+    ]:
+        np.testing.assert_allclose(500.0 * effect.torque(machine, moving, t, 1), [[0.0, expected]])
 
 
 def test_every_effect_has_its_number():

@@ -17,9 +17,11 @@ from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.sensors.angle_offset import AngleOffset
 from cylforce.effects.sensors.angle_scale import AngleScale
 from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch, glitches
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
+from cylforce.effects.sensors.pressure_sensor_hysteresis import PressureSensorHysteresis
 from cylforce.effects.sensors.pressure_zero import PressureZero
 from cylforce.effects.sensors.tilt_ignored import TiltIgnored
 from cylforce.estimation.channels import Channels
@@ -76,7 +78,43 @@ def test_a_scale_is_off_by_more_the_farther_from_the_middle():
     angle = np.radians([10.0, 60.0, -40.0])
     found = changed(AngleScale(), 0.02, "angle", (0, 1, 2), angle=angle)
     np.testing.assert_allclose(found, np.radians([0.0, 1.0, -1.0]), atol=1e-15)
-    np.testing.assert_allclose(changed(AngleScale(aside=True), 0.02, "angle", (0, 1, 2), angle=angle), radians(1.0))
+    for right, expected in ((0.0, [1.0, 2.0, 0.0]), (1.0, [-1.0, 0.0, -2.0])):
+        off = changed(AngleScale(right), 0.02, "angle", (0, 1, 2), angle=angle)
+        np.testing.assert_allclose(off, np.radians(expected), atol=1e-15)
+
+
+def test_a_sensor_with_play_reads_half_of_it_less_on_the_way_up_and_more_on_the_way_down():
+    """4 bar of play: 1 bar up from the middle the reading has moved by nothing, 2 bar up it follows, 2 bar behind.
+    Back by 2 bar it is right, by 4 it follows, 2 bar above."""
+    pressure = np.array([0.0, 1.0, 2.0, 9.0, 7.0, 5.0, 0.0]) * BAR
+    found = changed(PressureSensorHysteresis(), 4 * BAR, "head", np.arange(7.0), head=pressure)
+    np.testing.assert_allclose(found, np.array([0.0, -1.0, -2.0, -2.0, 0.0, 2.0, 2.0]) * BAR)
+
+
+def test_a_loose_contact_jumps_for_moments_and_the_jumps_are_found_in_the_reading():
+    """A tenth of the range, once in every 6 s for 0.05 to 0.3 s; the sensor has noise and moves as a joint does."""
+    t, rng = np.arange(0.0, 120.0, 0.01), np.random.default_rng(1)
+    machine = replace(rig(), signals=tuple(replace(s, low=-2.0, high=2.0) for s in rig().signals))
+    values = readings(len(t), angle=0.5 * np.sin(t) + 1e-3 * rng.standard_normal(len(t)))
+    where = SIGNALS.index("angle")
+    found = IntermittentGlitch(seed=3).distorted(machine, values, t, where, 0.1)
+    off = found[:, where] - values[:, where]
+    jumping = off != 0.0
+    np.testing.assert_allclose(np.abs(off[jumping]), 0.4)
+    lasting = np.diff(np.flatnonzero(np.diff(jumping.astype(int))))[::2]
+    assert len(lasting) == 20
+    assert 5 <= lasting.min() < lasting.max() <= 30
+    np.testing.assert_array_equal(glitches(found[:, where], 0.01), jumping)
+    assert not np.any(glitches(values[:, where], 0.01))
+    assert not np.any(np.delete(found - values, where, axis=1))
+
+
+def test_a_diaphragm_that_is_not_quite_elastic_opens_its_loop_by_and_by():
+    """4 bar wide, opening over 30 bar: 30 bar up 1 - 1/e of 2 bar too little; then 30 bar down the rest of that is
+    1/e times as far from 2 bar too much."""
+    found = changed(PressureSensorHysteresis(30 * BAR), 4 * BAR, "rod", np.arange(3.0), rod=np.array([0, 30, 0]) * BAR)
+    up = 1.0 - E_1
+    np.testing.assert_allclose(found, [0.0, -2 * BAR * up, -2 * BAR * (-1.0 + (up + 1.0) * E_1)], rtol=1e-6)
 
 
 def test_a_late_sensor_reads_what_was():

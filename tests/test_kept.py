@@ -49,16 +49,16 @@ async def served(path, log, requests):
 def test_a_restart_changes_nothing(tmp_path):
     path, log = tmp_path / "records.db", tmp_path / "run.log"
     recorder = open_recorder(path, MACHINE)
-    booking = Booking(8, 1_000_000, 900.0, 4.0)
-    kept = Memory(Scale(5.0, 20.0), loaded(NO_TRUCK, booking, 25.0), booking)
+    booking = Booking(8, 1_000_000, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0)
+    kept = Memory(Scale(5.0, 20.0), loaded(NO_TRUCK, booking, 20.0), booking)
     recorder.put(Change(1_000_000, kept, BookedBucket(booking, LastBucket(1.0, 1.0, 1.0), 0.0, "OK"), ""))
     recorder.close()
     state, shown = asyncio.run(
         served(path, log, [(TARGET, struct.pack("<i", 90_000)), (PRODUCT, struct.pack("<I", 2))])
     )
     assert state.scale == kept.scale
-    assert (state.truck.total, state.truck.target, state.truck.product) == (875.0, 9000.0, 2)
-    assert (shown[7], shown[8], shown[9], shown[10], shown[RECORDS]) == (8750, 1, 8, 8, RECORDING)
+    assert (state.truck.total, state.truck.target, state.truck.product) == (880.0, 9000.0, 2)
+    assert (shown[7], shown[8], shown[9], shown[10], shown[RECORDS]) == (8800, 1, 8, 8, RECORDING)
     found = run_replay(MACHINE, log, None, lambda sentence: None)
     assert found.different == 0
     assert found.state.memory == state.memory

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cylforce.diagnosis.evidence import Evidence
+from cylforce.diagnosis.asking import Asking, Noisy, Step
 from cylforce.diagnosis.problem import Problem, Seen
-from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.diagnosis.rows import BLOCK, Recorded, Viewer
 from cylforce.diagnosis.spread import Kept, Spread
 from cylforce.diagnosis.whitening import Floor
 from cylforce.effects.library import proposals
@@ -132,7 +132,10 @@ def test_a_load_hangs_in_all_stretches_of_a_recording_and_is_lost_for_the_rest_o
     whole, three = problem(1), problem(3)
     assert whole.first == three.first
     assert len({three.of_load(seen) for seen in three.faulty}) == 1
-    blocks = three.blocks(Floor(np.full(3, 100.0), np.zeros((3, 1)), np.full(3, 100.0)))
-    options = list(three.options(Evidence(blocks)))
-    assert {option.proposal.name for option in options} == {"payload_spill", "payload_shift"}
-    assert all(option.term.course[0][-1] == 1.0 for option in options)
+    floor, count = Floor(np.full(3, 100.0), np.zeros((3, 1)), np.full(3, 100.0)), len(three.times)
+    none = Noisy((), tuple(np.zeros((3, three.lasting + 2)) for _ in three.faulty))
+    question = Asking(viewer, three, floor, none, Step(2, count))
+    assert {form.name for _, form in question.forms} == {"payload_spill", "payload_shift"}
+    lost = [white.rows[..., question.own[-1]] for white in question.whites(three.faulty)]
+    assert not np.any(lost[0][: 2 * BLOCK])
+    assert all(np.any(part) for part in lost)

@@ -34,9 +34,8 @@ CYCLE = LastBucket(18.5, 6.2, 84_000.0)
 def booked(kept, mass, t_us=0):
     """What the service hands over for one more bucket."""
     number = kept.booking.number + 1 if kept.booking else 1
-    booking = Booking(number, START.t_us + t_us, mass, 5.0, 12.0)
-    taken_off = kept.scale.zero + kept.scale.tare
-    after = Memory(kept.scale, loaded(kept.truck, booking, taken_off), booking)
+    booking = Booking(number, START.t_us + t_us, mass + 12.0, 4.0, 12.0, 2.0, mass, 5.0)
+    after = Memory(kept.scale, loaded(kept.truck, booking, kept.scale.tare), booking)
     return Change(booking.t_us, after, BookedBucket(booking, CYCLE, 1.5, "OK"), "")
 
 
@@ -65,14 +64,14 @@ def test_what_was_kept_comes_back(path):
     found = recorder.kept
     assert found.scale == end.scale
     assert (found.truck, found.booking.number) == (end.truck, 3)
-    assert found.truck.total == pytest.approx(300.0 + 3.0 - 3 * 43.0)
+    assert found.truck.total == pytest.approx(300.0 + 3.0 - 3 * 40.0)
 
 
 def test_every_column_of_a_booking(path):
     shift(path, 1, Memory(Scale(2.0, 10.0), Truck(1, 0.0, 4)))
     with closing(open_reading(path)) as found:
         [row] = bookings(found)
-    wanted = {"number": 1, "mass": 88.0, "gross": 100.0, "standard_error": 5.0, "carry_back": 10.0, "cycle": 18.5}
+    wanted = {"number": 1, "mass": 90.0, "gross": 112.0, "standard_error": 5.0, "carry_back": 10.0, "cycle": 18.5}
     wanted |= {"contact": 6.2, "peak": 84_000.0, "zero": 2.0, "tare": 10.0, "attachment": "standard", "drift": 1.5}
     wanted |= {"status": "OK", "accepted": 1, "product": 4, "truck": 1}
     assert {name: row[name] for name in wanted} == wanted

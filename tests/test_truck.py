@@ -27,8 +27,8 @@ def written(sub, data, state=None):
     return step(CORE, state, frame)
 
 
-def test_a_bucket_counts_less_zero_and_tare():
-    truck = loaded(NO_TRUCK, Booking(7, 0, 1000.0, 5.0), 30.0)
+def test_a_bucket_counts_what_left_it_less_the_tare():
+    truck = loaded(NO_TRUCK, Booking(7, 0, 1012.0, 5.0, 12.0, 2.0, 1000.0, 6.0), 30.0)
     assert (truck.total, truck.filled, truck.buckets[0].number) == (970.0, 1, 7)
 
 
@@ -36,7 +36,7 @@ def test_a_bucket_counts_less_zero_and_tare():
 def test_the_total_is_the_sum_of_the_accepted_buckets(orders):
     truck = Truck()
     for number in range(1, 11):
-        truck = loaded(truck, Booking(number, 0, 100.0 * number, 5.0), 0.0)
+        truck = loaded(truck, Booking(number, 0, 100.0 * number, 5.0, 0.0, 0.0, 100.0 * number, 5.0), 0.0)
     for accepted, number in orders:
         truck = judged(truck, number, accepted).truck
     counted = [bucket for bucket in truck.buckets if bucket.accepted]
@@ -47,7 +47,7 @@ def test_the_total_is_the_sum_of_the_accepted_buckets(orders):
 def test_only_the_last_buckets_can_be_cancelled():
     truck = Truck()
     for number in range(1, KEPT + 2):
-        truck = loaded(truck, Booking(number, 0, 10.0, 1.0), 0.0)
+        truck = loaded(truck, Booking(number, 0, 10.0, 1.0, 0.0, 0.0, 10.0, 1.0), 0.0)
     assert judged(truck, 1, False).verdict == commands.NOT_NOW
     assert "booking 1 cannot be cancelled" in judged(truck, 1, False).words
     assert judged(truck, 2, False).truck.filled == KEPT
@@ -77,7 +77,7 @@ def test_refusals_say_why():
 
 
 def test_what_was_kept_is_there_after_a_restart():
-    kept = Memory(Scale(3.0, 50.0), Truck(4, 9000.0, 1), Booking(17, 5, 900.0, 4.0))
+    kept = Memory(Scale(3.0, 50.0), Truck(4, 9000.0, 1), Booking(17, 5, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0))
     state = CORE.begin(kept)
     assert state.memory == kept
     assert state.estimate.booking.number == 17

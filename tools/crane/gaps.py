@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.diagnosis import Cause, Search
+from cylforce.diagnosis.verdict import Cause, Search
 from cylforce.effects.fault import MassChange
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
@@ -133,7 +133,7 @@ def _answer(found: Diagnosed) -> Answer:
 
 
 def _cause(cause: Cause, effect: Mapping[str, Any]) -> dict[str, Any]:
-    proposal = cause.ranked.option.proposal
+    proposal = cause.proposal
     units = getattr(proposal.group[0], "units", (proposal.about.unit,))
     sizes = {"sizes": cause.sizes.tolist(), "errors": cause.errors.tolist(), "units": list(units)}
     return {"name": effect["name"], "at": effect["at"], **sizes, "confused_with": effect["confused_with"]}
@@ -184,14 +184,14 @@ def fitted(loaded: Loaded, model: Model, paths: Mapping[str, Path], runs: Sequen
     """Parameters from some runs."""
     found = diagnose(loaded, Question(tuple(paths.values())))
     named = [each.cause for each in found.judged.named]
-    lack = [cause.ranked.key for cause in named if not _has_parameter(cause)]
+    lack = [cause.key for cause in named if not _has_parameter(cause)]
     causes = caused(model, found.search, named) if found.search else data_sheet(model)
-    names, without = ([" at ".join(key) for key in keys] for keys in ([c.ranked.key for c in named], lack))
+    names, without = ([" at ".join(key) for key in keys] for keys in ([c.key for c in named], lack))
     return Fits(data_sheet(model), causes, least_squares(model, runs), names, without)
 
 
 def _has_parameter(cause: Cause) -> bool:
-    return isinstance(cause.ranked.option.proposal.group[0], MassChange) or cause.ranked.key[0] in LAWS
+    return isinstance(cause.proposal.group[0], MassChange) or cause.key[0] in LAWS
 
 
 def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
@@ -200,7 +200,7 @@ def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
     rigid = 3 * model.machine.size
     found[:rigid] += search.evidence.fitted[:rigid]  # within a hundredth of the sheet's tolerance
     for cause in causes:
-        proposal = cause.ranked.option.proposal
+        proposal = cause.proposal
         effect = proposal.group[0]
         if isinstance(effect, MassChange):
             found[:rigid] += effect.change(model.machine, proposal.where) @ cause.sizes

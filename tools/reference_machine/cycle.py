@@ -1,6 +1,6 @@
 """The working cycle: reach, dig, lift and swing, dump, return."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,17 +31,56 @@ ARM = (  # time, boom, stick (relative), bucket (relative) in degrees
 )
 EMPTY_TEETH_RISE = 0.75  # m that a cycle without a payload stays higher: it touches nothing
 SMOOTHING = 0.4  # s
+SPILLS = (8.6, 9.3)  # s from the cycle's start: a part of the load falls out from, to
+SWING, BACK = 5.2, 3.7  # s that the house turns towards the truck, and back
+STEEPEST = 15.0 / 8.0  # largest slope of `plan.smooth`
+TWITCH = 0.25  # s
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How the work is done. `carry_back_kg` stays in the bucket after each dump; `spilled`: share of each load that
+    falls out while it is lifted; `slew_rate`: fastest turning of the house [rad/s], on its way back, None: drawn;
+    `jerk` [m]: size of an unsteady hand's twitches, one in a second and cylinder."""
+
+    carry_back_kg: tuple[float, ...] = ()
+    spilled: tuple[float, ...] = ()
+    slew_rate: float | None = None
+    jerk: float = 0.0
+
+    def stays(self, k: int) -> float:
+        """What is in the bucket after cycle k [kg]; before the first one nothing."""
+        return self.carry_back_kg[k] if 0 <= k < len(self.carry_back_kg) else 0.0
+
+    def lost(self, k: int) -> float:
+        """Share of load k that falls out on the way."""
+        return self.spilled[k] if k < len(self.spilled) else 0.0
+
+    def turn(self, rng: np.random.Generator) -> float:
+        """Angle between pit and truck [rad]."""
+        drawn = float(rng.uniform(0.9, 1.5) * rng.choice((-1.0, 1.0)))
+        return drawn if self.slew_rate is None else float(np.sign(drawn)) * self.slew_rate * BACK / STEEPEST
+
+
+STEADY = Manner()
 
 
 def cycles_plan(
-    site: Site, payloads_kg: tuple[float, ...], *, slew: bool = True, strength: float = 1.0, first: int = 1
+    site: Site,
+    payloads_kg: tuple[float, ...],
+    *,
+    slew: bool = True,
+    strength: float = 1.0,
+    first: int = 1,
+    manner: Manner = STEADY,
 ) -> Plan:
-    """Empty motion, then one cycle for each payload [kg]; one of 0 kg goes through the same motion above the ground."""
+    """Empty motion, then one cycle for each payload [kg]; one of 0 kg goes through the same motion above the ground.
+    The notes of a cycle tell what the bucket holds when the dumping begins, and after it."""
     rng, knots = site.rng, [(0.0, site.posture())]
     for k, kilograms in enumerate(payloads_kg):
         knots += [(HEADWAY + k * END + t, p) for t, p in _postures(site, kilograms)]
     knots.append((HEADWAY + len(payloads_kg) * END, knots[1][1]))
-    path = _smoothed(knots)
+    path = _twitching(_smoothed(knots), manner.jerk, rng)
     plan = empty(path, 0.0)
     t = np.arange(plan.rows) / RATE
     slews, payload, phase, cycle = (
@@ -58,12 +97,16 @@ def cycles_plan(
         phase[within] = _phase(u[within])
         fills, falls = smooth((u - ENTERS - 0.8) / (LEAVES - ENTERS - 0.8)), smooth((u - FALLS) / (FALLEN - FALLS))
         x, z = site.heap()
-        mass = kilograms * fills * (1.0 - falls)
+        before, after, held = manner.stays(k - 1), manner.stays(k), kilograms * (1.0 - manner.lost(k))
+        spills = smooth((u - SPILLS[0]) / (SPILLS[1] - SPILLS[0]))
+        filled = before + (kilograms - before) * fills
+        mass = (filled + (held - kilograms) * spills) * (1.0 - falls) + after * falls
         payload[within] = _material(mass, x, z, fills, falls)[within]
-        turn = float(rng.uniform(0.9, 1.5) * rng.choice((-1.0, 1.0))) if slew else 0.0
-        slews += turn * (smooth((u - 7.4) / 5.2) - smooth((u - 15.2) / 3.7))
+        turn = manner.turn(rng) if slew else 0.0
+        slews += turn * (smooth((u - 7.4) / SWING) - smooth((u - 15.2) / BACK))
         start = HEADWAY + k * END
-        notes.append({"cycle": first + k, "payload_kg": kilograms, "free_s": [start + FREE, start + FALLS]})
+        note = {"cycle": first + k, "payload_kg": held, "free_s": [start + FREE, start + FALLS]}
+        notes.append(note | {"carry_back_kg": after, "empty_s": [start + FALLEN, start + END]})
     return replace(
         plan,
         slew=slews,
@@ -79,6 +122,18 @@ def _material(mass: Array, x: float, z: float, fills: Array, falls: Array) -> Ar
     """Mass, centre and radius of gyration: the first lies near the teeth, the last leaves over them."""
     forward = 1.0 + 0.15 * (1.0 - fills) + 0.1 * falls
     return np.stack([mass, x * forward, z + 0.0 * mass, 0.3 + 0.0 * mass], axis=-1)
+
+
+def _twitching(path: Array, size: float, rng: np.random.Generator) -> Array:
+    """Lengths (T, 3) of a hand that pulls its levers unsteadily."""
+    if size == 0.0:
+        return path
+    t, found = np.arange(len(path)) / RATE, path.copy()
+    for j in range(path.shape[1]):
+        for begin in rng.uniform(0.0, t[-1], int(t[-1])).tolist():
+            pulse = smooth((t - begin) / TWITCH) * smooth((begin + 3 * TWITCH - t) / TWITCH)
+            found[:, j] += rng.uniform(-size, size) * pulse
+    return found
 
 
 def _phase(u: Array) -> Array:

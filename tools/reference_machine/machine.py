@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from copy import deepcopy
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -107,7 +107,7 @@ class Machine:
         header = self.describe() | {
             "scenario": scenario,
             "run_seed": seed,
-            "options": {key: list(v) if isinstance(v, tuple) else v for key, v in options.items()},
+            "options": {key: _plain(v) for key, v in options.items()},
             "pitch": stage.pitch,
             "roll": stage.roll,
             "phases": list(PHASES),
@@ -223,6 +223,13 @@ def draw(
         hydraulics=_hydraulics(stream(seed, HYDRAULICS)),
         friction_kind=friction,
     )
+
+
+def _plain(option: object) -> object:
+    """An option as JSON knows it."""
+    if is_dataclass(option) and not isinstance(option, type):
+        return asdict(option)
+    return list(option) if isinstance(option, tuple) else option
 
 
 def _hydraulics(rng: np.random.Generator) -> Hydraulics:

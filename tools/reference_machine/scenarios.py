@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .cycle import cycles_plan
+from .cycle import STEADY, Manner, cycles_plan
 from .oil import warming
 from .plan import HOLD, RATE, Path, Plan, empty, smooth
 from .site import ZERO, Site
@@ -118,12 +118,13 @@ def cycles(
     payloads_kg: "tuple[float, ...] | None" = None,
     slew: bool = True,
     strength: float = 1.0,
+    manner: Manner = STEADY,
 ) -> list[Plan]:
     """Dig, lift, swing, dump, return, with known payloads; some empty motion first."""
     count = len(payloads_kg) if payloads_kg else max(1, int((duration_s or 180.0) / 19.0))
     rated = site.geometry.specimen.sheet.rated_payload
     loads = payloads_kg or tuple((rated * site.rng.uniform(0.2, 1.0, count)).tolist())
-    return [cycles_plan(site, loads, slew=slew, strength=strength)]
+    return [cycles_plan(site, loads, slew=slew, strength=strength, manner=manner)]
 
 
 def tip_load(site: Site, duration_s: float = 180.0, *, force_n: tuple[float, float] = (5e3, 30e3)) -> list[Plan]:

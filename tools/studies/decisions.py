@@ -1,32 +1,48 @@
 """Which layer that decides generalises best? Layers of a diagnosis compared on evidence that is computed once.
 
-Of every case the sufficient statistics (layers.statistics) are kept in a cache folder: of the labelled machines in
+Of every case what was searched is kept in a cache folder: of the labelled machines in
 FOLDER, and of reference machines from the development generator of the withheld trial. A layer turns them into
-probabilities of "no gap", of every effect at its place, and of "unknown". What a layer learns - everyday differences,
-the calibration - it learns on other machines than the one it is scored on (leave one machine out)."""
+probabilities of "no gap", of every effect at its place, and of "unknown". Everyday differences are learnt on the other
+source than the one that is scored, the calibration on other machines than the one that is scored."""
 
 import argparse
 import json
+import pickle
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.settings.machine_file import load
-from layers.answers import Answer, Asked, calibrated, largest_evidence, selected
-from layers.bayes import Machine, learnt
-from layers.discrepancy import Sums, moments, sums
+from cylforce.diagnosis.asking import Asking, noisy
+from cylforce.diagnosis.diagnosis import asked, examined
+from cylforce.diagnosis.discrepancy import Sums
+from cylforce.diagnosis.floor import fitted_tares, noise_floor
+from cylforce.diagnosis.hypotheses import InOrder
+from cylforce.diagnosis.numbers import EVERYDAY
+from cylforce.diagnosis.posterior import (
+    NOTHING,
+    UNKNOWN,
+    Asked,
+    Belief,
+    Calibration,
+    believed,
+    calibrated,
+    largest_evidence,
+)
+from cylforce.diagnosis.problem import Problem, looked_at
+from cylforce.diagnosis.rows import Viewer
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.programs.common.recorded import chosen
+from cylforce.settings.machine_file import Loaded, load
+from layers.everyday import learnt
 from layers.intervals import wilson
-from layers.statistics import Machine as Stored
-from layers.statistics import Statistics, made_of, one_way, read_scene, read_statistics
+from layers.logistic import fitted
 from trial.cases import simulated, write
 from trial.field import Site
 from trial.judged import CERTAIN, VISIBLE
@@ -38,6 +54,7 @@ from trial.source import Labelled, labelled, references
 CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
+POWERS = tuple(float(x) for x in np.geomspace(1e-3, 1.0, 31))  # of the calibration, that are tried
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
 FOREIGN, REFERENCE = "foreign", "reference"
 
@@ -52,17 +69,32 @@ class Truthful(NamedTuple):
     work: bool
 
 
-def store_labelled(folder: Path, cache: Path) -> None:
-    """Statistics and labels of labelled machines, those that are not there yet."""
-    machines: dict[Path, list[Labelled]] = {}
+class Case(NamedTuple):
+    """A case as it is asked: its source and machine, its name, field, references, loads [kg], the truth."""
+
+    source: str
+    machine: str
+    name: str
+    file: Path
+    field: tuple[Path, ...]
+    reference: tuple[Path, ...]
+    loads: dict[str, float]
+    truth: Truthful
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Source and machine."""
+        return self.source, self.machine
+
+
+def cases_labelled(folder: Path) -> list[Case]:
+    """Every recording of labelled machines but the references."""
+    found = []
     for each in labelled(folder):
-        machines.setdefault(each.folder, []).append(each)
-    for machine, recordings in machines.items():
-        own = cache / FOREIGN / machine.name
-        if not (own / "labels.json").exists():
-            fields = {each.key[1]: (machine / f"{each.key[1]}.parquet",) for each in recordings}
-            Stored(load(machine / "machine.toml"), references(machine), {}).stored(own, fields)
-            _write_labels(own, {each.key[1]: _of_labelled(each) for each in recordings})
+        field = (each.folder / f"{each.key[1]}.parquet",)
+        file = each.folder / "machine.toml"
+        found.append(Case(FOREIGN, *each.key, file, field, references(each.folder), {}, _of_labelled(each)))
+    return found
 
 
 def _of_labelled(each: Labelled) -> Truthful:
@@ -71,26 +103,29 @@ def _of_labelled(each: Labelled) -> Truthful:
     return Truthful(effects, each.nameable, each.over_floor >= VISIBLE, work)
 
 
-def store_reference(place: int, cache: Path) -> None:
-    """The same of one reference machine of the trial's development generator, cases with enough motion only."""
-    own, labels = cache / REFERENCE / f"machine_{place}", {}
-    if (own / "labels.json").exists():
-        return
-    numbers = range(PER_MACHINE * place, PER_MACHINE * (place + 1))
+def cases_reference(place: int, cache: Path) -> list[Case]:
+    """Cases of one reference machine of the trial's development generator, those with enough motion; simulated once."""
+    own = cache / REFERENCE / f"machine_{place}"
+    if not (own / "labels.json").exists():
+        _simulate(place, own)
+    labels, found = read_labels(own), []
+    for name, truth in labels.items():
+        inputs = json.loads((own / name / "case.json").read_text())
+        field, clean = (tuple(own / name / file for file in inputs[k]) for k in ("field", "reference"))
+        file = own / name / "machine.toml"
+        found.append(Case(REFERENCE, own.name, name, file, field, clean, inputs["loads_kg"], truth))
+    return found
+
+
+def _simulate(place: int, own: Path) -> None:
+    numbers, labels = range(PER_MACHINE * place, PER_MACHINE * (place + 1)), {}
     orders = [o for n in numbers if not (o := order(SEED, n, development=True)).poor and not o.two_links]
     site = Site(orders[0].machine, orders[0].friction, repertoire=PLAIN)
-    with TemporaryDirectory() as name:
-        fields, inputs, folder = dict[str, tuple[Path, ...]](), dict[str, Any](), Path(name)
-        for each in orders:
-            case, twin = simulated(site, each)
-            folder = Path(name) / f"case_{each.number}"
-            write(case, folder)
-            label = json.loads(json.dumps(Truth(case, twin, folder).sized(site)))
-            inputs = json.loads((folder / "case.json").read_text())
-            fields[folder.name] = tuple(folder / file for file in inputs["field"])
-            labels[folder.name] = _of_trial(label)
-        clean = tuple(folder / file for file in inputs["reference"])
-        Stored(load(folder / "machine.toml"), clean, inputs["loads_kg"]).stored(own, fields)
+    for each in orders:
+        case, twin = simulated(site, each)
+        folder = own / f"case_{each.number}"
+        write(case, folder)
+        labels[folder.name] = _of_trial(json.loads(json.dumps(Truth(case, twin, folder).sized(site))))
     _write_labels(own, labels)
 
 
@@ -110,46 +145,59 @@ def read_labels(own: Path) -> dict[str, Truthful]:
     return {k: Truthful(tuple((n, a) for n, a in v.pop("effects")), **v) for k, v in found.items()}
 
 
-def machine(own: Path) -> Machine:
-    """A machine that was stored, with everyday differences not learnt yet."""
-    scene, made = one_way(read_scene(own))
-    files = sorted(own.glob("reference_*.npz"))
-    return Machine(scene, tuple(sums(scene, [made_of(read_statistics(file), made)]) for file in files), {})
+def viewed(loaded: Loaded, case: Case) -> tuple[Viewer, list[Any], list[Any]]:
+    """Model and tares from the references; these and the field."""
+    clean, faulty = (chosen(loaded, paths, case.loads).stretches for paths in (case.reference, case.field))
+    model = Model(loaded.service.machine, loaded.service.filters, FRICTION)
+    return Viewer(model, fitted_tares(model, clean)), clean, faulty
 
 
-def recorded(own: Path, case: str) -> Statistics:
-    """A case that was stored."""
-    return made_of(read_statistics(own / f"{case}.npz"), one_way(read_scene(own))[1])
-
-
-class Row(NamedTuple):
-    """A case with what was searched of it: source and machine, its name, the truth, and the question."""
-
-    source: str
-    machine: str
-    case: str
-    truth: Truthful
-    asked: Asked
-
-
-def searched(work: tuple[Path, dict[str, float]]) -> list[Row]:
-    """All cases of one machine."""
-    own, everyday = work
-    known, found = machine(own).with_everyday(everyday), []
-    for case, truth in read_labels(own).items():
-        each = recorded(own, case)
-        together = sums(known.scene, [each])
-        asked = Asked.of(known.asked(together), moments(known.scene, each))
-        found.append(Row(own.parent.name, own.name, case, truth, asked))
+def in_order(work: tuple[Case, Path]) -> tuple[InOrder, Sums]:
+    """A machine and a recording of it in order; kept in the cache folder."""
+    case, cache = work
+    file = cache / "order" / f"{case.source}_{case.machine}_{case.name}.pickle"
+    if not file.exists():
+        viewer, clean, faulty = viewed(load(case.file), case)
+        wanted = asked(viewer.model.machine)
+        known = np.sqrt(np.diag(viewer.model.prior.covariance))
+        seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
+        problem = Problem(viewer.model, known, wanted, seen[0], seen[1], tares=viewer.tares)
+        floor = noise_floor(problem)
+        put = Asking(viewer, problem, floor, noisy(viewer, problem, floor, np.random.default_rng(1)))
+        pair = put.machine({}), put.sums(problem.faulty, put.noisy.faulty)
+        _pickled(file, pair)
+    found: tuple[InOrder, Sums] = pickle.loads(file.read_bytes())  # written by this program
     return found
 
 
-@cache
-def in_order(own: Path) -> list[tuple[Machine, Sums]]:
-    """A machine and its recordings in order, in the air."""
-    known, labels = machine(own), read_labels(own)
-    cases = [case for case, truth in labels.items() if not truth.effects and not truth.work]
-    return [(known, sums(known.scene, [recorded(own, case)])) for case in cases]
+def _pickled(file: Path, value: object) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.with_suffix(".part").write_bytes(pickle.dumps(value))
+    file.with_suffix(".part").rename(file)
+
+
+class Row(NamedTuple):
+    """A case with what was searched of it."""
+
+    case: Case
+    asked: Asked
+    working: bool
+
+    @property
+    def truth(self) -> Truthful:
+        """The truth."""
+        return self.case.truth
+
+
+def searched(work: tuple[Case, dict[str, float], Path]) -> Row:
+    """All hypotheses of a case; kept in the cache folder."""
+    case, everyday, cache = work
+    file = cache / "asked" / f"{case.source}_{case.machine}_{case.name}.pickle"
+    if not file.exists():
+        viewer, clean, faulty = viewed(load(case.file), case)
+        found = examined(viewer, faulty, clean, np.random.default_rng(1), everyday=everyday)
+        _pickled(file, (found.asked, found.working))
+    return Row(case, *pickle.loads(file.read_bytes()))
 
 
 @dataclass(frozen=True)
@@ -157,7 +205,7 @@ class Scored:
     """A case, and the answer of a layer."""
 
     row: Row
-    answer: Answer
+    answer: Belief
 
     @property
     def right(self) -> bool:
@@ -169,14 +217,14 @@ class Scored:
         """All answers that are true."""
         truth = self.row.truth
         if not truth.effects:
-            return {("", "")}
-        return set(truth.effects) if truth.nameable else {("unknown", "")}
+            return {NOTHING}
+        return set(truth.effects) if truth.nameable else {UNKNOWN, *truth.effects}
 
     @property
     def alone(self) -> bool:
         """Whether one effect is named alone."""
         name = self.answer.first[0]
-        return name not in {"", "unknown"} and self.answer.probability >= ALONE
+        return name not in {NOTHING[0], UNKNOWN[0]} and self.answer.probability >= ALONE and not self.row.working
 
     @property
     def probability(self) -> float:
@@ -197,7 +245,7 @@ def figures(cases: Sequence[Scored]) -> dict[str, str]:
     brier = float(np.mean([(c.answer.probability - c.right) ** 2 for c in air])) if air else 0.0
     return {
         "first right": _share(known, lambda c: c.right),
-        "in 90 % set": _share(known, lambda c: bool(c.true & c.answer.credible)),
+        "in 90 % set": _share(known, lambda c: bool(c.true & set(c.answer.credible))),
         "its size": f"{np.mean(sizes):.1f}" if sizes else "-",
         "named alone": _share(known, lambda c: c.alone),
         "of these right": _share(alone, lambda c: c.right),
@@ -219,15 +267,45 @@ def _share(cases: Sequence[Scored], holds: Callable[[Scored], bool]) -> str:
 
 
 def layers(rows: Sequence[Row]) -> dict[str, list[Scored]]:
-    """The answers of every layer."""
+    """The answers of every layer; the calibration is fitted on other machines than the one it is used for."""
+    beliefs = [believed(r.asked) for r in rows]
     found = {
         "largest evidence": [Scored(r, largest_evidence(r.asked)) for r in rows],
-        "Bayesian selection": [Scored(r, selected(r.asked)) for r in rows],
+        "probability model": [Scored(r, b) for r, b in zip(rows, beliefs, strict=True)],
     }
-    told = [(s.answer, s.right, (s.row.source, s.row.machine)) for s in found["Bayesian selection"]]
-    again = calibrated(told, [not r.truth.work for r in rows])
-    found["with calibration"] = [Scored(r, a) for r, a in zip(rows, again, strict=True)]
-    return found
+    again = []
+    for place in dict.fromkeys(r.case.place for r in rows):
+        by = calibration([r for r in rows if r.case.place != place])
+        each = [(r, b) for r, b in zip(rows, beliefs, strict=True) if r.case.place == place]
+        again += [Scored(r, calibrated(b, by)) for r, b in each]
+    return found | {"with calibration": again}
+
+
+def calibration(rows: Sequence[Row]) -> Calibration:
+    """Fitted on all cases in the air: whether the model is right, then the power with the best log score."""
+    air = [Scored(r, believed(r.asked)) for r in rows if not r.truth.work]
+    right = fitted(np.array([c.answer.features for c in air]), np.array([c.right for c in air]))
+
+    def score(power: float) -> float:
+        each = [Scored(c.row, calibrated(c.answer, Calibration(right, power))).probability for c in air]
+        return float(np.sum(np.log(np.maximum(each, LEAST))))
+
+    return Calibration(right, max(POWERS, key=score))
+
+
+HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
+
+from cylforce.diagnosis.posterior import Calibration, Logistic
+
+'''
+
+
+def written(by: Calibration) -> str:
+    """The module that the diagnosis reads."""
+    told = [tuple(round(x, 4) for x in each) for each in by.right]
+    rows = "".join(f"        {each},\n" for each in told)
+    own = f"    Logistic(\n{rows}    ),\n    {by.tempered:.4g},\n)\n"
+    return HEAD + "CALIBRATION: Calibration | None = Calibration(\n" + own
 
 
 def main() -> int:
@@ -235,27 +313,38 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="accuracy decisions", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="labelled machines (labels.json)")
     parser.add_argument("--reference-machines", type=int, default=6)
+    parser.add_argument("--air", action="store_true", help="only recordings in the air")
+    parser.add_argument("--learn", action="store_true", help="learn everyday differences from the other source")
     parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--write", type=Path, help="write what was learnt: the diagnosis' learnt.py")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     try:
-        store_labelled(options.folder, options.cache)
+        cases = cases_labelled(options.folder)
     except (OSError, ValueError, KeyError) as error:
         print(f"accuracy decisions: {options.folder}: needs labels.json and its recordings: {error}", file=sys.stderr)
         return 2
-    for place in range(options.reference_machines):
-        store_reference(place, options.cache)
-    stored = [own.parent for source in (FOREIGN, REFERENCE) for own in (options.cache / source).glob("*/labels.json")]
-    work = [(own, learnt([pair for o in stored if o != own for pair in in_order(o)])) for own in sorted(stored)]
+    cases += [c for place in range(options.reference_machines) for c in cases_reference(place, options.cache)]
+    cases = [c for c in cases if not (options.air and c.truth.work)]
+    plain = [c for c in cases if not c.truth.effects and not c.truth.work]
+    cache = options.cache / ("learnt" if options.learn else "usual")
     with ProcessPoolExecutor(options.processes) as pool:
-        rows = [row for part in pool.map(searched, work) for row in part]
+        usual = dict[str, dict[str, float]]({FOREIGN: EVERYDAY, REFERENCE: EVERYDAY})
+        if options.learn:
+            told = pool.map(in_order, [(c, options.cache) for c in plain])
+            pairs = list(zip(plain, told, strict=True))
+            others = [[pair for c, pair in pairs if c.source != source] for source in usual]
+            usual = dict(zip(usual, pool.map(learnt, others), strict=True))
+        rows = list(pool.map(searched, [(c, usual[c.source], cache) for c in cases]))
     answers = layers(rows)
     report = {
-        source: {name: figures([s for s in all_of if s.row.source == source]) for name, all_of in answers.items()}
+        source: {name: figures([s for s in all_of if s.row.case.source == source]) for name, all_of in answers.items()}
         for source in (FOREIGN, REFERENCE)
     }
     show(report, Console(highlight=False))
+    if options.write:
+        options.write.write_text(written(calibration(rows)))
     if options.json:
         each = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
         options.json.write_text(json.dumps({"figures": report, "cases": each}, indent=1) + "\n")
@@ -266,9 +355,9 @@ def _record(scored: Scored) -> dict[str, Any]:
     row, answer = scored.row, scored.answer
     best = sorted(answer.of.items(), key=lambda item: -item[1])[:5]
     return {
-        "source": row.source,
-        "machine": row.machine,
-        "case": row.case,
+        "source": row.case.source,
+        "machine": row.case.machine,
+        "case": row.case.name,
         **row.truth._asdict(),
         "right": scored.right,
         "answers": [["@".join(key), round(p, 4)] for key, p in best],

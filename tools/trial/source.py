@@ -23,7 +23,6 @@ Record = dict[str, Any]
 REFERENCE = "reference"
 ANOTHER_NAME = {  # what labels call it, and the library
     "soil_contact_in_air": "soil_contact",
-    "pressure_sensor_hysteresis": "sensor_hysteresis",
 }
 AT_THE_TEETH = {"bucket tip": "bucket", "payload": "bucket"}
 ASKED_AGAIN = "asked_again"  # in an order: whether also without the effect

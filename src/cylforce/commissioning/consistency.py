@@ -16,7 +16,7 @@ from cylforce.signals.estimate import Array
 MASS_BOUND = 3.0  # standard errors above the data sheet's mass: upper limit of a link's mass; chosen
 INSIDE = 1e-6  # scaled margin that is enforced, so that the law holds after rounding, too; chosen
 SURE = 3.0  # standard errors below zero, from which on a friction coefficient breaks its law; chosen
-NEVER_NEGATIVE = (".coulomb", ".viscous", ".load_dependent")
+NEVER_NEGATIVE = (".coulomb", ".viscous", ".load_dependent", ".rocker")
 
 
 class Law(NamedTuple):
@@ -34,7 +34,7 @@ def laws(model: Model) -> list[Law]:
     bodies = [_body(link.name, place, float(m)) for link, m in zip(model.machine.links, heaviest, strict=True)]
     spread = np.sqrt(np.diag(model.prior.covariance))
     frictions = [
-        _friction(p.name, k, float(spread[k]))
+        _positive(p.name, k, float(spread[k]))
         for k, p in enumerate(model.parameters)
         if p.name.endswith(NEVER_NEGATIVE)
     ]
@@ -51,13 +51,14 @@ def _body(name: str, place: dict[str, int], mass: float) -> Law:
     return Law(f"{name}: J is too small for its first moments (J m < X^2 + Z^2 with m = {mass:.0f} kg)", margin)
 
 
-def _friction(name: str, k: int, scale: float) -> Law:
-    return Law(f"{name}: friction cannot push", lambda values: float(values[k]) / scale)
+def _positive(name: str, k: int, scale: float) -> Law:
+    why = "bars weigh something" if name.endswith(".rocker") else "friction cannot push"
+    return Law(f"{name}: {why}", lambda values: float(values[k]) / scale)
 
 
 def violations(model: Model, values: Array, error: Array | None = None) -> tuple[str, ...]:
     """Sentences for the laws that `values` (P,) break. With their standard errors `error` (P,) a friction coefficient
-    breaks its law only when it is below zero by more than SURE standard errors."""
+    or the weight of bars breaks its law only when it is below zero by more than SURE standard errors."""
     if error is not None:
         friction = np.array([p.name.endswith(NEVER_NEGATIVE) for p in model.parameters])
         values = np.where(friction & (values < 0.0), np.minimum(values + SURE * error, 0.0), values)

@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.estimation.channels import Moved
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import REST_SECONDS, Residual, residual
+from cylforce.estimation.residual import REST_SECONDS, Residual, correlated, residual
 from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, joint_angles, working_range
@@ -59,7 +59,7 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
     enters with the tares' `scale_error`."""
     left = _residual(model, tares, theta)
     columns = left.columns @ model.load
-    weight = _weight(model, left)
+    weight = _weight(model, left, tares.correlation)
     weighed = np.swapaxes(columns * weight[..., None], -1, -2)
     information = np.sum(weighed @ columns, axis=0) + np.diag(_prior(model.machine) ** -2.0)
     covariance = np.linalg.inv(information)
@@ -85,12 +85,11 @@ def _prior(machine: Machine) -> Array:
     return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
 
 
-def _weight(model: Model, left: Residual) -> Array:
+def _weight(model: Model, left: Residual, correlation: float) -> Array:
     """Weight of each row (POINTS, ..., R): number of samples that a point represents, divided by their variance, as in
     service/weighing.py."""
     f = model.filters
-    memory = max(1.0, f.rate_hz / (np.pi * min(f.smoothing_hz, f.regressor_hz)))
-    variance = memory * left.variance + REST_SECONDS * f.rate_hz * left.rest
+    variance = correlated(f, correlation) * left.variance + REST_SECONDS * f.rate_hz * left.rest
     return np.asarray(np.where(np.isfinite(variance), WEIGHED_S * f.rate_hz / POINTS / variance, 0.0))
 
 

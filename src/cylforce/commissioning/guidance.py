@@ -152,7 +152,7 @@ class Guide:
             return state
         noise = row_noise(data, self.model.prior)
         fit = least_squares(data, noise, self.model.prior)
-        refusal = doubt(self.model, state.data, noise, fit, state.evidence)
+        refusal = doubt(self.model, state.data, state.evidence)
         return state._replace(waiting=0, judgement=Judgement(self._weight_error(data, noise, fit), refusal))
 
     def _weight_error(self, data: Factors, noise: Array, fit: Fit) -> float:

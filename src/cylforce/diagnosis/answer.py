@@ -8,14 +8,11 @@ import numpy as np
 from cylforce.diagnosis.bars import measured
 from cylforce.diagnosis.baselines import baselines
 from cylforce.diagnosis.clocks import Slip
-from cylforce.diagnosis.diagnosis import Cause, Search
-from cylforce.diagnosis.evidence import Evidence
 from cylforce.diagnosis.forward import Forward
-from cylforce.diagnosis.problem import TEMPER
-from cylforce.diagnosis.rank import Ranked
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
 from cylforce.diagnosis.residuals import Ends
 from cylforce.diagnosis.shrinkage import Gap, written
-from cylforce.diagnosis.verdict import Judged, Named, Verdict
+from cylforce.diagnosis.verdict import Cause, Judged, Named, Search, Suspect, Verdict
 from cylforce.diagnosis.where import Spot
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import Proposal
@@ -24,7 +21,6 @@ from cylforce.signals.units import DEGREE
 CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
 SUREST = 0.99
 FEW = 3  # causes of which none stands out, that are told
-SIGMAS = 5.0  # from which on an effect is detectable
 WIDE = 1.6449  # standard errors of a 90 % interval
 
 
@@ -48,6 +44,8 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
             "before_deg": _known(ahead.before / DEGREE),
             "after_deg": _known(ahead.after / DEGREE),
         },
+        "probabilities": probabilities(search),
+        "set": [{"name": name, "at": at} for name, at in search.belief.credible],
         "not_observable": hidden,
         "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
@@ -105,7 +103,7 @@ def _bars(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
 
 
 def _place(cause: Cause, judged: Judged) -> dict[str, Any]:
-    name, at = cause.ranked.key
+    name, at = cause.key
     return {"name": name, "at": at, "named": _is_named(cause, judged)}
 
 
@@ -115,15 +113,39 @@ def _is_named(cause: Cause, judged: Judged) -> bool:
 
 def reason(search: Search) -> str:
     """Why no cause can be named, where none is observable."""
-    told = ["{} at {}".format(*c.ranked.key) for c in sorted(search.causes, key=lambda c: -c.score) if c.known]
-    listed = [*told[:FEW], f"{len(told) - FEW} more"] if len(told) > FEW else told
-    return f"small causes add up, and none stands out: {', '.join(listed)}"
+    told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
+    most = f"; the most probable: {', '.join(told)}" if told else ""
+    return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
+
+
+def shifted(answer: dict[str, Any], judged: Judged) -> str:
+    """Where nothing is named, whether it is the parameters that do not hold, in a sentence; else nothing."""
+    size = answer["gap"]
+    if judged.verdict is not Verdict.UNKNOWN or size["refit"] > (size["fixed"] + size["floor"]) / 2.0:
+        return ""
+    most = size["parameter_shift"][0]
+    return (
+        f"with the model's parameters fitted to these recordings {size['refit']:.0f} N m are left ({most['name']} "
+        f"changes by {abs(most['standard_errors']):.0f} standard errors): the recording of the identification does not "
+        "represent these; identify from a longer one, or give a recording of the machine in order as reference"
+    )
 
 
 def _small(cause: Cause) -> dict[str, Any]:
-    name, at = cause.ranked.key
-    share = cause.size / cause.ranked.option.proposal.about.low
-    return {"name": name, "at": at, "of_least_plausible": share, "evidence_nats": cause.score}
+    name, at = cause.key
+    share = cause.size / cause.proposal.about.low
+    return {"name": name, "at": at, "of_least_plausible": share, "evidence_nats": cause.nats}
+
+
+def probabilities(search: Search) -> dict[str, Any]:
+    """Of no gap, of each effect at its place, of what the library lacks."""
+    of = search.belief.of
+    effects = [c for c in search.first if c.known and c.probability > 0.0]
+    return {
+        "no_gap": of.get(NOTHING, 0.0),
+        "unknown": of.get(UNKNOWN, 0.0),
+        "effects": [{"name": c.key[0], "at": c.key[1], "probability": c.probability} for c in effects],
+    }
 
 
 def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
@@ -181,12 +203,12 @@ def _shifts(search: Search, gap: Gap) -> list[dict[str, Any]]:
 
 def _effect(named: Named, gap: Gap) -> dict[str, Any]:
     cause = named.cause
-    proposal = cause.ranked.option.proposal
+    proposal = cause.proposal
     share = named.share
     return {
         "name": proposal.name,
         "at": proposal.at,
-        "when": cause.ranked.option.when,
+        "when": cause.when,
         "parameters": parameters(cause),
         "shape": shape(proposal),
         "confidence": named.confidence,
@@ -194,16 +216,15 @@ def _effect(named: Named, gap: Gap) -> dict[str, Any]:
         "closure": {"value": _known(gap.closure), "low": _known(gap.low), "high": _known(gap.high)},
         "share": share,
         "removed_nm": gap.removed * float(np.sqrt(share)),
-        "evidence_nats": cause.score,
-        "inflation": cause.inflation,
+        "evidence_nats": cause.nats,
     }
 
 
 def parameters(cause: Cause) -> dict[str, dict[str, Any]]:
     """Sizes with their 90 % intervals."""
-    about = cause.ranked.option.proposal.about
+    about = cause.proposal.about
     error = float(np.sqrt(np.mean(cause.errors[: about.axes] ** 2)))
-    value = cause.size if about.axes > 1 or len(cause.sizes) > len(set(cause.ranked.option.term.columns)) else None
+    value = cause.size if about.axes > 1 or len(cause.sizes) > len(set(cause.term.columns)) else None
     value = float(cause.sizes[0]) if value is None else value
     return {"size": {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}}
 
@@ -217,31 +238,22 @@ def shape(proposal: Proposal) -> dict[str, Any]:
 
 def _hidden(search: Search) -> list[dict[str, Any]]:
     """Effects that would have to be implausibly large to be seen on these recordings."""
-    evidence = Evidence(search.original.blocks(search.floor))
-    found: dict[tuple[str, str], float] = {}
-    largest: dict[tuple[str, str], float] = {}
-    for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
-        if proposal.course:
-            continue
-        key, column = (proposal.name, proposal.at), places[0]
-        size = SIGMAS * evidence.blind(column, TEMPER)
-        found[key] = min(size, found.get(key, np.inf))
-        largest[key] = proposal.about.high
+    largest = {(p.name, p.at): p.about.high for p in search.original.proposals}
     return [
         {"name": name, "at": at, "smallest_detectable": size if np.isfinite(size) else None}
-        for (name, at), size in found.items()
-        if size > largest[name, at] / 2.0
+        for (name, at), size in search.least.items()
+        if name != UNKNOWN[0] and size > largest[name, at] / 2.0
     ]
 
 
 def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
-    wanted = [n.cause.ranked.option.proposal.about.confirm for n in judged.named]
-    wanted += [r.option.proposal.about.confirm for n in judged.named for r in n.confused]
+    wanted = [n.cause.proposal.about.confirm for n in judged.named]
+    wanted += [r.proposal.about.confirm for n in judged.named for r in n.confused]
     if hidden and not wanted:
         wanted = ["a longer recording that moves every joint both ways, slowly and fast, empty and with a known load"]
     return list(dict.fromkeys(wanted))
 
 
-def _candidate(ranked: Ranked) -> dict[str, Any]:
-    name, at = ranked.key
-    return {"name": name, "at": at, "nats": ranked.score}
+def _candidate(candidate: Suspect) -> dict[str, Any]:
+    name, at = candidate.key
+    return {"name": name, "at": at, "nats": candidate.nats, "probability": candidate.probability}

@@ -3,9 +3,9 @@
 import numpy as np
 
 from cylforce.diagnosis.closure import SPAN
-from cylforce.diagnosis.diagnosis import Search
 from cylforce.diagnosis.evidence import Blocks
 from cylforce.diagnosis.problem import Problem
+from cylforce.diagnosis.verdict import Search
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 

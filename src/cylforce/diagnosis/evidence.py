@@ -1,9 +1,7 @@
-"""Evidence for effects: Bayesian linear regression on Gram matrices of whitened blocks.
+"""Sizes of effects that were found, block by block: Bayesian linear regression on Gram matrices of whitened blocks.
 
 What the machine always was - base parameters, loads, and the library's own effects in small doses - is fitted to clean
-and faulty recordings together and so projected out (nuisance rejection: Basseville and Nikiforov 1993); an effect is
-proposed for the faulty ones alone. Its evidence is tempered by how much the blocks' scores scatter beyond what white
-noise would do."""
+and faulty recordings together; effects are there in the faulty ones alone. Any blocks can be left out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -51,16 +49,6 @@ class Term(NamedTuple):
 
     columns: tuple[int, ...]
     course: Array
-
-
-class Told(NamedTuple):
-    """What the data tell of a term: sizes `value` (M,) with `covariance` (M, M), `evidence` [nats] against its absence,
-    and `inflation`: scatter of the blocks' scores, the term taken off, over that of white noise (NaN: not asked)."""
-
-    value: Array
-    covariance: Array
-    evidence: float
-    inflation: float
 
 
 def grams(columns: Array, floor: Floor) -> tuple[Array, Array]:
@@ -150,16 +138,6 @@ class Evidence:
         within = self._within(self._columns, self._course, self._columns, self._course)
         return np.block([[self._both[np.ix_(self._base, self._base)], across.T], [across, within]])
 
-    def _beside(self, term: Term) -> tuple[Array, Array, Array]:
-        """Of one more term the Gram matrices with [base | held] (N+H, M) and with itself (M, M), and its score (M,)."""
-        columns = list(term.columns)
-        if np.all(term.course == 1.0):
-            old = np.concatenate([self._alone[self._base][:, columns], self._rows[:, columns]])
-            return old, self._alone[np.ix_(columns, columns)], self._alone[columns, -1]
-        across = np.stack([self._across(k, c) for k, c in zip(columns, term.course, strict=True)])
-        old = np.concatenate([across[:, self._base].T, self._within(self._columns, self._course, columns, term.course)])
-        return old, self._within(columns, term.course, columns, term.course), across[:, -1]
-
     def _across(self, column: int, course: Array) -> Array:
         """Gram row (K+1,) of a column with its course."""
         if np.all(course == 1.0):
@@ -185,29 +163,10 @@ class Evidence:
     def _solved(self, right: Array) -> Array:
         return np.asarray(cho_solve(self._root, right))
 
-    def of(self, term: Term, temper: float | None = None) -> Told:
-        """The evidence for one more term, tempered by `temper`; by default by its own inflation, which is then told."""
-        old, new, own = self._beside(term)
-        gain = self._solved(old)
-        unit = self.blocks.spread[list(term.columns)]
-        information = (new - old.T @ gain) * np.outer(unit, unit)
-        score = (own - old.T @ self.fitted) * unit
-        one = np.eye(len(unit))
-        divide, inflation = temper, float("nan")
-        if divide is None:
-            divide = inflation = self._inflation(
-                term, gain, np.linalg.solve(information + one, score) * unit, information
-            )
-        precision = information / divide + one
-        value = np.linalg.solve(precision, score / divide)
-        evidence = 0.5 * float(score @ value) / divide - 0.5 * float(np.linalg.slogdet(precision)[1])
-        return Told(value * unit, np.linalg.inv(precision) * np.outer(unit, unit), evidence, inflation)
-
-    def blind(self, column: int, temper: float) -> float:
-        """Standard error of a column's size in the faulty recordings, from them alone: infinite where it shows not."""
-        old, new, _ = self._beside(Term((column,), np.ones((1, len(self.blocks.faulty)))))
-        information = float(new[0, 0] - old[:, 0] @ self._solved(old[:, 0])) / temper
-        return float(information**-0.5) if information > 1e-12 * float(new[0, 0]) > 0.0 else float("inf")
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the fitted values (N+H, N+H)."""
+        return self._solved(np.eye(len(self.fitted)))
 
     def left(self, terms: Sequence[Term], values: Array) -> tuple[Array, Array]:
         """See `coefficients`."""
@@ -233,22 +192,3 @@ class Evidence:
         """Whitened sums of squares of clean and of faulty blocks (B,) that base `values` and terms leave."""
         a, b = self.left(terms, values)
         return _squares(self.blocks.clean, a), _squares(self.blocks.faulty, b)
-
-    def _inflation(self, term: Term, gain: Array, value: Array, information: Array) -> float:
-        """Scatter of the blocks' scores over that of white noise, with the term itself taken off."""
-        terms = [*self.held, term]
-        left = self.left(terms, np.concatenate([self.fitted - gain @ value, value]))
-        pulled = [
-            np.einsum("bij,bj->bi", g, e, optimize=True)
-            for g, e in zip((self.blocks.clean, self.blocks.faulty), left, strict=True)
-        ]
-        unit = self.blocks.spread[list(term.columns)]
-        pulls = []
-        for m in range(len(term.columns)):
-            chosen = np.zeros(len(value))
-            chosen[m] = -1.0
-            ahead = self.left(terms, np.concatenate([gain[:, m], chosen]))
-            each = [np.sum(a[:, :-1] * g[:, :-1], axis=1) for a, g in zip(ahead, pulled, strict=True)]
-            pulls.append(np.concatenate(each) * self.weight * unit[m])
-        pull = np.array(pulls)
-        return max(1.0, float(np.trace(np.linalg.solve(information + np.eye(len(pull)), pull @ pull.T))) / len(pull))

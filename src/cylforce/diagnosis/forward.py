@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.diagnosis import Search
 from cylforce.diagnosis.problem import Seen
 from cylforce.diagnosis.rows import RATE_HZ, Viewer
 from cylforce.diagnosis.shrinkage import Gap, courses
+from cylforce.diagnosis.verdict import Search
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.mechanics.motion import motion
 from cylforce.signals.estimate import Array

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.diagnosis import Cause, Search
-from cylforce.diagnosis.problem import EACH, GROWTH_S, Problem, Seen
+from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen
 from cylforce.diagnosis.residuals import residuals
 from cylforce.diagnosis.resimulation import known, read_blocks
 from cylforce.diagnosis.rows import BLOCK, RATE_HZ, shapes
+from cylforce.diagnosis.verdict import Cause, Search
 from cylforce.effects.fault import SHAPES, Incident, Place, TimeCourse
 from cylforce.effects.loads.carried import RAMP
 from cylforce.signals.estimate import Array
@@ -23,7 +23,7 @@ def patch(search: Search, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """One block per cause, or one for each recording or window in which it has sizes of its own; see
     `effects/imposed.py` for what the simulated machine makes of it; clocks last, for they are those of readings
     that have all other errors."""
-    blocks = [block for cause in sorted(causes, key=lambda c: c.ranked.clock) for block in _blocks(search, cause)]
+    blocks = [block for cause in sorted(causes, key=lambda c: c.clock) for block in _blocks(search, cause)]
     return [block for block in blocks if _possible(search.original, block)]
 
 
@@ -38,17 +38,13 @@ def _possible(problem: Problem, block: dict[str, Any]) -> bool:
 
 
 def _blocks(search: Search, cause: Cause) -> Iterator[dict[str, Any]]:
-    problem = search.original
-    effect, at = cause.ranked.option.proposal.group[0], cause.ranked.option.proposal.at
+    effect, at = cause.proposal.group[0], cause.proposal.at
     plain: dict[str, Any] = {"name": effect.about.name, "at": at}
     shape = {name: getattr(effect, name) for name in getattr(effect, "__dataclass_fields__", {})}
     if shape:
         plain["shape"] = shape
     if isinstance(effect, Incident):
         yield from (plain | part for part in _moments(search, effect, cause))
-    elif effect.about.of_its_own:
-        for own, seen in zip(_sizes(cause), problem.faulty, strict=True):
-            yield plain | {"value": own.tolist()} | _whole(problem, seen)
     else:
         yield plain | {"value": cause.sizes.tolist()}
 
@@ -56,15 +52,10 @@ def _blocks(search: Search, cause: Cause) -> Iterator[dict[str, Any]]:
 def _moments(search: Search, effect: Incident, cause: Cause) -> Iterator[dict[str, Any]]:
     """Values and times of an incident."""
     problem, sizes = search.original, _sizes(cause)
-    courses = cause.ranked.option.term.course[:: sizes.shape[1]]
+    courses = cause.term.course[:: sizes.shape[1]]
     if effect.course is TimeCourse.WINDOWS:
         for own, course in zip(sizes, courses, strict=True):
             yield from _window(search, effect, own, int(np.argmax(course)))
-        return
-    if effect.course is TimeCourse.CLOCK and cause.ranked.option.when == EACH:
-        for seen in problem.faulty:  # a clock that begins anew with each recording
-            late, growth = sizes[:, 0].tolist()
-            yield {"value": [late, growth / GROWTH_S]} | _whole(problem, seen)
         return
     sudden = len(courses) > 1 and np.count_nonzero(courses[1]) == 1
     begins = {"from_s": _instant(search, cause)} if sudden else {}
@@ -93,8 +84,8 @@ def _instant(search: Search, cause: Cause) -> float:
     """When something began [s]: where, in the block that has sizes of its own or its neighbours, it fits best to say
     that nothing was there before, and afterwards as much as later."""
     problem = search.original
-    mine = next(c for c in search.causes if c.ranked.key == cause.ranked.key)
-    term, own = mine.ranked.option.term, _sizes(mine)[0]
+    mine = next(c for c in search.causes if c.key == cause.key)
+    term, own = mine.term, _sizes(mine)[0]
     number, first = _of_block(problem, int(np.flatnonzero(term.course[0])[0]))
     seen = problem.faulty[number]
     near = slice(max(first - 2, 0) * BLOCK, (first + 1) * BLOCK)
@@ -107,7 +98,7 @@ def _instant(search: Search, cause: Cause) -> float:
 
 def _denied(search: Search, cause: Cause) -> list[Array]:
     """What is left of the faulty recordings (T, R) [N m] without one of the causes."""
-    terms = [c.ranked.option.term for c in search.causes]
+    terms = [c.term for c in search.causes]
     sizes = [c.sizes * (c is not cause) for c in search.causes]
     values = np.concatenate([search.evidence.fitted[: len(search.blocks.shared)], *sizes])
     return residuals(search.original, search.blocks, terms, values)
@@ -128,4 +119,4 @@ def _whole(problem: Problem, seen: Seen) -> dict[str, float]:
 
 def _sizes(cause: Cause) -> Array:
     """Sizes (W, M) in every recording, window or stretch."""
-    return cause.sizes.reshape(-1, len(dict.fromkeys(cause.ranked.option.term.columns)))
+    return cause.sizes.reshape(-1, len(dict.fromkeys(cause.term.columns)))

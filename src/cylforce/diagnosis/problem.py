@@ -1,7 +1,7 @@
 """The question put to the evidence: recordings, clean and faulty, as blocks of columns, and every term that might be in
 the faulty ones alone."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.evidence import Blocks, Evidence, Term, grams, own_blocks
+from cylforce.diagnosis.evidence import Blocks, Evidence, grams
 from cylforce.diagnosis.returns import Returns
 from cylforce.diagnosis.riding import Riding, riding
 from cylforce.diagnosis.rows import BLOCK, CENTRE, ROCKER, GapRows, Recorded, Viewer
-from cylforce.diagnosis.unknown import NAME
 from cylforce.diagnosis.whitening import Floor
 from cylforce.effects.fault import (
     INCIDENTAL,
@@ -24,12 +23,12 @@ from cylforce.effects.fault import (
     Distortion,
     Fault,
     ForceLaw,
+    GrowingMass,
     Incident,
+    JointLaw,
     MassChange,
     PartOfFriction,
-    TimeCourse,
 )
-from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.estimation.model import Model
@@ -39,17 +38,8 @@ WAVES = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)  # usual level, slope, bend, ... of wha
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(w * x for w in WAVES for x in (8e3, 8e3, 0.3)))  # usual sizes of those
 TORQUE = 5e3  # N m, the same of a torque of which nothing is known
 SHEET = 0.01  # of that, where only a data sheet is known: beyond it, its errors count as effects
-TEMPER = 3.0  # blocks of clean recordings scatter so much more than white noise
-NOTICED = 4.0  # nats in a block, from which on something is taken to happen in it
-RARE = 0.4  # of all blocks: what happens more often is no incident
-MOSTLY = 0.8  # of an incident's evidence: where it has a sign that it can have
-FEW = 0.05  # of all that blocks gain: what those beyond RARE may, if an effect tells the others
-CONSPICUOUS = 0.2  # of the largest gain: blocks in which something is taken to happen before the others are asked again
-FREEDOM = 3  # rows, below which a force at the teeth would explain anything
 STILL = 1e-4  # of a usual motion of the base, of a least plausible size: none
-EACH = "growing in each recording"
 GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
-INSTANTS = 60.0  # blocks of a recording, any of which could have been the one
 
 
 class Seen(NamedTuple):
@@ -64,17 +54,6 @@ def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence
     return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted)) for r in group)
 
 
-class Option(NamedTuple):
-    """A term that may explain the gap: the proposal, its course in words, the term, what its freedom costs [nats], the
-    largest plausible size on this machine."""
-
-    proposal: Proposal
-    when: str
-    term: Term
-    cost: float
-    most: float
-
-
 @dataclass(frozen=True)
 class Problem:
     """Recordings seen by one model, whose parameters are known to `known` (P,) standard errors, with one library."""
@@ -84,9 +63,9 @@ class Problem:
     proposals: tuple[Proposal, ...]
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
-    only: tuple[str, str] | None = None  # name and place ("": any) of the one effect that may be a cause
     tares: Array | None = None  # (P,) values of the model's parameters, if it was identified
     same: "Problem | None" = None  # another one with the same clean recordings, whose Gram matrices both share
+    base: Riding | None = None  # how the base moves, if it is known already
 
     @property
     def from_sheet(self) -> bool:
@@ -106,7 +85,7 @@ class Problem:
         values = Evidence(blocks, weight=weight).fitted
         loads = [self.of_load(seen) for seen in self.faulty]
         own = [k + i for k in dict.fromkeys(loads) if k is not None for i in range(len(CENTRE))]
-        own += range(self.first - len(self._ridden), self.first) if not self._riding.more else ()
+        own += range(self.first - len(self._ridden), self.first) if not self.riding.more else ()
         values[own] = fitted[own]
         return values
 
@@ -117,15 +96,16 @@ class Problem:
         return [(k, size) for k, (effect, size) in enumerate(each) if isinstance(effect, BaseMotion)]
 
     @cached_property
-    def _riding(self) -> Riding:
-        return riding(*([seen.rows.turning for seen in group] for group in (self.clean, self.faulty)))
+    def riding(self) -> Riding:
+        """How the base moves."""
+        return self.base or riding(*([seen.rows.turning for seen in group] for group in (self.clean, self.faulty)))
 
     def _base_moves(self, seen: Seen) -> tuple[float, float]:
         """By what the columns of how the base always moved, and those of its motion as an effect, are multiplied: in
         faulty recordings it is either the one or the other."""
         clean = any(seen.recorded is other.recorded for other in self.clean)
-        own = self._riding.always and (clean or not self._riding.more)
-        return float(own), float(self._riding.more and not clean)
+        own = self.riding.always and (clean or not self.riding.more)
+        return float(own), float(self.riding.more and not clean)
 
     @cached_property
     def _loaded(self) -> list[tuple[bool, str]]:
@@ -145,7 +125,7 @@ class Problem:
     @cached_property
     def _own(self) -> Array:
         """Of what loads, linkages' bars and the base's usual motion have."""
-        bars = len(RockerWeight().parameters(self.model.machine))
+        bars = 0 if "rocker" in self.model.friction else len(RockerWeight().parameters(self.model.machine))
         loads, rides = np.tile(CENTRE, len(self._loaded)), [size for _, size in self._ridden]
         return np.concatenate([loads, np.full(bars, ROCKER * (SHEET if self.from_sheet else 1.0)), rides])
 
@@ -168,15 +148,18 @@ class Problem:
     @cached_property
     def mechanical(self) -> list[int]:
         """The columns of the machine itself, in which no reading of a sensor stands for itself: the model's parameters,
-        and every law of friction of the library."""
-        laws = [
-            isinstance(e, ForceLaw)
-            for p in self.proposals
-            for e in p.group
-            if not isinstance(e, Incident)
-            for _ in _sizes(e)
-        ]
-        return [*range(self.first), *(self.first + k for k, law in enumerate(laws) if law)]
+        and of every law of friction of the library the first form at each cylinder: others are sums of these, or
+        nearly."""
+        seen, found, k = set[tuple[str, str]](), [*range(self.first)], self.first
+        for p in self.proposals:
+            if isinstance(p.group[0], Incident):
+                continue
+            m = sum(len(_sizes(e)) for e in p.group)
+            if isinstance(p.group[0], ForceLaw) and (p.name, p.at) not in seen:
+                seen.add((p.name, p.at))
+                found += range(k, k + m)
+            k += m
+        return found
 
     @property
     def of_the_floor(self) -> Sequence[int]:
@@ -267,84 +250,18 @@ class Problem:
         return list(pairwise(ends))
 
     @cached_property
-    def begins(self) -> list[float]:
-        """When the faulty recordings begin [s]."""
-        return [seen.recorded.begins for seen in self.faulty]
-
-    @cached_property
     def times(self) -> Array:
         """Time (B,) [s] of the middle of every faulty block."""
         return np.concatenate([seen.rows.t[::BLOCK] + _half(seen.rows.t) for seen in self.faulty])
 
-    def options(self, evidence: Evidence, wanted: Sequence[Proposal] | None = None) -> Iterator[Option]:
-        """Every term of every proposal (of `wanted`)."""
-        for p, places in zip(self.proposals, self.places, strict=True):
-            if (wanted is not None and p not in wanted) or not self._asked(p):
-                continue
-            if p.about.of_its_own:
-                yield self._option(p, "in each recording", self._of_each(places))
-            elif p.course is None:
-                yield self._option(p, "", Term(places, np.ones((len(places), len(self.times)))))
-            elif p.course is TimeCourse.AFTER:
-                yield from self._after(p, places, evidence)
-            elif p.course is TimeCourse.CLOCK:
-                yield from self._clocks(p, places)
-            else:
-                yield from self._windows(p, places, evidence)
-
-    def _asked(self, p: Proposal) -> bool:
-        return self.only is None or (p.name == self.only[0] and self.only[1] in ("", p.at))
-
-    def _of_each(self, places: tuple[int, ...]) -> Term:
-        """The columns for every recording by itself."""
-        course = np.zeros((len(self.spans), len(self.times)))
-        for own, (first, last) in zip(course, self.spans, strict=True):
-            own[first:last] = 1.0
-        return Term(places * len(course), np.repeat(course, len(places), axis=0))
-
-    def _after(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
-        """Beginning in any block, but for those that a held effect has to itself: its sizes there would follow any
-        beginning, and neither could be told."""
-        held = set(own_blocks(evidence.held).tolist())
-        end = {self._recording(seen): last for (_, last), seen in zip(self.spans, self.faulty, strict=True)}
-        for (first, last), seen in zip(self.spans, self.faulty, strict=True):
-            for k in range(first + 1, last - 2) if seen.recorded.load else ():
-                if k not in held:
-                    yield self._from(p, places, k, end[self._recording(seen)])
-
-    def _from(self, p: Proposal, places: tuple[int, ...], k: int, last: int) -> Option:
-        """The columns in blocks k + 1 to last - 1, and with sizes of their own in block k, in which it begins."""
-        course, number = np.zeros((2, len(self.times))), np.arange(len(self.times))
-        course[0], course[1] = (number > k) & (number < last), number == k
-        term = Term(places * 2, np.repeat(course, len(places), axis=0))
-        return self._option(p, f"from {self.times[k]:.0f} s on", term, float(np.log(INSTANTS)))
-
-    def _clocks(self, p: Proposal, places: tuple[int, ...]) -> Iterator[Option]:
-        one = np.ones_like(self.times)
-        yield self._option(p, "always", Term(places, one[None]))
-        yield self._option(p, "growing", Term(places * 2, np.stack([one, self.times / GROWTH_S])))
-        since = np.concatenate([self.times[a:b] - begin for (a, b), begin in zip(self.spans, self.begins, strict=True)])
-        if len(self.spans) > 1:
-            yield self._option(p, EACH, Term(places * 2, np.stack([one, since / GROWTH_S])))
-        for k in range(1, len(one) - 2, 2):
-            yield self._from(p, places, k, len(one))
-
-    def _windows(self, p: Proposal, places: tuple[int, ...], evidence: Evidence) -> Iterator[Option]:
-        most = RARE * float(np.sum(evidence.blocks.faulty_rows > 0.0))
-        few = 0.0 if p.name == NAME else FEW
-        hit = self._rightly(p, places, evidence, self._hits(places, evidence, most, few))
-        if 0 < len(hit) <= most and not self._free(p):
-            cost = len(hit) * float(np.log(len(self.times)))
-            yield self._option(p, f"{len(hit)} times", self.each_of(places, hit), cost)
-
-    def _option(self, p: Proposal, when: str, term: Term, cost: float = 0.0) -> Option:
-        effect, dry = p.group[0], self._dry
-        most = (
-            min(effect.of_dry * dry[p.where], p.about.high)
-            if isinstance(effect, PartOfFriction) and dry
-            else p.about.high
+    def largest(self, proposal: Proposal) -> float:
+        """The largest plausible size of an effect on this machine."""
+        effect, high = proposal.group[0], proposal.about.high
+        return (
+            min(effect.of_dry * self._dry[proposal.where], high)
+            if isinstance(effect, PartOfFriction) and self._dry
+            else high
         )
-        return Option(p, when, term, cost, most)
 
     @cached_property
     def _dry(self) -> tuple[float, ...]:
@@ -356,64 +273,6 @@ class Problem:
         each = zip(self.model.machine.cylinders, load.tolist(), strict=True)
         dry = (sizes.get(f"{c.name}.coulomb", 0.0) + sizes.get(f"{c.name}.load_dependent", 0.0) * f for c, f in each)
         return tuple(max(force, 0.0) for force in dry)
-
-    def _hits(self, places: tuple[int, ...], evidence: Evidence, most: float, few: float) -> list[int]:
-        """Blocks in which something happens. The most conspicuous are taken out before the others are asked again: what
-        happens in one block bends the fit of all. Those beyond `most` do not count if they gain less than `few` of all:
-        something else is there."""
-        hit, taken, told = list[int](), self._taken(places, evidence), 0.0
-        known = evidence
-        while len(hit) <= most:
-            gains = self._local(places, known)
-            gains[[*hit, *taken]] = 0.0
-            more = np.flatnonzero(gains > max(NOTICED, CONSPICUOUS * float(np.max(gains))))
-            told += float(np.sum(gains[more]))
-            if not more.size or (len(hit) + len(more) > most and float(np.sum(gains[gains > NOTICED])) < few * told):
-                break
-            hit = sorted([*hit, *more.tolist()])
-            known = Evidence(evidence.blocks, [*evidence.held, self.each_of(places, hit)], evidence.weight)
-        return hit
-
-    def _taken(self, places: tuple[int, ...], evidence: Evidence) -> list[int]:
-        """Blocks that are held by an effect with fewer sizes there: with more, another one would follow it."""
-        fewer = [own for own in self.momentary if len(own) < len(places)]
-        held = [h for h in evidence.held if any(set(h.columns) == set(own) for own in fewer)]
-        return [int(k) for k in own_blocks(held)]
-
-    @cached_property
-    def momentary(self) -> list[tuple[int, ...]]:
-        """The columns of each effect that is free at any instant."""
-        each = zip(self.proposals, self.places, strict=True)
-        return [own for p, own in each if p.name != NAME and p.course is TimeCourse.WINDOWS and not self._free(p)]
-
-    def _rightly(self, p: Proposal, places: tuple[int, ...], evidence: Evidence, hit: list[int]) -> list[int]:
-        """Of the blocks hit those in which the size has a sign that the effect can have: in others something else
-        happens, which must be little."""
-        if not p.about.sign or not hit:
-            return hit
-        all_of_them = evidence.of(self.each_of(places, hit), TEMPER)
-        sizes = all_of_them.value.reshape(len(hit), -1)[:, 0]
-        right = [k for k, size in zip(hit, sizes.tolist(), strict=True) if p.about.sign * size > 0.0]
-        told = evidence.of(self.each_of(places, right), TEMPER).evidence if right else 0.0
-        return right if told > MOSTLY * all_of_them.evidence else []
-
-    def each_of(self, places: tuple[int, ...], hit: list[int]) -> Term:
-        """The columns in each of some blocks by itself."""
-        return Term(places * len(hit), np.repeat(np.eye(len(self.times))[hit], len(places), axis=0))
-
-    def _free(self, p: Proposal) -> bool:
-        """Whether the effect has as many freedoms as there are rows."""
-        return p.about.axes >= SHAPES * (FREEDOM - 1) and len(self.model.machine.rows) < FREEDOM
-
-    def _local(self, places: tuple[int, ...], evidence: Evidence) -> Array:
-        """Evidence (B,) [nats] for the columns in each faulty block by itself."""
-        _, left = evidence.left(evidence.held, evidence.fitted)
-        faulty, unit = evidence.blocks.faulty, self.spread[list(places)]
-        score = np.einsum("bij,bj->bi", faulty[:, list(places)], left) * unit / TEMPER
-        information = faulty[:, list(places)][:, :, list(places)] * np.outer(unit, unit) / TEMPER
-        precision = information + np.eye(len(places))
-        gain = np.einsum("bi,bi->b", score, np.linalg.solve(precision, score[..., None])[..., 0])
-        return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(precision)[1])
 
 
 def _sizes(effect: Fault) -> tuple[float, ...]:
@@ -427,20 +286,13 @@ def _half(t: Array) -> float:
     return float(t[1] - t[0]) * BLOCK / 2.0 if len(t) > 1 else 0.0
 
 
-def bent(effect: Fault) -> bool:
-    """Whether it is friction that bends with the load."""
-    return isinstance(effect, LoadDependentFriction) and effect.easing > 0.0
-
-
 def _small(effect: Fault) -> tuple[float, ...]:
     """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
-    proportion; friction is never quite of the model's form, but one that bends with the load would be anything under
-    loads that no clean recording has; how a base always moved has columns of its own."""
+    proportion; friction is never quite of the model's form; how a base always moved has columns of its own; what grows
+    does so on no machine in order."""
     about = effect.about
-    if bent(effect):
-        return (STILL * about.low,)
-    if isinstance(effect, BaseMotion):
+    if isinstance(effect, BaseMotion | GrowingMass):
         return tuple(STILL * size for size in effect.typical)
     if isinstance(effect, MassChange):
         return tuple(size * about.low / effect.typical[0] for size in effect.typical)
-    return (about.low,) if isinstance(effect, Distortion | Alteration) else _sizes(effect)
+    return (about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else _sizes(effect)

@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.closure import SPAN
-from cylforce.diagnosis.diagnosis import FOLDS, Search
 from cylforce.diagnosis.evidence import Blocks, Evidence, Term, own_blocks
 from cylforce.diagnosis.problem import Problem
 from cylforce.diagnosis.rows import BLOCK
+from cylforce.diagnosis.verdict import Search
 from cylforce.diagnosis.whitening import ORDER
 from cylforce.effects.fault import INCIDENTAL, SHAPES
 from cylforce.signals.estimate import Array
+
+FOLDS = 4  # of the clean recordings, each predicted from the others
 
 
 def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Array]:
@@ -113,7 +115,7 @@ def rms(each: Sequence[Array]) -> Array:
 
 def contributions(search: Search) -> Array:
     """What each cause adds to the torques of the faulty recordings (N, R) [N m, rms], by its columns."""
-    problem, terms = search.original, [cause.ranked.option.term for cause in search.causes]
+    problem, terms = search.original, [cause.term for cause in search.causes]
     found: list[list[Array]] = [[] for _ in terms]
     for seen, (first, last) in zip(problem.faulty, problem.spans, strict=True):
         columns = problem.columns(seen)
@@ -121,6 +123,12 @@ def contributions(search: Search) -> Array:
             sizes = _rows((cause.sizes[:, None] * term.course[:, first:last]).T, len(columns))
             each.append(np.einsum("trm,tm->tr", columns[..., list(term.columns)], sizes))
     return np.array([rms(each) for each in found]).reshape(len(terms), len(search.floor.rms))
+
+
+def contributed(search: Search) -> list[float]:
+    """The share of each cause in what all of them add to the torques, in units of the floor (squares)."""
+    squares = np.sum((contributions(search) / search.floor.rms) ** 2, axis=1)
+    return list((squares / max(float(np.sum(squares)), 1e-300)).tolist())
 
 
 class Ends(NamedTuple):

@@ -26,6 +26,7 @@ from cylforce.effects.imposed import (
     contact_force,
     distorted,
     excess_force,
+    excess_torque,
     friction_level,
     imposed,
     unseen_slew,
@@ -125,6 +126,7 @@ class Resimulation:
         """Momentum and static torque (T, R) of what the machine has besides, at times (T,)."""
         machine = self._other.slow.machine
         static = np.einsum("tcn,tc->tn", moving.lever, excess_force(self.effects, moving, t))
+        static += excess_torque(machine, self.effects, moving, t)
         static += tip_torque(machine, moving, contact_force(self.effects, t))
         static += self._rubbing(moving, t) + self._turning(moving, t)
         momentum, riding = self._riding(moving, values, t)

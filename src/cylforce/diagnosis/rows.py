@@ -21,11 +21,15 @@ from cylforce.effects.fault import (
     Distortion,
     Fault,
     ForceLaw,
+    GrowingMass,
     Incident,
+    JointLaw,
     MassChange,
     Place,
     Share,
+    acting,
     places,
+    rubbing,
 )
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
@@ -93,9 +97,9 @@ def shapes(share: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Laws:
-    """Force laws at cylinders, as one effect of the regressor."""
+    """Laws of force and torque at their places, as one effect of the regressor."""
 
-    laws: tuple[tuple[ForceLaw, int], ...]
+    laws: tuple[tuple[ForceLaw | JointLaw, int], ...]
     t: Array
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
@@ -104,9 +108,8 @@ class _Laws:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns (T, N, E)."""
-        each = [law.force(moving.speed[:, c], moving.force[:, c], self.t) for law, c in self.laws]
-        levers = np.stack([moving.lever[:, c] for _, c in self.laws], axis=-1)
-        return Halves(None, levers * np.stack(each, axis=-1)[:, None, :])
+        each = [acting(law, machine, moving, self.t, where) for law, where in self.laws]
+        return Halves(None, np.stack(each, axis=-1))
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,8 @@ class Viewer:
 
     @property
     def _bars(self) -> list[Effect]:
-        return [RockerWeight()] if RockerWeight().parameters(self.model.machine) else []
+        known = "rocker" in self.model.friction or not RockerWeight().parameters(self.model.machine)
+        return [] if known else [RockerWeight()]
 
     def _filtered(self, *more: Effect) -> FilteredRegressor:
         f, effects = self.slow.filters, (*self.slow.empty.effects, *more)
@@ -165,20 +169,20 @@ class Viewer:
         """By how much a row comes after its samples [s]."""
         return self.channel_lag + self.filter_lag
 
-    def rows(self, recorded: Recorded, wanted: Sequence[Proposal]) -> GapRows:
-        """The rows of a recording; see `columns_of` for the order of the effects' columns."""
+    def rows(self, recorded: Recorded, wanted: Sequence[Proposal], lost: NDArray[np.bool_] | None = None) -> GapRows:
+        """The rows of a recording, effects' columns in the order of `wanted`; `lost` (T', R): which rows are not
+        usable, if that is known already."""
         values, late = recorded.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         t = recorded.begins + (steps - 0.5) / self.slow.filters.rate_hz  # the middle of four samples
-        laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw))
+        laws = tuple((e, p.where) for p in wanted for e in p.group if isinstance(e, ForceLaw | JointLaw))
         found = self._filtered(*([_Laws(laws, t)] if laws else []), *self._bars).run(moved.motion)
         size = len(self.tares)
         base, left = found.columns[..., :size], found.torque - found.columns[..., :size] @ self.tares
         forces = iter(np.moveaxis(found.columns[..., size : size + len(laws)], -1, 0))
         lasting = [(p, e) for p in wanted for e in p.group if not isinstance(e, Incident)]
-        lost = self._lost(moved)
-        left = np.where(lost, np.nan, left)
+        left = np.where(self._lost(moved) if lost is None else np.pad(lost, self._before(lost, left)), np.nan, left)
         tares = self.tares + self._carried(recorded.load, base[late], left[late])
         still = quiet(self.model.machine, values, self.model.filters.rate_hz)
         turning = self.slow.channels.turning(self.thinned(still))
@@ -199,6 +203,11 @@ class Viewer:
             posture[late],
             turning[late],
         )
+
+    @staticmethod
+    def _before(late: NDArray[np.bool_], whole: Array) -> tuple[tuple[int, int], tuple[int, int]]:
+        """What settles before the rows begin."""
+        return (len(whole) - len(late), 0), (0, 0)
 
     def _carried(self, load: float, base: Array, left: Array) -> Array:
         """What a known load [kg] adds to the tares (P,): it matters for what an error of the sensors does. Its moments
@@ -254,22 +263,29 @@ class Viewer:
 
     def _columns(self, p: Proposal, effect: Fault, loaded: RecordedRun, base: Array, forces: Iterator[Array]) -> Array:
         """Columns (T', R, M) of one effect at its place."""
-        if isinstance(effect, ForceLaw):
+        if isinstance(effect, ForceLaw | JointLaw):
             return next(forces)[..., None]
         if isinstance(effect, MassChange):
-            return np.asarray(base[..., : 3 * self.model.machine.size] @ effect.change(self.model.machine, p.where))
+            t = self._times(loaded, base)
+            grown = effect.grown(t)[:, None, None] if isinstance(effect, GrowingMass) else np.ones(1)
+            rigid = base[..., : 3 * self.model.machine.size]
+            return np.asarray(rigid @ effect.change(self.model.machine, p.where) * grown)
         if isinstance(effect, Share):
-            return self._known_friction(p, effect, base, loaded.recorded.begins)
+            return self._known_friction(p, effect, base, self._times(loaded, base))
         if isinstance(effect, BaseMotion):
             return self._base_motion(effect, loaded)
         return self._difference(p, effect, loaded)
 
-    def _known_friction(self, p: Proposal, effect: Share, base: Array, begins: float) -> Array:
-        names = [f"{self.model.machine.cylinders[p.where].name}.{law}" for law in effect.laws]
+    def _known_friction(self, p: Proposal, effect: Share, base: Array, t: Array) -> Array:
+        cylinders = self.model.machine.cylinders
+        own = [cylinders[c].name for c in rubbing(effect, p.where, len(cylinders))]
+        names = [f"{name}.{law}" for name in own for law in effect.laws]
         chosen = [k for k, parameter in enumerate(self.model.parameters) if parameter.name in names]
-        steps = np.arange(len(base), dtype=np.float64)
-        course = effect.course(begins + (steps - 0.5) / self.slow.filters.rate_hz)
-        return np.asarray((base[..., chosen] @ self.tares[chosen] * course[:, None])[..., None])
+        return np.asarray((base[..., chosen] @ self.tares[chosen] * effect.course(t)[:, None])[..., None])
+
+    def _times(self, loaded: RecordedRun, base: Array) -> Array:
+        """Times (T',) [s] of a recording's rows since its start."""
+        return np.asarray(loaded.recorded.begins + (np.arange(len(base)) - 0.5) / self.slow.filters.rate_hz)
 
     def _base_motion(self, effect: BaseMotion, loaded: RecordedRun) -> Array:
         """Columns (T', R, M) of a base that moves as its pitch tells."""

@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.diagnosis import momentary
-from cylforce.diagnosis.diagnosis import Search
 from cylforce.diagnosis.functions import FOLDS, SPAN_S, Family, families, foreseen
 from cylforce.diagnosis.residuals import held_out, held_out_clean
 from cylforce.diagnosis.track import Track, track
-from cylforce.diagnosis.verdict import Judged, Verdict
+from cylforce.diagnosis.verdict import Judged, Search, Verdict
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
@@ -89,9 +88,9 @@ def _left(search: Search, judged: Judged) -> list[Array]:
     """Residuals (T, R) [N m] of the faulty recordings, the named causes taken out."""
     if not judged.named:
         return held_out(search.original, search.original.blocks(search.floor), ())
-    named = {n.cause.ranked.key for n in judged.named}
+    named = {n.cause.key for n in judged.named}
     pairs = zip(search.causes, search.evidence.held, strict=True)
-    return held_out(search.problem, search.blocks, [term for cause, term in pairs if cause.ranked.key in named])
+    return held_out(search.problem, search.blocks, [term for cause, term in pairs if cause.key in named])
 
 
 def lie(faulty: Sequence[Track], clean: Sequence[Track], floor: Array) -> Lie | None:

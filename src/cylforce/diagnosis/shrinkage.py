@@ -10,19 +10,17 @@ from numpy.typing import NDArray
 
 from cylforce.diagnosis.bars import bars
 from cylforce.diagnosis.closure import SPAN, WIDEST, blockwise, closure
-from cylforce.diagnosis.diagnosis import Cause, Search
 from cylforce.diagnosis.evidence import Evidence, own_blocks
+from cylforce.diagnosis.numbers import HALF, SELDOM, SLIGHT
 from cylforce.diagnosis.patch import patch
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.residuals import chosen, fitted_clean, held_out_clean, residuals, rms
 from cylforce.diagnosis.resimulation import Resimulation, known, read_blocks
-from cylforce.diagnosis.verdict import OFTEN, SIGNIFICANT, Judged, Verdict
+from cylforce.diagnosis.verdict import Cause, Judged, Search, Verdict
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.imposed import Imposed
 from cylforce.signals.estimate import Array
 
-SLIGHT = 0.3  # of the gap's energy: what is named must take away that much, as far as can be told
-MOSTLY = 0.5  # of it: what is named explains the gap in part if it takes less away
 REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings: not named"
 
 
@@ -31,7 +29,7 @@ class Gap(NamedTuple):
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
     interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT,
     without where something may jump and the blocks of what is free at any instant, unless these are many; `partial`:
-    below MOSTLY, told or not; `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard
+    below HALF, told or not; `removed` [N m, rms], and `shift`: refitted parameters against the tares, in standard
     errors of the prior; `bar` (3, C): fixed, after and floor as pressures of the measured cylinders [bar, rms];
     `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind `fixed` and `after`."""
 
@@ -57,7 +55,7 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Jud
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
-    names = " and ".join("{}@{}".format(*n.cause.ranked.key) for n in judged.named)
+    names = " and ".join("{}@{}".format(*n.cause.key) for n in judged.named)
     nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
     return nothing, gap(search, nothing, rng), REFUTED.format(names)
 
@@ -89,7 +87,7 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
         *sizes,
         *told,
         bool(causes) and most < SLIGHT,
-        bool(causes) and value < MOSTLY,
+        bool(causes) and value < HALF,
         float(removed),
         shift,
         bar,
@@ -139,17 +137,17 @@ def _base(problem: Problem) -> int:
 
 
 def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
-    """The causes that are written as blocks: those named, and the known ones beside them, which are too small to be
-    named, but whose sizes were found together with theirs and are no chance; not what happens at an instant: it goes
+    """The causes that are written as blocks: those named, and the known ones beside them, which are not sure enough to
+    be named, but whose sizes were found together with theirs; not what happens at an instant: it goes
     where nothing else explains a moment, and says nothing of its other samples. None where nothing is named."""
     named = [n.cause for n in judged.named]
-    keys = {cause.ranked.key for cause in named}
-    beside = [cause for cause in search.causes if cause.ranked.key not in keys] if named else []
+    keys = {cause.key for cause in named}
+    beside = [cause for cause in search.causes if cause.key not in keys] if named else []
     return (*named, *(cause for cause in beside if cause.known and _lasting(cause)))
 
 
 def _lasting(cause: Cause) -> bool:
-    return cause.significance >= SIGNIFICANT and cause.ranked.option.proposal.course in (None, TimeCourse.CLOCK)
+    return cause.proposal.course in (None, TimeCourse.CLOCK)
 
 
 class Simulation:
@@ -159,18 +157,18 @@ class Simulation:
 
     def __init__(self, search: Search, causes: Sequence[Cause]) -> None:
         self.search, self.causes = search, tuple(causes)
-        self._terms = [cause.ranked.option.term for cause in causes] or list(search.evidence.held)
-        own, clean = {cause.ranked.key for cause in causes}, len(search.blocks.clean)
+        self._terms = [cause.term for cause in causes] or list(search.evidence.held)
+        own, clean = {cause.key for cause in causes}, len(search.blocks.clean)
         self._weight = np.ones(clean + len(search.blocks.faulty))
-        for other in (c for c in search.causes if own and c.ranked.free and c.ranked.key not in own):
-            self._weight[clean:][np.any(other.ranked.option.term.course != 0.0, axis=0)] = 0.0
+        for other in (c for c in search.causes if own and c.free and c.key not in own):
+            self._weight[clean:][np.any(other.term.course != 0.0, axis=0)] = 0.0
         self._fitted = self._told(self._weight)
 
     @property
     def asked(self) -> NDArray[np.bool_]:
         """Which faulty blocks (B,) tell whether the causes are right: those not taken away, if these are most."""
         kept = self._weight[len(self.search.blocks.clean) :] > 0.0
-        return kept if np.mean(kept) >= 1.0 - OFTEN else np.ones_like(kept)
+        return kept if np.mean(kept) >= 1.0 - SELDOM else np.ones_like(kept)
 
     def _told(self, weight: Array) -> Array:
         return Evidence(self.search.blocks, self._terms, weight).fitted
@@ -187,7 +185,7 @@ class Simulation:
             weight = self._weight * np.concatenate([np.ones(len(search.blocks.clean)), np.where(fold == k, 0.0, 1.0)])
             part = self._left(causes, self._told(weight))
             found = part if not found else chosen(found, part, search.original, fold == k)
-        moments = np.isin(np.arange(count), own_blocks([cause.ranked.option.term for cause in causes]))
+        moments = np.isin(np.arange(count), own_blocks([cause.term for cause in causes]))
         if np.any(moments):
             found = chosen(found, self._left(causes, self._fitted), search.original, moments)
         return found
@@ -218,10 +216,10 @@ def _part(causes: Sequence[Cause], wanted: Cause, fitted: Array) -> Array:
     """The sizes (M,) of one of the causes among those of all of them."""
     k = 0
     for cause in causes:
-        if cause.ranked.key == wanted.ranked.key:
+        if cause.key == wanted.key:
             return fitted[k : k + len(cause.sizes)]
         k += len(cause.sizes)
-    raise KeyError(wanted.ranked.key)
+    raise KeyError(wanted.key)
 
 
 def _resimulation(search: Search, effects: tuple[Imposed, ...], seen: Seen, values: Array) -> Resimulation:

@@ -124,7 +124,7 @@ def _pushed(machine: Machine, values: Array, cylinder: int, push: Array) -> Arra
     return found
 
 
-UNKNOWN: tuple[Group, ...] = (
+UNKNOWN_TORQUES: tuple[Group, ...] = (
     (UnknownTorque(),),
     tuple(PostureTorque(bend) for bend in range(BENDS)),
     tuple(OthersPressure(other) for other in range(OTHERS)),

@@ -1,4 +1,4 @@
-"""The verdict: which causes are named, with what confidence, what they might be confused with, or that none fits."""
+"""What is concluded: causes from the hypotheses, and the answer that costs least by their probabilities."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -6,63 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.diagnosis import ENOUGH, Cause, Search
-from cylforce.diagnosis.problem import TEMPER
-from cylforce.diagnosis.rank import FREER, LARGEST, TIE, Ranked, too_large, width
-from cylforce.diagnosis.residuals import contributions, rms
-from cylforce.diagnosis.residuals import fixed as fixed_residuals
-from cylforce.effects.fault import SHAPES, TimeCourse
-from cylforce.effects.friction.coulomb_friction import CoulombFriction
-from cylforce.effects.friction.friction_level_change import FrictionLevelChange
-from cylforce.effects.loads.extra_mass import ExtraMass
-from cylforce.effects.loads.first_moment_change import FirstMomentChange
+from cylforce.diagnosis.diagnosis import Found
+from cylforce.diagnosis.evidence import Blocks, Evidence, Term
+from cylforce.diagnosis.hypotheses import Hypothesis
+from cylforce.diagnosis.learnt import CALIBRATION
+from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Calibration, Key, believed, calibrated
+from cylforce.diagnosis.problem import GROWTH_S, Problem
+from cylforce.diagnosis.rows import Viewer
+from cylforce.diagnosis.whitening import Floor
+from cylforce.effects.fault import TimeCourse
+from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
-
-# Sizes, of an effect's least plausible one.
-BESIDES, PLAINLY = 2.0, 1.0  # what a cause beside a larger one must have, and what where evidence is SOUND
-NEGLIGIBLE = 0.5  # what any must have
-CROWDED = 2.0  # which many small ones may make
-ORDINARY, STRIKING = 3.0, 5.0  # below which it is the less a fault; from which on the less must speak for it
-# Evidence [nats].
-TOLD, APART = 18.0, 30.0  # for an effect (more below its least size); for the lesser of two beside which nothing speaks
-PLAIN, SOUND = 50.0, 2000.0  # of what is plain; with which its size says nothing against it
-ONCE = 200.0  # for what happens at an instant: nothing repeats it
-EACH, LONE = 80.0, 25.0  # for each of the sizes of what is free at any instant; beside which nothing speaks
-APIECE = 4.0  # times what a touch says that is too faint to be one: below it, it may be another such
-NEARLY = 0.8  # of all evidence, with which what has one axis is as good as alone
-EVIDENT = 200.0  # for each of them, with which it is no touch too faint to be one, of whatever size
-CLEAR, STRONG = 100.0, 4000.0  # by which what is free at any instant must be ahead of a touch; from which on it is none
-FREE = 75.0  # for a torque of which nothing is known: it follows anything
-HINT = 25.0  # with which an effect speaks, if only of something of another shape
-LOUD = 400.0  # nats that no many small ones of one form have
-OUTSTANDING = 200.0  # for what is more than one of many small causes; for all of them together, to be a gap
-FAINT, SHAPELESS, ALIEN = 60.0, 2.5, 50.0  # nats; misfits of what is fainter, and of all else: no effect of the library
-ROUGH, ROUGHER = 0.1, 2.0  # a form's error, from which on it is one; how much more misfit it may have
-# Shares of the largest score.
-FIRST, MINOR = 0.2, 0.02  # what the first cause that is named needs, and any other
-FOLLOWS, STRANGE = 0.15, 1 / 3  # of its own score: how much counts of what is free at any instant, and of the unknown
-SELDOM, OFTEN = 0.2, 0.3  # of all blocks: what a touch may be in; from which on something goes on all the time
-AMID, CROWD = 0.5, 0.4  # of the first cause's score: what is unknown beside what is free; what many small ones are
-FITS = 3.0  # a misfit, up to which a form counts in full
-CLEAN = 1.2  # a misfit, up to which a form leaves nothing that a lesser cause could be taken for
-SIGNIFICANT, DOUBTED = 2.0, 3.0  # standard errors, of what is plain and of what is not
-# Shares of energy.
-STRAY, OTHER = 0.15, 0.03  # of the gap's: what the first cause's form may leave at its joint, and elsewhere
-EXPLAINED, PARTLY = 0.1, 0.4  # of what the causes take away: what they may leave
-NOISE, LARGE = 0.75, 1.0  # of the floor's: an excess that no verdict hangs on; one that is a gap, whatever explains it
-# Rivals: how many nats, or which share of a score, they must be behind; what is less so is told with it.
-LEAD, RETURNED = 5.0, 3.5  # of the same shape; what return pressures say
-CLOSE, BENT = 0.01, 5.0  # share where a form does not fit, and the inflation that tells so
-FORM, DRY = 0.01, 0.005  # of any score: no form is quite that of a real machine; of two laws of dry friction
-MESS = 0.01  # of the evidence of small causes beside: by which any other may be off
-LATER, ODDS = 0.7, 0.075  # the odds of a rival that does as well; those from which on it is told
-# Fitted on development machines of the withheld trial: the log odds that a cause without a rival is right, how much
-# less if its evidence is weak, its form does not fit, small causes stand beside it.
-RELIABLE, WEAK, MISSHAPEN, CLUTTERED = 4.0, 1.5, 0.7, 1.0
-FADING, WARPED = 300.0, 10.0  # nats, misfit
-SURE, INSTEAD = 0.8, 1  # the confidence with which one cause is named alone; else how many are told with it
-HARDLY = 0.25  # the confidence below which nothing is named
-RATHER, BARELY = 0.5, 1 / 3  # the confidence with which one is named beside others, and beside a single one
 
 
 class Verdict(StrEnum):
@@ -76,13 +31,87 @@ class Verdict(StrEnum):
     NOT_OBSERVABLE = "not_observable"
 
 
+class Cause(NamedTuple):
+    """An effect that was found: the proposal, its course in words, its columns with their course, total sizes (M,) and
+    standard errors (M,), the `probability` of it, `nats` of evidence against its absence."""
+
+    proposal: Proposal
+    when: str
+    term: Term
+    sizes: Array
+    errors: Array
+    probability: float
+    nats: float
+
+    @property
+    def key(self) -> Key:
+        """Name and place."""
+        return self.proposal.name, self.proposal.at
+
+    @property
+    def known(self) -> bool:
+        """Whether it is an effect, not a torque of which nothing is known."""
+        return self.key[0] != UNKNOWN[0]
+
+    @property
+    def free(self) -> bool:
+        """Whether its sizes are free at any instant."""
+        return self.proposal.course is TimeCourse.WINDOWS
+
+    @property
+    def clock(self) -> bool:
+        """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
+        return self.proposal.course is TimeCourse.CLOCK
+
+    @property
+    def size(self) -> float:
+        """Its magnitude; the root mean square over windows."""
+        about, width = self.proposal.about, len(dict.fromkeys(self.term.columns))
+        each = self.sizes.reshape(-1, width)[:, : about.axes]
+        if each.size == 1:
+            return float(each[0, 0])
+        return float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
+
+
+class Suspect(NamedTuple):
+    """An effect by itself: name and place, its evidence against none [nats], its probability."""
+
+    key: Key
+    proposal: Proposal
+    nats: float
+    probability: float
+
+    @property
+    def known(self) -> bool:
+        """Whether it is an effect, not a torque of which nothing is known."""
+        return self.key != UNKNOWN
+
+
+class Search(NamedTuple):
+    """All that was found: the `original` problem, the problem and blocks with what bends taken out, the floor, the
+    causes, `first`: all candidates, likeliest first; `evidence`: the fit of all causes; who looked, `viewer`; what is
+    believed; whether the machine was at work; the smallest size of each effect that could be seen, `least`."""
+
+    original: Problem
+    problem: Problem
+    blocks: Blocks
+    floor: Floor
+    causes: tuple[Cause, ...]
+    first: tuple[Suspect, ...]
+    evidence: Evidence
+    viewer: Viewer
+    belief: Belief
+    working: bool
+    least: dict[Key, float]
+
+
 class Named(NamedTuple):
     """A cause that is named, its `confidence`, its share of the gap's energy, and what it might be `confused` with."""
 
     cause: Cause
     confidence: float
     share: float
-    confused: tuple[Ranked, ...]
+    confused: tuple[Suspect, ...]
 
 
 class Judged(NamedTuple):
@@ -93,289 +122,155 @@ class Judged(NamedTuple):
     explained: float
 
 
-def judged(search: Search) -> Judged:
-    """The verdict on a search."""
-    before, after, floor = _totals(search)
-    removed, left = max(before - after, 1e-9), max(after - floor, 0.0)
-    explained = removed / (removed + left)
-    named = _causes(search, removed + left)
-    if not named or (not search.original.clean and before <= floor):
-        most = before if search.original.clean else max(before, float(np.sum(search.energy.fixed)))
-        much = removed > 2.0 * TEMPER * OUTSTANDING
-        told = much or any(_shapeless(c) or _plain(c) for c in search.causes)
-        found = told or most > (1.0 + LARGE) * floor
-        return Judged(_without_name(search) if found else Verdict.NO_GAP, (), explained)
-    doubtful = _strange(search, named[0].cause) or named[0].confidence < HARDLY
-    if left > max(PARTLY * removed, NOISE * floor) or doubtful:
-        return Judged(_without_name(search), (), explained)
-    if len(named) == 1 and named[0].confidence < SURE and not named[0].confused:
-        named = (named[0]._replace(confused=_instead(search, named[0].cause)),)
-    if named[0].confused:
-        return Judged(Verdict.AMBIGUOUS, named, explained)
-    enough = left <= max(EXPLAINED * removed, NOISE * floor)
-    return Judged(Verdict.EXPLAINED if enough else Verdict.PARTLY, named, explained)
-
-
-def _without_name(search: Search) -> Verdict:
-    """Where no cause is named, whether that is because none of many small ones stands out, or nothing known fits."""
-    explained = bool(search.original.clean) and _fits(search)
-    several = len(search.causes) > 1 or any(_faint(cause) for cause in search.causes)
-    small = several and not any(_stands_out(cause) for cause in search.causes)
-    return Verdict.NOT_OBSERVABLE if explained and small else Verdict.UNKNOWN
-
-
-def _totals(search: Search) -> tuple[float, float, float]:
-    """The energy before, after, and of the floor, of all faulty blocks."""
-    energy = search.energy
-    return float(np.sum(energy.before)), float(np.sum(energy.after)), float(np.sum(energy.floor))
-
-
-def _fits(search: Search) -> bool:
-    """Whether all causes together leave no more than noise."""
-    _, after, floor = _totals(search)
-    return after <= (1.0 + NOISE) * floor
-
-
-def _stands_out(cause: Cause) -> bool:
-    """Whether a cause is more than one of many small ones."""
-    if not (cause.known or _counts(cause, 0.0)):
-        return False
-    if cause.ranked.free:
-        touch = _touching(cause) or (cause.known and _sized(cause) < BESIDES and _little(cause))
-        return not (touch and _during([cause]) < SELDOM)
-    if not cause.known or _plain(cause):
-        return True
-    return cause.tempered >= OUTSTANDING * min(STRIKING / _sized(cause), 1.0) and _counts(cause, BESIDES)
-
-
-def _instead(search: Search, cause: Cause) -> tuple[Ranked, ...]:
-    """What else it may be where the confidence is low: the nearest rival, and what stands beside it, most telling
-    first."""
-    beside = sorted((c for c in search.causes if c.known and c is not cause), key=lambda c: -_weight(c))
-    return (*cause.rivals[:1], *(c.ranked for c in beside))[:INSTEAD]
-
-
-def _causes(search: Search, excess: float) -> tuple[Named, ...]:
-    """The first cause and those that stand beside it."""
-    parts = contributions(search)
-    joints = np.argmax(parts / search.floor.rms, axis=1).tolist() if len(parts) else []
-    each = zip(search.causes, _shares(search, parts, excess), joints, strict=True)
-    speaking = len([c for c in search.causes if not _otherwise(c) and c.tempered >= (HINT if c.known else FREE)])
-    counted = [e for e in each if _counts(e[0], NEGLIGIBLE, LONE if speaking == 1 else _bar(search, e[0]))]
-    found = sorted(counted, key=lambda e: -_weight(e[0]))
-    largest = max((c.score for c in search.causes if not c.ranked.free), default=0.0)
-    most = max((_weight(c) for c in search.causes if not c.ranked.free), default=0.0)
-    kept = [e for e in found[:1] if _weight(e[0]) >= FIRST * most]
-    for cause, share, joint in found[1:] if kept else ():
-        stray = STRAY if joint in [j for *_, j in kept] else OTHER
-        clear = cause.score >= FIRST * largest or kept[0][0].misfit <= CLEAN
-        plain = cause.tempered >= SOUND and clear
-        enough = share >= stray and cause.score >= MINOR * largest and _counts(cause, PLAINLY if plain else BESIDES)
-        enough = enough or (speaking == 2 and cause.tempered >= APART and _counts(cause, PLAINLY))
-        if cause.known and enough and _best(cause):
-            kept.append((cause, share, joint))
-    small = sum(c.score for c in search.causes) - sum(c.score for c, *_ in kept)
-    named = [_named(c, share, max(small, 0.0)) for c, share, _ in kept]
-    return (*named[:1], *(n for n in named[1:] if n.confidence >= (BARELY if speaking == 2 else RATHER)))
-
-
-def _bar(search: Search, cause: Cause) -> float:
-    """Nats that what is free at any instant needs for each of its sizes: more beside a touch too faint to be one, of
-    which it may be another; less where it has one axis only and says nearly all."""
-    touch = max((c.score for c in search.causes if _faint(c)), default=0.0)
-    if cause.score < APIECE * touch:
-        return EVIDENT
-    most = cause.score >= NEARLY * sum(c.score for c in search.causes)
-    return LONE if cause.known and width(cause.ranked) <= SHAPES and most else EACH
-
-
-def _weight(cause: Cause) -> float:
-    """The score, of what is unknown and of what is free at any instant the less: beside another cause it is first only
-    when it says much more. Of a size hardly plausible it is the less, too: every machine has many small ones."""
-    if cause.ranked.free:
-        return cause.score * FOLLOWS
-    usual = min(_sized(cause) / ORDINARY, 1.0)
-    return cause.score * (min(FITS / cause.misfit, 1.0) * usual if cause.known else STRANGE)
-
-
-def _sized(cause: Cause) -> float:
-    """The size, of the least plausible one."""
-    return cause.size / cause.ranked.option.proposal.about.low
-
-
-def _free(search: Search, cause: Cause) -> bool:
-    """Whether the cause, or much beside one that goes with time itself, is a torque of which nothing is known, or what
-    is free at any instant goes on all the time."""
-    beside = [c for c in search.causes if not c.known and _counts(c, NEGLIGIBLE) and c.score > AMID * cause.score]
-    return not cause.known or _often(search, cause) or bool(cause.ranked.free and beside)
-
-
-def _often(search: Search, cause: Cause) -> bool:
-    """Whether what is free at any instant, unknown or too little for its sizes, says more than the cause and is there
-    so often that it goes on all the time."""
-    others = [c for c in search.causes if c is not cause and c.ranked.free and not (c.known and _counts(c, 0.0))]
-    return sum(c.score for c in others) > cause.score and _during(others) > OFTEN
-
-
-def _during(causes: Sequence[Cause]) -> float:
-    """In which share of all blocks any of some causes is."""
-    return float(np.mean(np.any([course != 0.0 for c in causes for course in c.ranked.option.term.course], axis=0)))
-
-
-def _strange(search: Search, cause: Cause) -> bool:
-    """Whether what comes first is no effect of the library: a torque of which nothing is known, one larger than can be,
-    one whose form does not fit, or what many small ones make."""
-    least = cause.size * (1.0 - min(1.0 / max(cause.significance, 1e-9), 1.0))
-    large = least > LARGEST * cause.ranked.option.most
-    return large or _free(search, cause) or _blurred(search, cause) or _crowded(search, cause)
-
-
-def _crowded(search: Search, first: Cause) -> bool:
-    """Whether the first cause is hardly larger than what is plausible, and much stands beside it, or more than it has
-    for all its size: many small ones pass for one, the sooner the more sizes it has; a touch too faint to be one is
-    more of them. What begins at an instant, and is not told as such, is a load that hangs a little otherwise. Where all
-    of them leave nothing, much that is told of one form, and of a plausible size, is none of many."""
-    beside = [c for c in search.causes if c is not first and not (_otherwise(c) or _faint(c) or _large(c))]
-    crowd = sum(c.score for c in beside)
-    told = sum(c.tempered * (FOLLOWS if c.ranked.free else 1.0) for c in beside)
-    small = (_sized(first) < CROWDED and first.tempered < SOUND) or first.tempered < PLAIN
-    touch = FOLLOWS * sum(c.score for c in search.causes if _faint(c))
-    amid = small and crowd + touch > CROWD * first.score / width(first.ranked)
-    hidden = told > _sized(first) * first.tempered or amid
-    plain = first.tempered >= LOUD and _sized(first) >= PLAINLY and first.misfit <= FITS and _fits(search)
-    return hidden and not (first.ranked.free or plain) and crowd + touch > HINT
-
-
-def _large(cause: Cause) -> bool:
-    """Whether it is none of many small ones, but a cause by itself."""
-    if not cause.known or cause.ranked.free or not _counts(cause, BESIDES):
-        return False
-    return cause.misfit <= (FITS if _stands_out(cause) else CLEAN if cause.tempered >= PLAIN else 0.0)
-
-
-def _faint(cause: Cause) -> bool:
-    """Whether it is a touch too faint to be one: it says much where it is, and nothing of all other times."""
-    small = _sized(cause) < PLAINLY and _little(cause)
-    return cause.known and cause.ranked.free and (small or _touching(cause))
-
-
-def _touching(cause: Cause) -> bool:
-    """Whether what is free at any instant may as well be a touch: a force at the teeth tells as much."""
-    return cause.ahead < CLEAR and cause.score < STRONG
-
-
-def _little(cause: Cause) -> bool:
-    """Whether too little speaks for what is free at any instant to count if it is no larger than a faint touch."""
-    return cause.score < EVIDENT * len(cause.sizes)
-
-
-def _otherwise(cause: Cause) -> bool:
-    """Whether the cause begins at an instant, and too little speaks for that."""
-    return cause.ranked.option.proposal.course is TimeCourse.AFTER and cause.tempered < ONCE
-
-
-def _blurred(search: Search, cause: Cause) -> bool:
-    """Whether little speaks for the cause, and that little scatters, or it scatters beyond all that a form may lack,
-    and more is left than noise: something is there, of another shape."""
-    usual = bool(search.original.clean)  # only the machine in order tells what is
-    most = ALIEN if usual and not _fits(search) else np.inf
-    faint = SHAPELESS * (ROUGHER if cause.ranked.option.proposal.about.form >= ROUGH else 1.0)
-    return not cause.ranked.free and cause.misfit > (faint if cause.tempered < FAINT else most)
-
-
-def _best(cause: Cause) -> bool:
-    """Whether nothing else explains surely better what the cause explains beside the others."""
-    return all(r.score <= cause.score + max(TIE, FORM * cause.score) for r in cause.rivals if not _contains(r, cause))
-
-
-def _shares(search: Search, parts: Array, whitened: float) -> list[float]:
-    """For each cause its share of the gap: of the `whitened` energy by its evidence, or of a joint's energy by what it
-    contributes there (`parts` (N, R) [N m]), whichever is more."""
-    _, faulty = fixed_residuals(search)
-    whole = rms(faulty) ** 2
-    excess = np.maximum(whole - search.floor.rms**2, 0.1 * search.floor.rms**2)
-    told = [2.0 * TEMPER * cause.score / whitened for cause in search.causes]
-    return [float(np.clip(max(np.max(p**2 / excess), t), 0.0, 1.0)) for p, t in zip(parts, told, strict=True)]
-
-
-def _counts(cause: Cause, least: float, each: float = EACH) -> bool:
-    """Whether a cause is large enough, certain enough, and of the right shape; `each`: nats that what is free at any
-    instant needs for each of its sizes."""
-    large = cause.size >= least * cause.ranked.option.proposal.about.low
-    if cause.ranked.free and cause.known:
-        told = cause.score >= (each if large and not _touching(cause) else EVIDENT) * len(cause.sizes)
-        return (large or least <= NEGLIGIBLE) and told and cause.significance >= SIGNIFICANT
-    least_told = TOLD / min(_sized(cause), 1.0) ** 2
-    enough = (ONCE if cause.ranked.option.proposal.course else least_told) if cause.known else FREE
-    sure = 0.0 if _plain(cause) else SIGNIFICANT if cause.tempered >= PLAIN else DOUBTED
-    return large and cause.tempered >= enough and cause.significance >= sure
-
-
-def _shapeless(cause: Cause) -> bool:
-    """Whether something like the cause is there, but not of its shape, or too little for the sizes it has."""
-    large = cause.size >= NEGLIGIBLE * cause.ranked.option.proposal.about.low
-    if cause.ranked.free and cause.known:
-        return large and cause.tempered >= ONCE
-    return large and cause.score >= HINT and cause.tempered < ENOUGH and cause.significance >= SIGNIFICANT
-
-
-def _plain(cause: Cause) -> bool:
-    """Whether so much speaks for something like the cause that it is there, of whatever size."""
-    return not cause.ranked.free and cause.known and cause.tempered >= SOUND
-
-
-def _named(cause: Cause, share: float, small: float) -> Named:
-    """The cause with its confidence. The less its form fits, and the more of the evidence is that of `small` causes
-    beside those named [nats], the farther a rival must be behind."""
-    rivals = [r for r in cause.rivals if not (_contains(r, cause) or too_large(r))]
-    uneven = min(max((cause.misfit - 1.0) / BENT, small / cause.score), 1.0)
-    plain = max(LEAD * (cause.misfit if cause.misfit > FITS else 1.0), MESS * small)
-    dry = max(plain, DRY * cause.score, CLOSE * cause.score * uneven)
-    lead = max(dry, FORM * cause.score)
-    leads = [LEAD if r.free else plain if _within(r, cause) else dry if _dry(r, cause) else lead for r in rivals]
-    behind = [_behind(r, cause, own) for r, own in zip(rivals, leads, strict=True)]
-    odds = [LATER * float(np.exp(-3.0 * max(b, 0.0))) for b in behind]
-    close = tuple(r for r, o in zip(rivals, odds, strict=True) if o >= ODDS)
-    return Named(cause, _alone(cause, small) / (1.0 + sum(odds)), share, close)
-
-
-def _alone(cause: Cause, small: float) -> float:
-    """How likely a cause is right if it has no rival."""
-    misfit = 0.0 if cause.ranked.free else min((cause.misfit - 1.0) / WARPED, 1.0)
-    doubt = WEAK * float(np.exp(-cause.tempered / FADING)) + MISSHAPEN * misfit
-    doubt += CLUTTERED * min(small / cause.score, 1.0)
-    return float(1.0 / (1.0 + np.exp(doubt - RELIABLE)))
-
-
-def _behind(rival: Ranked, cause: Cause, lead: float) -> float:
-    """By how many leads a rival is worse than the cause; what return pressures say counts by itself."""
-    apart = cause.returned - rival.returned
-    return (cause.score - rival.score - apart) / lead + apart / RETURNED
-
-
-def _within(rival: Ranked, cause: Cause) -> bool:
-    """Whether a rival is the cause without its own size, both of exact form: first moments, of a mass."""
-    less, more = (each.option.proposal for each in (rival, cause.ranked))
-    masses = isinstance(less.group[0], FirstMomentChange) and isinstance(more.group[0], ExtraMass)
-    return masses and less.where == more.where
-
-
-def _dry(rival: Ranked, cause: Cause) -> bool:
-    """Whether both are dry friction of one cylinder: what differs from machine to machine is alike in both."""
-    kinds = [each.option.proposal.group[0] for each in (rival, cause.ranked)]
-    return (
-        all(isinstance(k, CoulombFriction | FrictionLevelChange) for k in kinds) and rival.key[1] == cause.ranked.key[1]
+def searched(found: Found, by: Calibration | None = CALIBRATION) -> Search:
+    """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
+    belief = believed(found.asked)
+    belief = calibrated(belief, by) if by else belief
+    candidates = _candidates(found, belief)
+    h = _best(found, belief)
+    problem = found.again.get(h.which, (found.question.problem, []))[0] if h else found.question.problem
+    original, floor = found.question.problem, found.question.floor
+    causes = _causes(found, h, belief) if h else _happened(found, belief, candidates)
+    blocks = problem.blocks(floor)
+    evidence = Evidence(blocks, [cause.term for cause in causes])
+    if not h and causes:
+        errors = np.sqrt(np.diag(evidence.covariance))[len(blocks.shared) :]
+        causes = (causes[0]._replace(sizes=evidence.fitted[len(blocks.shared) :], errors=errors),)
+    return Search(
+        *(original, problem, blocks, floor, causes, candidates, evidence, found.question.viewer, belief, found.working),
+        found.least,
     )
 
 
-def _contains(rival: Ranked, cause: Cause) -> bool:
-    """Whether a rival is the cause with more freedom: what it explains as well speaks for the simpler one. A mass
-    anywhere on a link has all first moments of it, and a size more; what is free at any instant follows a load that
-    falls."""
-    incident = cause.ranked.option.proposal.course not in (None, TimeCourse.CLOCK)
-    if incident and rival.free and width(rival) > width(cause.ranked):
-        return rival.score < (1.0 + FREER) * cause.score
-    more, less = (each.option.proposal for each in (rival, cause.ranked))
-    if isinstance(more.group[0], ExtraMass) and isinstance(less.group[0], FirstMomentChange):
-        return more.where == less.where
-    return set(rival.option.term.columns) > set(cause.ranked.option.term.columns)
+def _best(found: Found, belief: Belief) -> Hypothesis | None:
+    """The most probable hypothesis of the likeliest effect; None where that is none or something at moments."""
+    told = found.asked
+    effects = [k for k in sorted(belief.of, key=lambda k: -belief.of[k]) if k not in (NOTHING, UNKNOWN)]
+    own = [h for h in told.hypotheses if h.which and effects and told.main(h) == effects[0]]
+    return max(own, key=lambda h: h.log + told.prior_of(h)) if own else None
+
+
+def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[Cause, ...]:
+    """The effects of a hypothesis, the main one first."""
+    told, causes, k = found.asked, [], 0
+    for p in h.which:
+        proposal, column = found.question.forms[p]
+        m = len(column.columns)
+        unit = found.question.scene.spread[list(column.columns)]
+        sizes, errors = h.sizes[k : k + m] * unit, h.errors[k : k + m] * unit
+        k += m
+        without = [g for g in told.hypotheses if g.which == tuple(x for x in h.which if x != p)]
+        nats = h.log - (without[0] if without else told.none).log
+        p_of = belief.of.get(told.key(p), 0.0) if told.key(p) == told.main(h) else _included(found, told.key(p))
+        causes.append(_cause(found, proposal, (sizes, errors), p_of, nats))
+    return tuple(sorted(causes, key=lambda c: c.key != told.main(h)))
+
+
+def _included(found: Found, key: Key) -> float:
+    """The probability that an effect is there, beside another or alone."""
+    told = found.asked
+    weights = list(zip(told.hypotheses, told.weights, strict=False))
+    whole = sum(told.weights)
+    return sum(w for h, w in weights if key in {told.key(p) for p in h.which}) / whole
+
+
+def _cause(found: Found, proposal: Proposal, told: tuple[Array, Array], probability: float, nats: float) -> Cause:
+    problem, (sizes, errors) = found.question.problem, told
+    places = problem.places[problem.proposals.index(proposal)]
+    one = np.ones(len(problem.times))
+    form = proposal.about.form * np.abs(sizes)
+    errors = np.hypot(errors, form)
+    if proposal.course is TimeCourse.CLOCK:
+        return Cause(
+            proposal, "", Term(places * 2, np.stack([one, problem.times / GROWTH_S])), sizes, errors, probability, nats
+        )
+    if proposal.course is TimeCourse.AFTER and found.question.step:
+        first, last = found.question.step
+        number = np.arange(len(one))
+        course = np.stack([(number > first) & (number < last), number == first]).astype(np.float64)
+        term = Term(places * 2, np.repeat(course, len(places), axis=0))
+        when = f"from {problem.times[first]:.0f} s on"
+        return Cause(proposal, when, term, np.tile(sizes, 2), np.tile(errors, 2), probability, nats)
+    return Cause(proposal, "", Term(places, np.tile(one, (len(places), 1))), sizes, errors, probability, nats)
+
+
+def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[Cause, ...]:
+    """What happens at moments, if that is the likeliest effect: sizes of its own in every block."""
+    problem = found.question.problem
+    key = next((c.key for c in candidates), NOTHING)
+    where = np.flatnonzero(found.when.get(key, np.zeros(0)))
+    if key in (NOTHING, UNKNOWN) or not where.size or belief.of.get(key, 0.0) <= 0.0:
+        return ()
+    proposal = next(p for p in problem.proposals if (p.name, p.at) == key)
+    places = problem.places[problem.proposals.index(proposal)]
+    course = np.repeat(np.eye(len(problem.times))[where], len(places), axis=0)
+    told = next(h for h in found.asked.happened if h.key == key)
+    zero = np.zeros(len(course))
+    term = Term(places * len(where), course)
+    nats = told.log - found.asked.none.log
+    return (Cause(proposal, f"{len(where)} times", term, zero, zero, belief.of[key], nats),)
+
+
+def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:
+    """All effects by themselves, likeliest first, then by evidence."""
+    told, best = found.asked, dict[Key, Suspect]()
+    alone = [(h.which[0], h.log) for h in told.hypotheses if len(h.which) == 1]
+    for p, log in alone:
+        key, proposal = told.key(p), found.question.forms[p][0]
+        _keep(best, Suspect(key, proposal, log - told.none.log, belief.of.get(key, 0.0)))
+    for h in told.happened:
+        proposals = [p for p in found.question.problem.proposals if (p.name, p.at) == h.key]
+        for proposal in proposals[:1]:
+            _keep(best, Suspect(h.key, proposal, h.log - told.none.log, belief.of.get(h.key, 0.0)))
+    return tuple(sorted(best.values(), key=lambda c: (-c.probability, -c.nats)))
+
+
+def _keep(best: dict[Key, Suspect], candidate: Suspect) -> None:
+    if candidate.key not in best or best[candidate.key].nats < candidate.nats:
+        best[candidate.key] = candidate
+
+
+def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
+    """The answer that costs least; `shares`: of the gap's energy by cause."""
+    belief, told = search.belief, found.asked
+    named = _named(search, shares)
+    if found.working:
+        return Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
+    costs = _costs(belief, named)
+    verdict = min(costs, key=lambda v: costs[v])
+    if verdict is Verdict.NO_GAP and told.gap >= GAP and told.none.rest >= GAP:
+        verdict = Verdict.AMBIGUOUS if named and belief.of[UNKNOWN] < named[0].confidence else Verdict.UNKNOWN
+    if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):
+        return Judged(verdict, (), 0.0)
+    h = _best(found, belief)
+    rest = (
+        h.rest if h else min((x.rest for x in told.happened if x.key == search.causes[0].key), default=told.none.rest)
+    )
+    return Judged(verdict, named, float(np.clip(told.share(rest), 0.0, 1.0)))
+
+
+def _costs(belief: Belief, named: Sequence[Named]) -> dict[Verdict, float]:
+    """Expected cost of every answer, in units of a wrong name."""
+    order, odd = belief.of.get(NOTHING, 0.0), belief.of.get(UNKNOWN, 0.0)
+    effect = 1.0 - order - odd
+    found = {Verdict.NO_GAP: MISSED * (effect + odd), Verdict.UNKNOWN: UNSAID * effect + order}
+    if not named:
+        return found
+    first = named[0].confidence
+    held = first + sum(c.probability for c in named[0].confused)
+    found[Verdict.EXPLAINED] = 1.0 - first
+    found[Verdict.AMBIGUOUS] = order + SET * held + EMPTY_SET * max(1.0 - order - held, 0.0)
+    return found
+
+
+def _named(search: Search, shares: Sequence[float]) -> tuple[Named, ...]:
+    """The main cause with its rivals, and those beside it that are as sure as a name must be."""
+    belief, causes = search.belief, [c for c in search.causes if c.known]
+    if not causes:
+        return ()
+    sure = [c for c in causes[1:] if c.probability >= 1.0 / (1.0 + UNSAID)]
+    kept = {c.key for c in (causes[0], *sure)}
+    rivals = tuple(c for c in search.first if c.key in belief.credible and c.key not in kept and c.key != UNKNOWN)
+    weight = {c.key: s for c, s in zip(search.causes, shares, strict=True)}
+    first = Named(causes[0], belief.of.get(causes[0].key, 0.0), weight[causes[0].key], rivals)
+    return (first, *(Named(c, c.probability, weight[c.key], ()) for c in sure))

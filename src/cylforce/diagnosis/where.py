@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.diagnosis import Search
 from cylforce.diagnosis.problem import Seen
 from cylforce.diagnosis.residuals import held_out_clean, rms
 from cylforce.diagnosis.rows import BLOCK
+from cylforce.diagnosis.verdict import Search
 from cylforce.signals.estimate import Array
 
 SLOW, FAST = 0.03, 0.10  # m/s

@@ -67,6 +67,16 @@ class ForceLaw(Fault, Protocol):
 
 
 @runtime_checkable
+class JointLaw(Fault, Protocol):
+    """A torque about the joints that depends on where and how fast the machine moves, not on its forces."""
+
+    def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
+        """Additional torques (T, N) [N m] that the cylinders supply, per unit of size, along a motion at times t (T,)
+        [s] since the start of the recording; `where`: number of the cylinder or link (see `places`)."""
+        ...
+
+
+@runtime_checkable
 class Distortion(Fault, Protocol):
     """An error of a sensor: it changes the measured values, not the machine."""
 
@@ -114,8 +124,17 @@ class MassChange(Fault, Protocol):
 
 
 @runtime_checkable
+class GrowingMass(MassChange, Protocol):
+    """Masses that come in the course of a recording, so slowly that they bring no momentum."""
+
+    def grown(self, t: Array) -> Array:
+        """Share (T,) of the change that is there at times t (T,) [s] since the start of the recording."""
+        ...
+
+
+@runtime_checkable
 class Share(Fault, Protocol):
-    """The identified friction of a cylinder, changed as a whole by a factor."""
+    """The identified friction of a cylinder, or of all cylinders of the machine, changed as a whole by a factor."""
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -178,6 +197,18 @@ class Incident(Fault, Protocol):
     def course(self) -> TimeCourse:
         """How their sizes change with time."""
         ...
+
+
+def acting(law: ForceLaw | JointLaw, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
+    """Torques (T, N) [N m] that the cylinders supply in addition, per unit of a law's size."""
+    if isinstance(law, JointLaw):
+        return law.torque(machine, moving, t, where)
+    return np.asarray(law.force(moving.speed[:, where], moving.force[:, where], t)[:, None] * moving.lever[:, where, :])
+
+
+def rubbing(share: Share, where: int, cylinders: int) -> range:
+    """Numbers of the cylinders, of so many, whose friction a share changes: one, or, at the machine, all."""
+    return range(where, where + 1) if share.about.place is Place.CYLINDER else range(cylinders)
 
 
 # Columns of incidents: an additional load in the bucket; a delay of all pressures by one second; and, over each block

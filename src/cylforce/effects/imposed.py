@@ -14,13 +14,16 @@ from cylforce.effects.fault import (
     Distortion,
     Fault,
     ForceLaw,
+    GrowingMass,
     Incident,
+    JointLaw,
     MassChange,
     Share,
     TimeCourse,
     places,
+    rubbing,
 )
-from cylforce.effects.library import LIBRARY, Group
+from cylforce.effects.library import SIMULATED, Group
 from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
@@ -68,13 +71,13 @@ def imposed(
     shape: Mapping[str, float] | None = None,
     begin: float = 0.0,
     end: float = inf,
-    library: tuple[Group, ...] = LIBRARY,
+    library: tuple[Group, ...] = SIMULATED,
 ) -> Imposed:
     """The effect `name` of the library at the place `at` of the machine, from `begin` to `end` [s]; `value`: its size
     (SI), or a list where it has several; `shape`: values of the effect's own fields, such as a width, by name.
 
     Raises ValueError, in one sentence, for an unknown name, place or field and for an implausible size."""
-    group = _shaped(_named(name, library), shape or {})
+    group = _shaped(_named(machine, name, at, library), shape or {})
     about = group[0].about
     where = dict(places(machine, about.place))
     if at not in where:
@@ -98,12 +101,13 @@ def units(group: Group) -> tuple[str, ...]:
     return tuple(effect.about.unit for effect in group)
 
 
-def _named(name: str, library: tuple[Group, ...]) -> Group:
+def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> Group:
+    """The first group of that name, if possible one that can sit at that place."""
     found = [group for group in library if group[0].about.name == name]
     if not found:
         known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
         raise ValueError(f"effect {name!r} is not known: choose one of {known}")
-    return found[0]
+    return next((group for group in found if at in dict(places(machine, group[0].about.place))), found[0])
 
 
 def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
@@ -167,6 +171,16 @@ def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
     return force
 
 
+def excess_torque(machine: Machine, effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
+    """Additional joint torques (T, N) [N m], by laws of the motion, at times t (T,) [s] of the run."""
+    torque = np.zeros_like(moving.q)
+    for each in effects:
+        for law, size in each.members():
+            if isinstance(law, JointLaw):
+                torque += (size * each.during(t))[:, None] * law.torque(machine, moving, t, each.where)
+    return torque
+
+
 def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: str) -> Array:
     """Factor (T, C) on the friction `law` of every cylinder at times t (T,) [s] of the run. An effect that changes dry
     friction changes every law of the simulated machine."""
@@ -174,7 +188,7 @@ def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: st
     for each in effects:
         for share, size in each.members():
             if isinstance(share, Share) and ("coulomb" in share.laws or law in share.laws):
-                level[:, each.where] += size * each.during(t) * share.course(t)
+                level[:, rubbing(share, each.where, cylinders)] += (size * each.during(t) * share.course(t))[:, None]
     return level
 
 
@@ -185,7 +199,8 @@ def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> 
         weight = each.group[0]
         if isinstance(weight, MassChange):
             change = (weight.change(machine, each.where) @ np.array(each.sizes)).reshape(machine.size, 3)
-            found += each.during(t)[:, None, None] * change
+            there = each.during(t) * (weight.grown(t) if isinstance(weight, GrowingMass) else 1.0)
+            found += there[:, None, None] * change
     return found
 
 

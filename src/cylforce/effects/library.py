@@ -1,11 +1,13 @@
 """The library of effects that the diagnosis knows, in the order in which they are tried."""
 
 from functools import lru_cache
+from itertools import product
 from typing import NamedTuple
 
 from cylforce.effects.fault import About, Fault, Incident, TimeCourse, places
 from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.friction.end_cushion import EndCushion
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.friction_temperature_drift import FrictionTemperatureDrift
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
@@ -22,19 +24,28 @@ from cylforce.effects.incidents.payload_shift import PayloadShift
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.loads.extra_mass import ExtraMass
 from cylforce.effects.loads.first_moment_change import FirstMomentChange
+from cylforce.effects.loads.hose_spring import HoseSpring
+from cylforce.effects.loads.mud import Mud
 from cylforce.effects.loads.slew import Slew
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.angle_offset import AngleOffset
 from cylforce.effects.sensors.angle_scale import AngleScale
 from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
+from cylforce.effects.sensors.pressure_sensor_hysteresis import PressureSensorHysteresis
 from cylforce.effects.sensors.tilt_ignored import TiltIgnored
 from cylforce.mechanics.machine import Machine
 
 # Shares (extending, retracting) of a line loss: both ways alike, half (the rod side returns less oil), one way only.
 WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
+SET = (0.0, 0.5, 1.0)  # shares of a range: its low end, middle and high end
+# 1/s, inverse of a pressure sensor's thermal time constant: 0.1 kg of steel, in air or wetted by oil, takes 2 to 20
+# minutes; 0: the oil, and with it the zero, drifts on.
+WARMING = (0.0, 1.0 / 1200.0, 1.0 / 400.0, 1.0 / 120.0)
+OIL = (300.0, 900.0, 2700.0)  # s: thermal time constant of a small circuit, a tank, and a tank with its machine
 PARTS = 5  # pins and bars of a four-bar linkage, the largest that there is
 
 Group = tuple[Fault, ...]  # effects of one name that act together, each with its own size
@@ -48,20 +59,25 @@ LIBRARY: tuple[Group, ...] = (
     (FrictionLevelChange(),),
     *((Stribeck(width),) for width in (0.006, 0.015, 0.04)),
     *((LoadDependentFriction(easing=easing),) for easing in (0.0, 3e-6)),
-    (AsymmetricFriction(),),
+    *((AsymmetricFriction(way=way),) for way in (0, 1, -1)),
     *((PreslidingHysteresis(way),) for way in (0.0005, 0.0015, 0.003, 0.006)),
-    *((FrictionTemperatureDrift(viscous),) for viscous in (False, True)),
+    *((FrictionTemperatureDrift(oil, *which),) for oil in OIL for which in product((False, True), (False, True))),
+    *((FrictionTemperatureDrift(viscous=viscous, alone=True),) for viscous in (False, True)),
     *((ReturnLineLoss(*ways, power),) for ways in WAYS for power in (1.75, 2.0)),
+    *((EndCushion(length, end),) for length in (0.05, 0.12) for end in (1, -1, 0)),
     (PressureOffset(),),
     (PressureGain(),),
-    *((PressureDrift(fading),) for fading in (0.0, 0.004, 0.012)),
+    *((PressureDrift(fading),) for fading in WARMING),
+    *((PressureSensorHysteresis(opening),) for opening in (0.0, 30e5)),
     (AngleOffset(),),
-    (AngleScale(), AngleScale(aside=True)),
+    *((AngleScale(right),) for right in SET),
     (Delay(),),
     (TiltIgnored(), TiltIgnored(across=True)),
     *((LinkageGeometry(part), LinkageGeometry(part, across=True)) for part in range(PARTS)),
     (ExtraMass(),),
     (FirstMomentChange(),),
+    *((Mud(filling),) for filling in (0.0, 200.0)),
+    *((HoseSpring(rest, cubic),) for rest in SET for cubic in (False, True)),
     *((Compliance(stiffening),) for stiffening in (0.0, 5e-6, 2e-5, 6e-5)),
     *((Backlash(turning),) for turning in (100.0, 400.0, 1500.0)),
     (TipForce(),),
@@ -71,6 +87,9 @@ LIBRARY: tuple[Group, ...] = (
     (PayloadShift(),),
     (ClockFault(),),
 )
+
+# What a simulated machine can have: the library, and what no column of a fixed course can find.
+SIMULATED: tuple[Group, ...] = (*LIBRARY, (IntermittentGlitch(),))
 
 
 class Proposal(NamedTuple):

@@ -29,7 +29,8 @@ class Observed(NamedTuple):
     """Filtered rows of a stretch: `columns` (T, R, P); `torque` (T, R) [N m], NaN where not usable; `posture` (T, N):
     joint angles [rad]; `speed` (T, C) of the cylinders [m/s]; `tool` (T, R, 3): columns of a force and a moment at the
     tool; `noise` (T, R, P+4): change of columns, tool columns and torque by noise as strong as the sensors';
-    `certain` (T, R): whether the direction of friction is known well enough for the row to be fitted."""
+    `certain` (T, R): whether the direction of friction is known well enough for the row to be fitted; `zero` (T, R, C):
+    columns of the pressures' zero errors."""
 
     columns: Array
     torque: Array
@@ -38,6 +39,7 @@ class Observed(NamedTuple):
     tool: Array
     noise: Array
     certain: NDArray[np.bool_]
+    zero: Array
 
 
 def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
@@ -64,7 +66,7 @@ def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) 
     exact = np.zeros((*torque.shape, model.tool.stop + 1))
     noise, late = _noise(model, rows, values, first) if noisy else exact, slice(model.settle_steps, None)
     seen = (own[late], torque[late], posture[late], moved.motion.speed[late], tool[late])
-    return Observed(*seen, noise[late], unknown[late] < CERTAIN_SHARE)
+    return Observed(*seen, noise[late], unknown[late] < CERTAIN_SHARE, rows.columns[late][..., model.zero])
 
 
 def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
@@ -108,8 +110,9 @@ def _stays(bad: Array, steps: int) -> Array:
 
 def block_factors(model: Model, seen: Observed) -> Factors:
     """Factors of a stretch in blocks of BLOCK_SECONDS; columns and marks as in `observed_factors`."""
-    columns = np.concatenate([seen.columns, seen.tool], axis=-1)
-    rows = blocks.BlockRows(columns, seen.torque, seen.noise, seen.certain, _marks(seen))
+    columns = np.concatenate([seen.columns, seen.tool, seen.zero], axis=-1)
+    noise = np.concatenate([seen.noise[..., :-1], np.zeros_like(seen.zero), seen.noise[..., -1:]], axis=-1)
+    rows = blocks.BlockRows(columns, seen.torque, noise, seen.certain, _marks(seen))
     return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))
 
 
@@ -121,7 +124,8 @@ def _marks(seen: Observed) -> Array:
 
 
 def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = True) -> Factors:
-    """Factors of a recording: columns of the P parameters, then the three of the tool. The marks of a block are the
+    """Factors of a recording: columns of the P parameters, then the three of the tool
+    and those of the C pressures' zero errors, whose noise is neglected. The marks of a block are the
     mean posture (N), the cylinders' mean absolute speed (C) and the shares of time in which they extend (C) and retract
     (C); of the measured joints the mean fitted torque (R) [N m], zero where a row is not fitted, and the share of time
     in which it is fitted (R). `noisy`: see `observe`.

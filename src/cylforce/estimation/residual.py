@@ -41,9 +41,12 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
 
 
-def correlated(filters: Filters) -> float:
-    """Number of consecutive samples that count as one independent sample: the correlation time of the filters."""
-    return max(1.0, filters.rate_hz / (np.pi * min(filters.smoothing_hz, filters.regressor_hz)))
+def correlated(filters: Filters, seconds: float = 0.0) -> float:
+    """Number of consecutive samples that count as one independent sample: the correlation time of the filters, or the
+    longer one [s] that was measured of the residual."""
+    return max(
+        1.0, filters.rate_hz / (np.pi * min(filters.smoothing_hz, filters.regressor_hz)), seconds * filters.rate_hz
+    )
 
 
 def load_spread(machine: Machine) -> Array:

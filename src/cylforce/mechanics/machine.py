@@ -11,6 +11,7 @@ from cylforce.mechanics.chain import Complex, Point, Pose, point, pose
 from cylforce.mechanics.linkages import Linkage, Linkages
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind, Signal
+from cylforce.signals.units import STANDARD_GRAVITY
 
 FORCE_KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
@@ -69,7 +70,7 @@ class Machine:
 
     `tool`: tooth line x + i z [m] in the last link's frame; `rated_payload` [kg]; `payload_reach` [m]: distance of the
     load's centre from the last pin, at most; `slew_axis` [m]: signed distance of the first pin from the slew axis;
-    `lengths` (N,) [m]: the links' pin-to-pin lengths."""
+    `gravity` [m/s^2] where it works; `lengths` (N,) [m]: the links' pin-to-pin lengths."""
 
     name: str
     links: tuple[Link, ...]
@@ -79,6 +80,7 @@ class Machine:
     rated_payload: float
     payload_reach: float
     slew_axis: float
+    gravity: float = STANDARD_GRAVITY
     lengths: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.signals.estimate import Array
-from cylforce.signals.units import STANDARD_GRAVITY
 
 UNKNOWN = np.zeros(0)  # stands for a force rate that was not computed
 
@@ -67,7 +66,7 @@ def motion(
         a=a,
         q=a + np.asarray(attitude.pitch)[..., None],
         qd=rates.cumsum(axis=-1) + np.asarray(attitude.pitch_rate)[..., None],
-        g=STANDARD_GRAVITY * np.cos(np.asarray(attitude.roll, dtype=np.float64)) + each,
+        g=machine.gravity * np.cos(np.asarray(attitude.roll, dtype=np.float64)) + each,
         slew=np.asarray(attitude.slew, dtype=np.float64) + each,
         length=geometry.length,
         lever=geometry.lever,

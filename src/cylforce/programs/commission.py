@@ -194,6 +194,6 @@ def _lift_advice(daemon: Daemon, known_kg: float) -> str:
         return f"nothing can be measured: {daemon.state.estimate.gross.reason.name.lower().replace('_', ' ')}"
     if daemon.state.estimate.booking is not None:
         return "booked: the machine may rest"
-    if daemon.state.weighing.candidate is None:
+    if daemon.state.weighing.books.candidate is None:
         return f"lift {known_kg:g} kg clear of the ground and move it up and down for some seconds"
     return "set it down, and lift the empty tool clear of the ground"

@@ -6,19 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer import answer, apart, off_clock
+from cylforce.diagnosis.answer import answer, apart, off_clock, shifted
 from cylforce.diagnosis.clocks import Slip, slips
-from cylforce.diagnosis.diagnosis import Search, search
+from cylforce.diagnosis.diagnosis import examined
 from cylforce.diagnosis.floor import fitted_tares
 from cylforce.diagnosis.forward import forward
-from cylforce.diagnosis.reference import doubt, hidden, shifted
-from cylforce.diagnosis.residuals import ends
+from cylforce.diagnosis.residuals import contributed, ends
 from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
 from cylforce.diagnosis.shape import confirm, told, unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
-from cylforce.diagnosis.verdict import Judged, Verdict, judged
+from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.where import where
-from cylforce.effects.fault import TimeCourse, places
+from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
@@ -31,6 +30,8 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
+# Friction laws that the model of a diagnosis has; `stribeck` only where it was identified, since it is also an effect.
+ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 EXAMPLE = "field.log=1000"
 CLOCKS = ClockFault().about.name
@@ -74,23 +75,23 @@ def diagnose(
     if late and not _tells(late, clean):
         return _off_clock(late)
     viewer, known = _viewer(loaded, question, clean)
-    found = search(viewer, faulty, clean, library, lambda doing: watch(doing, None), known, only)
-    verdict, warning, rng = judged(found), doubt(found), np.random.default_rng(SEED)
-    nothing = bool(warning) and hidden(found)
-    if late and (nothing or not _by_clock(verdict)):
+    rng = np.random.default_rng(SEED)
+    everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
+    watch("causes", None)
+    found = searched(everything)
+    verdict = judged(everything, found, contributed(found))
+    if late and not _by_clock(verdict):
         return _off_clock(late)
     seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
-    if nothing:
-        return _nothing(warning)
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
     whole = answer(found, verdict, size, ends(found), where(found, size.nominal, rng), forward(found, size))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
     whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    warnings = (warning, refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "")
+    warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "")
     whole["warnings"] = [text for text in warnings if text]
     return Diagnosed(found, verdict, size, whole)
 
@@ -115,7 +116,7 @@ def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
 
 def _by_clock(judged: Judged) -> bool:
     """Whether the clocks come first among what is named."""
-    return bool(judged.named) and judged.named[0].cause.ranked.option.proposal.course is TimeCourse.CLOCK
+    return bool(judged.named) and judged.named[0].cause.clock
 
 
 def _off_clock(late: Sequence[Slip]) -> Diagnosed:
@@ -187,10 +188,13 @@ def _viewer(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tu
     if question.identified is None and not clean:
         sheet = Model(service.machine, service.filters, ())
         return Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance))
-    model = Model(service.machine, service.filters, FRICTION)
     if question.identified is None:
+        model = Model(service.machine, service.filters, ALWAYS)
         return Viewer(model, fitted_tares(model, clean)), None
-    values, error = _spread_out(model, read_identified(question.identified, loaded))
+    tares = read_identified(question.identified, loaded)
+    laws = tuple(law for law in FRICTION if law in (*ALWAYS, *tares.friction))
+    model = Model(service.machine, service.filters, laws)
+    values, error = _spread_out(model, tares)
     return Viewer(model, values), None if clean else error
 
 

@@ -17,9 +17,6 @@ from cylforce.programs.common.tables import print_table
 from cylforce.programs.gap import Diagnosed
 from cylforce.signals.estimate import Array
 
-BESIDE = (
-    "\n# Too small or too uncertain to be named as causes, but found together with them: keep both, or neither.\n\n"
-)
 MOSTLY = 0.5  # of what is left
 SHAPES = {
     "constant": "constant",
@@ -73,13 +70,9 @@ def _answer_text(found: Diagnosed) -> str:
 
 
 def _patch_text(found: Diagnosed) -> str:
-    """Effects as blocks of TOML: those that are named, then those beside them."""
-    named = [n.cause for n in found.judged.named]
-    causes = written(found.search, found.judged) if found.search else ()
-    beside = [cause for cause in causes if not any(cause is n for n in named)]
-    first, then = (patch(found.search, part) if found.search else [] for part in (named, beside))
-    texts = [tomlkit.dumps({"effects": part}) if part else "" for part in (first, then)]
-    return texts[0] + (BESIDE + texts[1] if then else "") or "effects = []\n"
+    """The effects named as blocks of TOML."""
+    part = patch(found.search, written(found.search, found.judged)) if found.search else []
+    return tomlkit.dumps({"effects": part}) if part else "effects = []\n"
 
 
 def show(found: Diagnosed, console: Console) -> None:
@@ -135,11 +128,9 @@ def sentence(answer: dict[str, Any]) -> str:
     words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
     verb = words.get(verdict, "is caused by")
     share = closure["value"]
-    others = sum(not e["named"] for e in size["simulated"])
-    besides = f" and {others} {'other' if others == 1 else 'others'} found beside" if others else ""
     it = "it" if len(answer["effects"]) == 1 else "them"
     gone = f"{size['after']:.0f} N m are left" if share is None else f"{100 * share:.0f} % of the gap's energy is gone"
-    return f"The gap, {gap_nm}, {verb} {names}; with {it}{besides} simulated, {gone}{shape_words(answer)}."
+    return f"The gap, {gap_nm}, {verb} {names}; with {it} simulated, {gone}{shape_words(answer)}."
 
 
 def shape_words(answer: dict[str, Any]) -> str:

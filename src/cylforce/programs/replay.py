@@ -79,8 +79,9 @@ def replay(core: Core, events: Iterable[Event | Sent], state: State) -> Replayed
             expected = {identifiers[number]: data for number, data in out.frames}
             estimates.append(out.estimate)
             booking = out.estimate.booking
-            if booking is not None and (not bookings or booking.number != bookings[-1].number):
-                bookings.append(booking)
+            if booking is not None:
+                same = bool(bookings) and bookings[-1].number == booking.number
+                bookings[len(bookings) - same :] = [booking]
     return Replayed(estimates, bookings, compared, different, state)
 
 

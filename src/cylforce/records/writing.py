@@ -50,7 +50,8 @@ def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
 
 def restored(connection: sqlite3.Connection) -> Memory:
     """What the service remembered when it wrote last. The truck's buckets are those of its bookings."""
-    last = connection.execute("SELECT number, t_us, gross, standard_error FROM bookings ORDER BY id DESC LIMIT 1")
+    wanted = "number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error"
+    last = connection.execute(f"SELECT {wanted} FROM bookings ORDER BY id DESC LIMIT 1")
     booking = next((Booking(*row) for row in last), None)
     row = connection.execute("SELECT zero, tare, truck, target, product FROM kept").fetchone()
     if row is None:
@@ -103,8 +104,7 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
 def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: BookedBucket) -> None:
     """The same booking a second time changes nothing."""
     booking, (zero, tare) = booked.booking, kept.scale
-    left = None if booking.left is None else booking.left - zero
-    weights = (booking.mass - zero - tare, booking.standard_error, booking.mass, left)
+    weights = (booking.dumped - tare, booking.dumped_error, booking.mass, booking.carry_back - zero)
     place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product)
     rest = (*booked.cycle, zero, tare, STANDARD, booked.drift, booked.status)
     connection.execute(

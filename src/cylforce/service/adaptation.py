@@ -1,8 +1,10 @@
 """Slow adaptation in service: friction and pressure zeros follow temperature and wear, while the bucket returns empty.
 
-The parameters identified at commissioning remain the reference; only their drift is estimated. The recursive least
-squares forget only what the present motion measures, so that nothing changes while the machine is parked. The drift is
-limited to what is physically possible, and is also given in kilograms."""
+The parameters identified at commissioning remain the reference; only their drift is estimated. What sticks in the
+bucket is unknown, and another amount in every return: it is estimated beside the drift, so that only what no load
+explains is taken for a drift. The recursive least squares forget only what the present motion measures, so that nothing
+changes while the machine is parked. The drift is limited to what is physically possible, and is also given in
+kilograms."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,27 +12,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.model import CERTAIN_SHARE, Model, Tares
+from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
 from cylforce.estimation.regressor import Rows
+from cylforce.estimation.residual import SMALLEST, load_spread
 from cylforce.signals.estimate import Array
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
 STROKE_SECONDS = 3.0  # s, duration of a typical stroke, over which model errors keep their sign; chosen
 EVERY = 5  # steps between updates, because neighbouring samples contain the same information; chosen
-ZERO_ERROR, ZERO_LIMIT = 3e4, 6e5  # Pa, prior standard error of a pressure's zero drift, and its limit; chosen
-FRICTION_ERROR = 0.1  # times the identified friction: prior standard error of its drift; chosen
-FRICTION_RANGE = (0.2, 3.0)  # times the identified friction: limits of the adapted friction; chosen
+ZERO_LIMIT = 6e5  # Pa, limit of a pressure's zero drift; chosen
+FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
+PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
+LOAD = 4  # parameters of a load: m, m x, m z, J
 SHOWN = 0.02  # share of the difference by which each update changes the drift in kilograms; chosen: smooths it
 
 
 class Drift(NamedTuple):
     """State of the adaptation: `values` (D,) to be added to the tares (Coulomb and viscous friction, then pressure
-    zeros), their information `root`; `waited`: steps since the last update; `mass` [kg] that the empty bucket would
-    show without the adaptation; `following`: whether this instant was usable, else nothing changes."""
+    zeros) with `covariance` (D, D); information `root` about the load that remains in the bucket (4) and the drift (D);
+    `waited`: steps since the last update; `mass` [kg] that the empty bucket would show without the adaptation;
+    `following`: whether this instant was usable, else nothing changes."""
 
     root: Root
     values: Array
+    covariance: Array
     waited: int
     mass: float
     following: bool
@@ -38,10 +45,11 @@ class Drift(NamedTuple):
 
 @dataclass(frozen=True)
 class Adapter:
-    """The adaptation of one machine."""
+    """The adaptation of one machine; `expected`: the drift before anything is seen of it."""
 
     model: Model
     tares: Tares
+    expected: BetweenStrokes = EXPECTED
 
     @cached_property
     def _limits(self) -> tuple[Array, Array]:
@@ -55,13 +63,31 @@ class Adapter:
         """Updates that count as one independent measurement: model errors keep their sign for about one stroke."""
         return STROKE_SECONDS * self.model.filters.rate_hz / EVERY
 
+    @cached_property
+    def _spread(self) -> Array:
+        """Prior standard errors (D,) of the drift."""
+        return drift_spread(self.model, self.tares.values, self.expected)
+
     def begin(self) -> Drift:
-        """The state without drift, with the prior standard errors above; old information fades within the memory."""
-        zero = [ZERO_ERROR * c.area_head for c in self.model.machine.cylinders]
-        floor = [1e-3 * self.model.machine.cylinders[0].area_head * 1e5] * len(self.model.changing_friction)
-        friction = np.maximum(FRICTION_ERROR * np.abs(self.tares.values[self.model.changing_friction]), floor)
-        spread = np.concatenate([friction, zero])
-        return Drift(known(np.zeros_like(spread), spread), np.zeros_like(spread), 0, 0.0, False)
+        """The state without drift, with the prior standard errors above."""
+        spread = np.concatenate([self._remainder, self._spread])
+        drift = np.zeros_like(self._spread)
+        return Drift(known(np.zeros_like(spread), spread), drift, np.diag(self._spread**2), 0, 0.0, False)
+
+    @cached_property
+    def _remainder(self) -> Array:
+        """Standard errors (4,) of what remains in an empty bucket, before anything is seen of it."""
+        return SMALLEST / 2.0 * load_spread(self.model.machine)
+
+    def loaded(self, drift: Drift) -> Drift:
+        """The state after the bucket was not empty: what remains in it next time is unknown.
+
+        The triangle of the root lists the load first, so that its lower part is the information about the drift that is
+        left when the load is unknown."""
+        factor, right = np.zeros_like(drift.root.factor), np.zeros_like(drift.root.right)
+        factor[LOAD:, LOAD:], right[LOAD:] = drift.root.factor[LOAD:, LOAD:], drift.root.right[LOAD:]
+        factor[:LOAD, :LOAD] = np.diag(1.0 / self._remainder)
+        return drift._replace(root=Root(factor, right), following=False)
 
     def columns(self, rows: Rows) -> Array:
         """Columns (R, D) of the adapted parameters."""
@@ -81,16 +107,38 @@ class Adapter:
             return drift._replace(following=False)
         if drift.waited + 1 < EVERY:
             return drift._replace(waited=drift.waited + 1, following=True)
-        columns = self.columns(rows)
+        drifting = self.columns(rows)
+        own = rows.columns[..., : len(self.model.parameters)]
+        columns = np.concatenate([own @ self.model.load, drifting], axis=-1)
         keep = 1.0 - EVERY / (MEMORY_SECONDS * self.model.filters.rate_hz)
-        root = forget(drift.root, columns[good], keep)
-        observed = torque + columns @ drift.values
+        root = self._remembered(forget(drift.root, columns[good], keep), keep)
+        observed = torque + drifting @ drift.values
         root = update(root, columns[good], observed[good], self._memory * variance[good])
-        values, _ = solution(root)
-        limited = np.clip(values, *self._limits)
-        if np.any(limited != values):
-            root = Root(root.factor, root.factor @ limited)
-        return Drift(root, limited, 0, self._mass(drift, columns @ limited, rows), True)
+        both, covariance = solution(root)
+        limited = np.clip(both[LOAD:], *self._limits)
+        if np.any(limited != both[LOAD:]):
+            root = Root(root.factor, root.factor @ np.append(both[:LOAD], limited))
+        shown = self._mass(drift, drifting @ limited, rows)
+        return Drift(root, limited, self._believed(limited, covariance[LOAD:, LOAD:]), 0, shown, True)
+
+    def _believed(self, values: Array, covariance: Array) -> Array:
+        """The covariance (D, D) of the drift, with the spread that this machine shows instead of the prior's, for
+        friction and for zeros: k^2 = (n + sum (d/s)^2) / (n + sum (1 - c/s^2)), s the prior's standard error, c the
+        variance that is left, n = PRIOR_COUNT. A drift that was not seen leaves k at 1."""
+        seen = 1.0 - np.minimum(np.diag(covariance) / self._spread**2, 1.0)
+        size, moved = len(self.model.changing_friction), (values / self._spread) ** 2
+        parts = (slice(0, size), slice(size, None))
+        shares = [(PRIOR_COUNT + moved[p].sum()) / (PRIOR_COUNT + seen[p].sum()) for p in parts]
+        scale = np.sqrt(np.repeat(shares, (size, len(values) - size)))
+        return np.asarray(scale[:, None] * covariance * scale)
+
+    def _remembered(self, root: Root, keep: float) -> Root:
+        """The prior of the drift gains what older motion loses (stabilised forgetting): without it, what sticks in the
+        bucket every time would in the end be taken for a drift."""
+        size = root.right.size
+        prior = np.zeros((size - LOAD, size))
+        prior[:, LOAD:] = np.diag(1.0 / self._spread)
+        return update(root, prior, np.zeros(size - LOAD), np.full(size - LOAD, 1.0 / (1.0 - keep)))
 
     def _mass(self, drift: Drift, torque: Array, rows: Rows) -> float:
         """Mass [kg] of the load that would explain the `torque` (R,) of the drift, smoothed over updates."""

@@ -58,7 +58,7 @@ class State(NamedTuple):
     @property
     def memory(self) -> Memory:
         """What a restart does not change."""
-        return Memory(self.scale, self.truck, self.weighing.booking)
+        return Memory(self.scale, self.truck, self.weighing.books.booking)
 
 
 class Output(NamedTuple):

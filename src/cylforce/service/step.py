@@ -6,7 +6,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual, residual
 from cylforce.mechanics.installation import Service
@@ -31,6 +31,7 @@ from cylforce.signals.estimate import (
     degraded,
     each_component,
     held_estimate,
+    is_new,
     less,
     no_estimate,
     within,
@@ -72,8 +73,9 @@ class Core:
 
     @cached_property
     def adapter(self) -> Adapter:
-        """Rows with an empty bucket to drift."""
-        return Adapter(self.model, self.tares)
+        """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
+        friction may follow the oil much farther."""
+        return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
 
     @cached_property
     def recognizer(self) -> Recognizer:
@@ -112,7 +114,8 @@ class Core:
         still = (False,) * len(self.service.machine.signals)
         inputs, known = self.assembler.begin(), self.recognizer.begin()
         drift, contact = self.adapter.begin(), self.interactor.begin()
-        weighing = self.weigher.begin()._replace(booking=kept.booking)
+        weighing = self.weigher.begin()
+        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking))
         return State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, kept.truck)
 
 
@@ -168,24 +171,25 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if pipe.steps <= core.model.settle_steps:
         return state._replace(estimate=_nothing(state, t_us, Reason.STARTING))
     usable = pipe.waiting == 0
-    left = residual(core.model, core.tares, rows, core.adapter.columns(rows) @ state.drift.values)
-    weighing, load = core.weigher.step(state.weighing, left, usable, t_us)
+    drifting = core.adapter.columns(rows)
+    left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting)
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
     drift = _drift(core, state.drift, weighing, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
-    before = state.weighing.booking
+    before = state.weighing.books.booking
     state = state._replace(weighing=weighing, drift=drift, recognition=recognition, interaction=interaction)
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 
 def _booked(state: State, before: Booking | None) -> State:
     """The state with the working cycle advanced; with a new booking it ends, and the truck has one more bucket."""
-    cycle, booking = advanced(state.cycle, state.estimate), state.weighing.booking
-    if booking is None or booking is before:
+    cycle, booking = advanced(state.cycle, state.estimate), state.weighing.books.booking
+    if booking is None or not is_new(booking, before):
         return state._replace(cycle=cycle)
-    truck = loaded(state.truck, booking, state.scale.zero + state.scale.tare)
+    truck = loaded(state.truck, booking, state.scale.tare)
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
 
@@ -221,8 +225,9 @@ def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Resid
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty."""
     if not core.adapts:
         return drift
-    empty = np.logical_and(usable, core.weigher.is_empty(weighing))
-    return core.adapter.step(drift, rows, left.torque, np.where(empty, left.variance, np.inf))
+    if not core.weigher.is_empty(weighing, drift):
+        return core.adapter.loaded(drift)
+    return core.adapter.step(drift, rows, left.torque, np.where(usable, left.variance, np.inf))
 
 
 def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -> Estimate:
@@ -236,7 +241,7 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
-    return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.booking, forces.soil, events)
+    return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:

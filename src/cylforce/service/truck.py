@@ -13,7 +13,8 @@ TOO_FAR = 0x06090030  # SDO abort code (CiA 301): value range exceeded
 
 
 class Bucket(NamedTuple):
-    """A booked bucket: the booking's number, the mass that counts [kg] (after zero and tare), whether it counts."""
+    """A booked bucket: the booking's number, the mass that counts [kg] (what left the bucket, less the tare), and whether
+    it does."""
 
     number: int
     mass: float
@@ -43,9 +44,9 @@ class Ruling(NamedTuple):
     words: str
 
 
-def loaded(truck: Truck, booking: Booking, taken_off: float) -> Truck:
-    """The truck after one more bucket; `taken_off` [kg]: zero and tare."""
-    mass = booking.mass - taken_off
+def loaded(truck: Truck, booking: Booking, tare: float) -> Truck:
+    """The truck after one more bucket: what left it, less the `tare` [kg]."""
+    mass = booking.dumped - tare
     buckets = (*truck.buckets, Bucket(booking.number, mass))[-KEPT:]
     return truck._replace(total=truck.total + mass, filled=truck.filled + 1, buckets=buckets)
 

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
@@ -18,21 +19,30 @@ from cylforce.estimation.residual import (
     correlated,
     load_spread,
 )
-from cylforce.signals.estimate import Array, Booking, Load, Quantity, Reason, Status, invalid, invalid_load
+from cylforce.service.adaptation import Adapter, Drift
+from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled
+from cylforce.service.spill import CERTAIN, EVERY_S, change, information
+from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, invalid, invalid_load
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
+COLD = 5.0  # times the expected drift, for which the gate allows: oil of 0 instead of 40 degC; chosen
+DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift not known yet; chosen: twice its error
 PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
 EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
 FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; chosen
+LATER_S = (
+    0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
+)
 
 
 class Lift(NamedTuple):
-    """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) as information `root`, `values`
-    (4,) and `covariance` (4, 4); `gram` (4, P), with which its sensitivity to the tares is covariance @ gram; numbers
-    of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples for which each row has been
-    at rest."""
+    """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
+    `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
+    covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
+    for which each row has been at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for
+    a spill; `mixed`: whether the filters still hold what was before the lift."""
 
     root: Root
     values: Array
@@ -42,33 +52,26 @@ class Lift(NamedTuple):
     refused: int
     moving: int
     rested: Array
+    marks: Array
+    mixed: bool
 
 
 class Weight(NamedTuple):
     """Mass [kg] with standard error [kg]; centre x + i z [m] of the load in the last link's frame with the standard
-    errors (x, z) [m]."""
+    errors (x, z) [m]; `drifted` [kg m]: standard error of the first moment by a drift that is not known yet."""
 
     mass: float
     standard_error: float
     centre: complex
     centre_error: tuple[float, float]
-
-
-class Candidate(NamedTuple):
-    """The weight that would be booked now: mass [kg], standard error [kg], number of samples in motion on which it is
-    based."""
-
-    mass: float
-    standard_error: float
-    moving: int
+    drifted: float
 
 
 class Weighing(NamedTuple):
-    """State of the weighing: the present lift, the candidate for booking, the last booking."""
+    """State of the weighing: the present lift, and what is to be booked or was booked last."""
 
     lift: Lift
-    candidate: Candidate | None
-    booking: Booking | None
+    books: Books
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class Weigher:
     @cached_property
     def _memory(self) -> float:
         """Number of consecutive samples that count as one independent sample."""
-        return correlated(self.model.filters)
+        return correlated(self.model.filters, self.tares.correlation)
 
     @property
     def _long(self) -> float:
@@ -92,36 +95,77 @@ class Weigher:
     def _fresh(self) -> Lift:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
-        nothing = np.zeros((4, len(self.model.parameters)))
-        return Lift(root, *solution(root), nothing, 0, 0, 0, np.zeros(len(machine.rows)))
+        nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
+        return Lift(
+            root,
+            *solution(root),
+            nothing,
+            0,
+            0,
+            0,
+            np.zeros(len(machine.rows)),
+            np.stack([information(root, nothing)] * 2),
+            mixed=False,
+        )
+
+    @property
+    def _again(self) -> Lift:
+        """A lift that follows another motion."""
+        return self._fresh._replace(mixed=True)
+
+    @cached_property
+    def _still(self) -> Drift:
+        """A drift that is known to be zero."""
+        begun = Adapter(self.model, self.tares).begin()
+        return begun._replace(covariance=np.zeros_like(begun.covariance))
 
     def begin(self) -> Weighing:
         """The state before any sample."""
-        return Weighing(self._fresh, None, None)
+        return Weighing(self._fresh, Books())
 
     def interrupt(self, state: Weighing) -> Weighing:
         """The state after an interruption of the measurement: a new lift; candidate and booking remain."""
-        return state._replace(lift=self._fresh)
+        return Weighing(self._fresh, parted(state.books))
 
-    def step(self, state: Weighing, left: Residual, usable: Array, t_us: int) -> tuple[Weighing, Load]:
+    def step(
+        self,
+        state: Weighing,
+        left: Residual,
+        usable: Array,
+        t_us: int,
+        drift: Drift | None = None,
+        drifting: Array | None = None,
+    ) -> tuple[Weighing, Load]:
         """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
-        [us]."""
-        lift = self._advance(state.lift, left, usable)
+        [us]; the `drift`, which is already subtracted from the residual, and its columns `drifting` (R, D). Without
+        them friction and zeros are those of the tares."""
+        drift = self._still if drift is None else drift
+        columns = np.zeros((len(left.torque), len(drift.values))) if drifting is None else drifting
+        lift = self._advance(state.lift, left, usable, drift, columns)
         if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
-            lift = self._fresh  # the candidate remains until the bucket is seen empty
-        weight = self._conclude(lift)
-        return self._note(state._replace(lift=lift), weight, t_us), self._judge(lift, weight)
+            # the candidate remains until the bucket is seen empty
+            lift, state = self._again, state._replace(books=parted(state.books))
+        elif not lift.taken and state.lift.taken:
+            state = state._replace(books=spilled(state.books))
+        weight = self._conclude(lift, drift)
+        state = self._note(state._replace(lift=lift), weight, t_us, drift)
+        return state, self._judge(lift, weight)
 
-    def is_empty(self, state: Weighing) -> bool:
+    def is_empty(self, state: Weighing, drift: Drift | None = None) -> bool:
         """Whether the bucket is known to be empty and in the air."""
-        weight = self._conclude(state.lift)
+        weight = self._conclude(state.lift, self._still if drift is None else drift)
         small = abs(weight.mass) < EMPTY * self.model.machine.rated_payload
         return small and self._doubt(state.lift, weight) is None
 
-    def _advance(self, lift: Lift, left: Residual, usable: Array) -> Lift:
+    def _advance(self, lift: Lift, left: Residual, usable: Array, drift: Drift, drifting: Array) -> Lift:
         columns = left.columns @ self.model.load
-        expected = columns @ lift.values
-        variance = ((columns @ lift.covariance) * columns).sum(axis=1) + left.variance + BREAK_AWAY**2 * left.rest
+        known_drift = self.tares.scale * (drifting @ drift.values)
+        expected = columns @ self._load(lift, drift)
+        unsure = ((columns @ lift.covariance) * columns).sum(axis=1)
+        drifted = ((drifting @ drift.covariance) * drifting).sum(axis=1)
+        unsure = unsure + np.minimum(COLD**2 * drifted, DRIFTED * left.variance)
+        variance = unsure + left.variance + BREAK_AWAY**2 * left.rest
+        torque = left.torque + known_drift
         innovation = (left.torque - expected) ** 2 / variance
         if not usable.any() or innovation[usable].mean() > GATE:
             return lift._replace(refused=lift.refused + 1)
@@ -131,10 +175,32 @@ class Weigher:
         variance = (self._memory * left.variance + patience * left.rest)[informative]
         used = columns[informative]
         root, gram = self._faded(lift, used)
-        root = update(root, used, left.torque[informative], variance)
-        gram = gram + (used / variance[:, None]).T @ left.columns[informative]
+        root = update(root, used, torque[informative], variance)
+        others = np.concatenate([left.columns, drifting], axis=1)[informative]
+        gram = gram + (used / variance[:, None]).T @ others
         moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
-        return Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested)
+        if lift.mixed and lift.taken + 1 == self.model.settle_steps:
+            return self._fresh._replace(taken=lift.taken + 1, rested=rested)
+        now = Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed)
+        return self._watched(now, drift)
+
+    def _watched(self, lift: Lift, drift: Drift) -> Lift:
+        """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
+        every = round(EVERY_S * self.model.filters.rate_hz)
+        hangs = lift.values[0] > SMALLEST * self.model.machine.rated_payload
+        if lift.taken % every or lift.taken > self._long or not hangs:
+            return lift
+        now = information(lift.root, lift.gram)
+        by, wrong = change(lift.marks[0], now, block_diag(self.tares.covariance, drift.covariance))
+        enough = lift.taken >= 3 * every + self.model.settle_steps
+        if enough and abs(by) > max(CERTAIN * wrong, GOOD_ENOUGH * self.model.machine.rated_payload):
+            return self._again
+        return lift._replace(marks=np.stack([lift.marks[1], now]))
+
+    def _load(self, lift: Lift, drift: Drift) -> Array:
+        """The load (4,) with the drift as it is known now."""
+        size = len(self.model.parameters)
+        return lift.values - lift.covariance @ (lift.gram[:, size:] @ drift.values)
 
     def _faded(self, lift: Lift, columns: Array) -> tuple[Root, Array]:
         """Root and gram of the lift before it takes in rows with `columns` (K, 4): in long lifts a small share of the
@@ -144,16 +210,22 @@ class Weigher:
         root = forget(lift.root, columns, 1.0 - 1.0 / self._long)
         return root, root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
 
-    def _conclude(self, lift: Lift) -> Weight:
-        """Mass and centre of the load. The standard error of the mass includes those of the tares and of the scale."""
+    def _weighed(self, lift: Lift) -> Weighed:
         gain = lift.covariance[0] @ lift.gram
-        mass = float(lift.values[0])
-        variance = lift.covariance[0, 0] + gain @ self.tares.covariance @ gain + (mass * self.tares.scale_error) ** 2
+        size = len(self.model.parameters)
+        return Weighed(float(lift.values[0]), float(lift.covariance[0, 0]), gain[:size], gain[size:], lift.moving)
+
+    def _conclude(self, lift: Lift, drift: Drift) -> Weight:
+        """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
+        load, wrong = self._load(lift, drift), error(self._weighed(lift), self.tares, drift)
+        mass = float(load[0])
         scale = mass if abs(mass) > 1.0 else 1.0
-        centre = complex(lift.values[1], lift.values[2]) / scale
+        centre = complex(load[1], load[2]) / scale
         along = np.array([[-centre.real, 1.0, 0.0, 0.0], [-centre.imag, 0.0, 1.0, 0.0]]) / scale
         error_x, error_z = np.sqrt(np.sum((along @ lift.covariance) * along, axis=1))
-        return Weight(mass, float(np.sqrt(variance)), centre, (float(error_x), float(error_z)))
+        moments = lift.covariance[1:3] @ lift.gram[:, len(self.model.parameters) :]
+        drifted = float(np.sqrt(np.sum((moments @ drift.covariance) * moments)))
+        return Weight(mass, wrong, centre, (float(error_x), float(error_z)), drifted)
 
     def _plausible(self, weight: Weight) -> bool:
         """Whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass near
@@ -161,7 +233,7 @@ class Weigher:
         rated, reach = self.model.machine.rated_payload, self.model.machine.payload_reach
         if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
-            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach
+            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
     def _judge(self, lift: Lift, weight: Weight) -> Load:
@@ -192,23 +264,10 @@ class Weigher:
             return Reason.NOT_A_LOAD
         return Reason.UNCERTAIN if weight.standard_error >= self.model.machine.rated_payload else None
 
-    def _note(self, state: Weighing, weight: Weight, t_us: int) -> Weighing:
-        """The state with the candidate updated to the weight based on most samples in motion, and booked once the
-        bucket is empty again."""
-        rated = self.model.machine.rated_payload
-        if self._doubt(state.lift, weight) is not None or weight.standard_error > GOOD_ENOUGH * rated:
+    def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift) -> Weighing:
+        """The state with what is to be booked, looked at every LATER_S of a lift."""
+        often = round(LATER_S * self.model.filters.rate_hz)
+        if state.lift.taken % often or self._doubt(state.lift, weight) is not None:
             return state
-        if weight.mass < SMALLEST * rated:
-            return self._book(state, t_us, weight.mass)
-        best = state.candidate
-        if best is None or state.lift.moving >= best.moving:
-            found = Candidate(weight.mass, weight.standard_error, state.lift.moving)
-            return state._replace(candidate=found)
-        return state
-
-    def _book(self, state: Weighing, t_us: int, left: float) -> Weighing:
-        if state.candidate is None:
-            return state
-        number = 1 if state.booking is None else state.booking.number + 1
-        best = state.candidate
-        return Weighing(state.lift, None, Booking(number, t_us, best.mass, best.standard_error, left))
+        rated, weighed = self.model.machine.rated_payload, self._weighed(state.lift)
+        return state._replace(books=noted(state.books, weighed, rated, t_us, self.tares, drift))

@@ -14,8 +14,11 @@ from cylforce.settings.limits import (
     CentreTolerance,
     Coordinate,
     CylinderLength,
+    Gravity,
+    Height,
     Inertia,
     InertiaTolerance,
+    Latitude,
     Length,
     LengthTolerance,
     Mass,
@@ -66,6 +69,13 @@ class MachineTable(SettingsTable):
         default=None,
         description="How far from the last pin the middle of a load may lie. Default: as far as the tooth line.",
     )
+    gravity_m_s2: Gravity | None = Field(
+        default=None, description="Gravity where the machine works, if it was measured. Default: 9.80665."
+    )
+    latitude_deg: Latitude | None = Field(
+        default=None, description="Latitude where it works, north or south: gravity follows from it (WGS 84)."
+    )
+    height_m: Height | None = Field(default=None, description="Height above sea where it works; with latitude_deg.")
 
 
 class LinkTolerance(SettingsTable):

@@ -13,7 +13,7 @@ from pydantic import AllowInfNan, BaseModel, ConfigDict, ValidationError
 
 import cylforce
 from cylforce.commissioning.identification import Identification
-from cylforce.estimation.model import FRICTION, Model, Tares
+from cylforce.estimation.model import EXPECTED, FRICTION, BetweenStrokes, Model, Tares
 from cylforce.files.atomic import is_stream, replacing
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.signals.estimate import Array
@@ -60,6 +60,9 @@ class IdentifiedFile(_Strict):
     scale: Number
     scale_standard_error: Number
     unexplained_torque_n_m: tuple[Number, ...]
+    unexplained_correlation_s: Number = 0.0
+    friction_between_strokes: Number = EXPECTED.friction
+    zero_between_strokes_pa: Number = EXPECTED.zero
     parameters: tuple[IdentifiedParameter, ...]
     covariance: tuple[tuple[Number, ...], ...]
 
@@ -77,6 +80,9 @@ def write_identified(path: Path, found: Identification, loaded: Loaded, recordin
             cylforce=cylforce.__version__,
         ),
         unexplained_torque_n_m=tuple(found.tares.row_error.tolist()),
+        unexplained_correlation_s=found.tares.correlation,
+        friction_between_strokes=found.tares.between_strokes.friction,
+        zero_between_strokes_pa=found.tares.between_strokes.zero,
         warnings=found.warnings,
         friction=found.model.friction,
         scale=found.tares.scale,
@@ -114,8 +120,9 @@ def read_identified(path: Path, loaded: Loaded) -> Tares:
     _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
     names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
     left = np.array(file.unexplained_torque_n_m)
-    scale = (file.scale, file.scale_standard_error)
-    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *scale)
+    differ = BetweenStrokes(file.friction_between_strokes, file.zero_between_strokes_pa)
+    rest = (file.scale, file.scale_standard_error, file.unexplained_correlation_s, differ)
+    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *rest)
 
 
 def identified_warnings(path: Path) -> tuple[str, ...]:

@@ -54,6 +54,11 @@ Inertia = Annotated[float, Field(gt=0, lt=HUGE)]
 Angle = Annotated[float, Field(ge=-360, le=360), Typical(-270, 270)]
 # The boom foot lies within the undercarriage's length of the slew axis: 3 m on machines of 100 t.
 Offset = Annotated[float, Field(ge=-10, le=10), Typical(-3, 3)]
+# On the ground it is 9.764 m/s^2 on a high mountain near the equator to 9.834 at a pole; mines are no deeper than 4 km,
+# roads no higher than 6 km.
+Gravity = Annotated[float, Field(ge=9.76, le=9.84)]
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Height = Annotated[float, Field(ge=-4500, le=9000), Typical(-500, 5500)]
 Reach = Annotated[float, Field(gt=0, le=20), Typical(0.1, 6)]
 # Return lines of mobile hydraulics stay below 30 bar, hoses of the return line are rated for about 100.
 ReturnPressure = Annotated[float, Field(ge=0, le=500), Typical(0, 50)]

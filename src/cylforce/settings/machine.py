@@ -3,14 +3,15 @@
 from math import pi, sqrt
 
 from cylforce.mechanics import chain, linkages
+from cylforce.mechanics.gravity import normal_gravity
 from cylforce.mechanics.linkages import Linkage
 from cylforce.mechanics.machine import Cylinder, Link, Machine
-from cylforce.settings.arm import CylinderTable, DogboneTable, FourBarTable, LinkTable, Pin, TriangleTable
+from cylforce.settings.arm import CylinderTable, DogboneTable, FourBarTable, LinkTable, MachineTable, Pin, TriangleTable
 from cylforce.settings.error import FaultError, Inspection
 from cylforce.settings.model import MachineFile
 from cylforce.settings.names import CHASSIS
 from cylforce.signals.kinds import Signal
-from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
+from cylforce.signals.units import BAR, DEGREE, MILLIMETRE, STANDARD_GRAVITY
 
 LIMIT = 1.0 / sqrt(3.0)  # a tolerance is the half-width of a uniform distribution (GUM 4.3.7): its standard deviation
 
@@ -20,7 +21,8 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
     tool = complex(*file.tool.point_m)
     links = [findings.attempt(_link, file, k) for k in range(len(file.links))]
     cylinders = [findings.attempt(_cylinder, file, k) for k in range(len(file.cylinders))]
-    if None in links or None in cylinders:
+    gravity = findings.attempt(_gravity, file.machine)
+    if None in links or None in cylinders or gravity is None:
         return None
     return Machine(
         name=file.machine.name,
@@ -31,7 +33,21 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
         rated_payload=file.machine.rated_payload_kg,
         payload_reach=file.machine.payload_reach_m or abs(tool),
         slew_axis=file.machine.slew_axis_m,
+        gravity=gravity,
     )
+
+
+def _gravity(table: MachineTable) -> float:
+    """Gravity [m/s^2] where the machine works: as given, or of its place; else the standard one."""
+    if table.gravity_m_s2 is not None and table.latitude_deg is not None:
+        problem = "and latitude_deg both say what gravity is: keep gravity_m_s2 if it was measured, else latitude_deg"
+        raise FaultError(("machine", "gravity_m_s2"), problem)
+    if table.height_m is not None and table.latitude_deg is None:
+        problem = "says nothing without a latitude: add latitude_deg, or remove height_m"
+        raise FaultError(("machine", "height_m"), problem)
+    if table.latitude_deg is None:
+        return table.gravity_m_s2 or STANDARD_GRAVITY
+    return normal_gravity(table.latitude_deg * DEGREE, table.height_m or 0.0)
 
 
 def _link(file: MachineFile, k: int) -> Link:

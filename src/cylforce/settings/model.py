@@ -189,7 +189,7 @@ class FrictionTable(SettingsTable):
     """The friction laws to choose from."""
 
     effects: tuple[str, ...] = Field(
-        default=("coulomb", "viscous", "delay", "load_dependent", "directional"),
+        default=("coulomb", "viscous", "delay", "load_dependent", "directional", "stribeck", "rocker"),
         strict=False,
         description="Names of the laws; `coulomb` must be among them.",
     )

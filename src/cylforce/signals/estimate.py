@@ -123,14 +123,23 @@ def invalid_force(reason: Reason) -> Force:
 
 
 class Booking(NamedTuple):
-    """A weight that was accurate enough to be booked: number of the lift, time of booking [us], mass [kg] and its
-    standard error [kg]; `left` [kg]: what the bucket weighed when it was seen empty, None where that is not known."""
+    """A weight that was accurate enough to be booked: number of the lift, time of booking [us]; gross `mass`, what
+    remained in the bucket after it (`carry_back`), what left it (`dumped`), each with its standard error, all [kg].
+    While the bucket returns, the same booking becomes more precise."""
 
     number: int
     t_us: int
     mass: float
     standard_error: float
-    left: float | None = None
+    carry_back: float
+    carry_back_error: float
+    dumped: float
+    dumped_error: float
+
+
+def is_new(booking: Booking | None, before: Booking | None) -> bool:
+    """Whether a booking is another one than before, not the same made more precise."""
+    return booking is not None and (before is None or booking.number != before.number)
 
 
 class Load(NamedTuple):

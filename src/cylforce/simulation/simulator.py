@@ -21,6 +21,7 @@ from cylforce.effects.imposed import (
     changed_load,
     contact_force,
     excess_force,
+    excess_torque,
     friction_level,
     unseen_slew,
 )
@@ -34,7 +35,6 @@ from cylforce.mechanics.machine import Link, Machine, base_parameters
 from cylforce.mechanics.motion import Attitude, Motion, motion
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
-from cylforce.signals.units import STANDARD_GRAVITY
 from cylforce.simulation.soil import load, resistance, soil_force
 from cylforce.simulation.trajectory import Kinematics, Scene, follow
 
@@ -137,6 +137,7 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     value = base_values(truth.links, carried)
     value[..., :3] += added_parameters(machine, truth.effects, clock)
     tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
+    tau += excess_torque(machine, truth.effects, moving, clock)
     tau += carrying_torque(machine, truth.effects, value, course, attitude, swung)
     moving, friction = balance(truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
@@ -180,10 +181,10 @@ def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: A
     The momentum depends on angles and rates only. Each instant's angles, rates and accelerations give a parabola in
     time; finite differences along it give d/dt. `value` is not differentiated, because material is picked up and
     released at the bucket's own velocity."""
-    columns = _columns(lambda s: Rigid().halves(machine, _later(course, attitude, s)))
+    columns = _columns(lambda s: Rigid().halves(machine, _later(machine, course, attitude, s)))
     flat = value.shape[:-2]
     torque = columns @ value[..., :3].reshape(*flat, -1, 1)
-    centrifugal = Slew().halves(machine, _later(course, attitude, 0.0)).static @ value.reshape(*flat, -1, 1)
+    centrifugal = Slew().halves(machine, _later(machine, course, attitude, 0.0)).static @ value.reshape(*flat, -1, 1)
     return np.asarray((torque + centrifugal)[..., 0])
 
 
@@ -216,20 +217,20 @@ def _carried(
 
     def at(s: float) -> Halves:
         pitch = np.asarray(attitude.pitch) + swung.rate * s + swung.acceleration * (s * s / 2)
-        moving = _later(course, attitude._replace(pitch=pitch), s)
+        moving = _later(machine, course, attitude._replace(pitch=pitch), s)
         return effect.halves(machine, moving, swung.rate + swung.acceleration * s, base)
 
     return at
 
 
-def _later(course: Kinematics, attitude: Attitude, s: float) -> Motion:
+def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -> Motion:
     """The motion `s` seconds after each instant, along its parabola; without cylinders, which rigid columns do not
     use."""
     theta = course.theta + course.thetad * s + course.thetadd * (s * s / 2)
     none = np.zeros((*theta.shape[:-1], 0))
     a = np.cumsum(theta, axis=-1)
     qd = np.cumsum(course.thetad + course.thetadd * s, axis=-1)
-    g = STANDARD_GRAVITY * np.cos(attitude.roll)
+    g = machine.gravity * np.cos(attitude.roll)
     q = a + np.asarray(attitude.pitch)[..., None]
     return Motion(a, q, qd, np.asarray(g), np.asarray(attitude.slew), none, none, none, none, none)
 

@@ -10,9 +10,12 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class AsymmetricFriction:
-    """Friction that is larger in one direction than in the other: force f |sgn(v)|, beside the symmetric f_c sgn(v)."""
+    """Friction that is larger in one direction than in the other. With `way` 0 the mean of both directions stays as it
+    was: force f |sgn(v)|, beside the symmetric f_c sgn(v). With `way` 1 or -1 only extending or only retracting
+    changes: force f sgn(v) in that direction, none in the other. Lip seals rub more one way than the other."""
 
     rounding: float = 0.0005  # m/s, speed scale of the smooth sgn(v)
+    way: int = 0  # 1: only extending, -1: only retracting, 0: more one way, less the other
 
     @property
     def about(self) -> About:
@@ -20,18 +23,26 @@ class AsymmetricFriction:
         return About(
             "asymmetric_friction",
             "N",
-            100.0,
-            1.8e3,
+            100.0 * self._directions,
+            1.8e3 * self._directions,
             Place.CYLINDER,
-            "in motion either way, the same sign; nothing at rest",
+            f"in motion {'one way only' if self.way else 'either way, the same sign'}; nothing at rest",
             "slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
         )
 
     @property
     def of_dry(self) -> float:
-        """0.3: f is half the difference between both directions, which is taken to be at most 60 % of dry friction."""
-        return 0.3
+        """Friction of neither direction can be less than none: half the difference is at most the mean, a change of one
+        direction alone at most twice the mean."""
+        return float(self._directions)
+
+    @property
+    def _directions(self) -> int:
+        """What changes one direction alone is twice as large as what each of both has of the same difference."""
+        return 2 if self.way else 1
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Force per newton of f: |sgn(v)|, rounded as |tanh(v / rounding)|."""
-        return np.asarray(np.abs(np.tanh(speed / self.rounding)))
+        """Force per newton of f: |sgn(v)|, or sgn(v) in the direction `way` alone; sgn(v) rounded as
+        tanh(v / rounding)."""
+        turned = np.tanh(speed / self.rounding)
+        return np.asarray(np.where(self.way * speed > 0.0, turned, 0.0) if self.way else np.abs(turned))

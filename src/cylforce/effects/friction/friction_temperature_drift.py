@@ -1,4 +1,4 @@
-"""Friction that changes with the oil's temperature in the course of a recording, to first order in time."""
+"""Friction that changes with the oil's temperature in the course of a recording."""
 
 from dataclasses import dataclass
 
@@ -10,22 +10,31 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionTemperatureDrift:
-    """The identified friction of a cylinder multiplied by 1 + size t, t in hours since the start of the recording: all
-    of it, or only the viscous part (`viscous`). The size is negative while the oil warms."""
+    """The identified friction of all cylinders, or of one `alone`, multiplied by 1 + size (1 - exp(-t / settling)), t
+    in seconds since the start of the recording: all of it, or only the viscous part (`viscous`). The size is the share
+    reached in the end, negative while the oil warms. With `cold` the identified friction is that of the warm machine:
+    1 + size exp(-t / settling), positive after a cold start.
 
+    Heat made by even work, and lost in proportion to temperature, gives this course (Newton's law of cooling); a tank
+    of oil takes some five minutes to an hour. One cylinder alone changes when it alone works, or its seals run in."""
+
+    settling: float = 900.0  # s, the oil's thermal time constant
     viscous: bool = False
+    cold: bool = False
+    alone: bool = False
 
     @property
     def about(self) -> About:
         """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
         return About(
             "friction_temperature_drift",
-            "1/h",
-            0.5,
-            40.0,
-            Place.CYLINDER,
-            "in motion, more and more (or less) as the recording goes on",
+            "1",
+            0.1,
+            2.0,
+            Place.CYLINDER if self.alone else Place.MACHINE,
+            "in motion, first quickly and then ever more slowly changing",
             "the same strokes at the start and the end of a shift, oil temperature noted",
+            form=0.1,  # chosen: viscosity is exponential in the temperature, and work is not even
         )
 
     @property
@@ -34,5 +43,5 @@ class FrictionTemperatureDrift:
         return ("viscous",) if self.viscous else ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:
-        """Time t (T,) [s] in hours."""
-        return np.asarray(t / 3600.0)
+        """1 - exp(-t / settling), with `cold` exp(-t / settling), at times t (T,) [s]."""
+        return np.asarray(np.exp(-t / self.settling) if self.cold else -np.expm1(-t / self.settling))

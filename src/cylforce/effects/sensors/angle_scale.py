@@ -10,11 +10,10 @@ from cylforce.signals.kinds import Kind
 
 @dataclass(frozen=True, slots=True)
 class AngleScale:
-    """A scale error of an angle or length sensor: reading = a + size (a - middle), correct in the middle of the range.
-    With `aside` the second term of the same error, a constant of size times half the range, because the sensor was
-    correct elsewhere than in the middle. Both together are one effect with two sizes."""
+    """A scale error of an angle or length sensor: reading = a + size (a - a_0), correct where the sensor was set, at
+    a_0 = low + right (high - low) of its range: at an end stop, or in the middle."""
 
-    aside: bool = False
+    right: float = 0.5  # share of the range at which the reading is correct
 
     @property
     def about(self) -> About:
@@ -30,9 +29,9 @@ class AngleScale:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed to a + size (a - middle), or to a + size (half the range)."""
+        """The signals (T, S) with signal `where` changed to a + size (a - a_0)."""
         found, (low, high) = values.copy(), _range(machine, where)
-        found[:, where] += size * (0.5 * (high - low) if self.aside else values[:, where] - 0.5 * (low + high))
+        found[:, where] += size * (values[:, where] - low - self.right * (high - low))
         return found
 
 

@@ -25,6 +25,7 @@ from cylforce.service.cycle import ended
 from cylforce.service.state import Memory, State
 from cylforce.service.truck import Truck
 from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import is_new
 
 OFTEN = 10  # steps between two looks at the writing thread
 
@@ -71,8 +72,8 @@ class Books:
 
 def _booked(state: State, before: Memory) -> BookedBucket | None:
     """The booking that is new, with what is known of its cycle."""
-    booking, cycle = state.weighing.booking, ended(state.ended)
-    if booking is None or booking is before.booking:
+    booking, cycle = state.weighing.books.booking, ended(state.ended)
+    if booking is None or not is_new(booking, before.booking):
         return None
     return BookedBucket(booking, cycle, state.drift.mass, state.estimate.load.mass.status.name)
 
@@ -84,7 +85,7 @@ def words(before: Memory, after: Memory) -> str:
         said.append(f"zero {after.scale.zero:.1f} kg, tare {after.scale.tare:.1f} kg")
     if after.truck.number != before.truck.number:
         said.append(f"truck {after.truck.number} opened")
-    elif after.booking is before.booking and after.truck is not before.truck:
+    elif not is_new(after.booking, before.booking) and after.truck is not before.truck:
         said.append(_truck_words(after.truck))
     return "; ".join(said)
 

@@ -50,6 +50,8 @@ MEANING = {
         "friction larger one way than the other",
         "move the {0} cylinder slowly, both ways, in the same postures",
     ),
+    "rocker": ("weight of the rocker and its link", "move the {0} cylinder through its range, slowly, both ways"),
+    "stribeck": ("extra friction at creep", "move the {0} cylinder at creep, both ways"),
 }
 UNKNOWN = ("parameter of the model", "move every joint both ways, slowly and fast, through its whole range")
 

@@ -159,9 +159,11 @@ def friction(model: Model, tares: Tares, cylinder: int, speed: Array, force: Arr
     lever = np.broadcast_to(np.eye(size), (len(speed), size, size))
     speeds, forces = (np.broadcast_to(x[:, None], still.shape) for x in (speed, force))
     moving = Motion(still, still, still, level, level, still, lever, still, speeds, forces, still)
-    laws = model.empty.effects[-len(model.friction) :]
-    columns = np.stack([law.halves(model.machine, moving).static[:, cylinder, cylinder] for law in laws], axis=-1)
     name = model.machine.cylinders[cylinder].name
-    places = [tares.names.index(f"{name}.{which}") for which in model.friction]
+    each = {p[cylinder].name: e for e in model.empty.effects if len(p := e.parameters(model.machine)) == size}
+    names = [which for which in model.friction if f"{name}.{which}" in each]
+    laws = [each[f"{name}.{which}"] for which in names]
+    columns = np.stack([law.halves(model.machine, moving).static[:, cylinder, cylinder] for law in laws], axis=-1)
+    places = [tares.names.index(f"{name}.{which}") for which in names]
     spread = np.sum((columns @ tares.covariance[np.ix_(places, places)]) * columns, axis=-1)
     return columns @ tares.values[places], np.sqrt(np.maximum(spread, 0.0))

@@ -6,8 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
-from cylforce.diagnosis.diagnosis import Search
-from cylforce.diagnosis.verdict import Judged
+from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.programs.reports.drawing import (
     AMBER,
     BLUE,
@@ -35,21 +34,21 @@ SPEED_BINS = 16
 
 def bars(search: Search, judged: Judged) -> Figure:
     """Evidence of the candidates, each by itself, before anything is taken out."""
-    named = {n.cause.ranked.key for n in judged.named}
+    named = {n.cause.key for n in judged.named}
     confused = {r.key for n in judged.named for r in n.confused}
-    shown = [r for r in search.first if r.score > 0.0][:MOST_BARS]
+    shown = sorted((r for r in search.first if r.nats > 0.0), key=lambda r: -r.nats)[:MOST_BARS]
     figure = canvas(0.8 + 0.3 * max(len(shown), 1))
     axes = figure.subplots()
     colours = [BLUE if r.key in named else AMBER if r.key in confused else GRID for r in shown]
-    axes.barh(range(len(shown)), [r.score for r in shown], color=colours, height=0.66)
+    axes.barh(range(len(shown)), [r.nats for r in shown], color=colours, height=0.66)
     for k, r in enumerate(shown):
         word = ": named" if r.key in named else ": cannot be distinguished" if r.key in confused else ""
-        noted(axes, r.score, k, f"{r.score:.0f}{word}")
+        noted(axes, r.nats, k, f"{r.nats:.0f}{word}")
     axes.set_yticks(range(len(shown)), [readable(r.key) for r in shown])
-    axes.set_xlim(0.0, 1.25 * max([r.score for r in shown] or [1.0]))
+    axes.set_xlim(0.0, 1.25 * max([r.nats for r in shown] or [1.0]))
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("evidence [nats] of each candidate by itself, all parameters refitted")
+    axes.set_xlabel("evidence [nats] of each candidate by itself, against none")
     if not shown:
         axes.text(0.5, 0.5, "no candidate has any", ha="center", color=PALE, transform=axes.transAxes)
     return figure

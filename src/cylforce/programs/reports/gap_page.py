@@ -5,10 +5,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cylforce.diagnosis.diagnosis import Search
 from cylforce.diagnosis.shape import unexplained
 from cylforce.diagnosis.shrinkage import Gap
-from cylforce.diagnosis.verdict import Judged
+from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.programs.reports import gap_figures
 from cylforce.programs.reports.gap_shown import Shown, shown
 from cylforce.programs.reports.gap_words import cards, least, lines, rivals
@@ -34,7 +33,7 @@ def _content(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -
     return {
         "cards": cards(answer),
         "lines": lines(machine, judged, answer),
-        "rivals": rivals(judged),
+        "rivals": rivals(search, judged),
         "least": least(search),
         "figures": _figures(search, judged, shown(search, judged, gap), answer),
     }

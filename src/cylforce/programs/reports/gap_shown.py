@@ -5,13 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.diagnosis import Search
 from cylforce.diagnosis.evidence import Blocks, Evidence, Term
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.residuals import fixed
 from cylforce.diagnosis.rows import BLOCK, RATE_HZ, Viewer
 from cylforce.diagnosis.shrinkage import Gap, Simulation, written
-from cylforce.diagnosis.verdict import Judged, Named
+from cylforce.diagnosis.verdict import Judged, Named, Search
 from cylforce.diagnosis.where import REGIMES
 from cylforce.programs.reports import evidence
 from cylforce.signals.estimate import Array
@@ -104,21 +103,21 @@ def movers(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 def _overlays(search: Search, named: tuple[Named, ...]) -> tuple[Overlay, ...]:
     """Fits without and with each named effect: the difference of their residuals is what it explains."""
-    problem, terms = search.original, [c.ranked.option.term for c in search.causes]
+    problem, terms = search.original, [c.term for c in search.causes]
     blocks = problem.blocks(search.floor)
     admitted = _left(problem, blocks, terms)
     return tuple(_overlay(search, n, _left(problem, blocks, _without(n, terms)), admitted) for n in named)
 
 
 def _without(named: Named, terms: list[Term]) -> list[Term]:
-    return [term for term in terms if term is not named.cause.ranked.option.term]
+    return [term for term in terms if term is not named.cause.term]
 
 
 def _overlay(search: Search, named: Named, denied: list[Array], admitted: list[Array]) -> Overlay:
     machine, own = search.original.model.machine, [a - b for a, b in zip(denied, admitted, strict=True)]
     k, r, span = _most(search, own)
     seen = search.original.faulty[k]
-    title = f"{readable(named.cause.ranked.key)}: {machine.links[machine.rows[r]].name} torque"
+    title = f"{readable(named.cause.key)}: {machine.links[machine.rows[r]].name} torque"
     return Overlay(title, seen.recorded.name, seen.rows.t[span], denied[k][span, r], own[k][span, r])
 
 
@@ -154,11 +153,10 @@ def _most(search: Search, own: list[Array]) -> tuple[int, int, slice]:
 
 def _steps(search: Search, judged: Judged, gap: Gap) -> tuple[tuple[str, Array], ...]:
     """The gap as effect after effect is simulated, with the sizes that they have together."""
-    named, all_of = judged.named, written(search, judged)
-    labels = [f"+ {readable(n.cause.ranked.key)}" for n in named]
-    labels += ["+ others"] if len(all_of) > len(named) else []
-    parts = [[n.cause for n in named[: k + 1]] for k in range(len(labels) - 1)]
-    simulation = Simulation(search, all_of)
+    named = written(search, judged)
+    labels = [f"+ {readable(cause.key)}" for cause in named]
+    parts = [named[: k + 1] for k in range(len(labels) - 1)]
+    simulation = Simulation(search, named)
     steps = [*(_mean(simulation.left(part)) for part in parts), gap.after]
     return (
         ("as it was, parameters fixed", gap.fixed),

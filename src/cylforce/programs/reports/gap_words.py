@@ -4,11 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer import SIGMAS
-from cylforce.diagnosis.diagnosis import Search
-from cylforce.diagnosis.evidence import Evidence
-from cylforce.diagnosis.problem import TEMPER
-from cylforce.diagnosis.verdict import Judged, Verdict
+from cylforce.diagnosis.posterior import UNKNOWN
+from cylforce.diagnosis.verdict import Judged, Search, Verdict
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.reports.findings import Card
@@ -18,6 +15,7 @@ from cylforce.signals.kinds import Kind
 SURE = 0.9  # confidence from which on a repair may be based on the name; chosen
 CLOSED = 0.9  # of the gap's energy
 FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit
+LEAST_TOLD = 0.01  # probability of a rival that is listed
 
 
 class CauseLine(NamedTuple):
@@ -85,7 +83,7 @@ def _causes(count: int) -> str:
 def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[CauseLine, ...]:
     """The named causes."""
     return tuple(
-        _line(machine, named.cause.ranked.option.proposal, effect)
+        _line(machine, named.cause.proposal, effect)
         for named, effect in zip(judged.named, answer["effects"], strict=True)
     )
 
@@ -112,31 +110,28 @@ def unit_of(machine: Machine, proposal: Proposal) -> str:
     return "m" if machine.signals[proposal.where].kind is Kind.CYLINDER_LENGTH else "rad"
 
 
-def rivals(judged: Judged) -> tuple[Rival, ...]:
-    """What else would explain nearly as much, the closest first."""
+def rivals(search: Search, judged: Judged) -> tuple[Rival, ...]:
+    """What else it may be, the most probable first."""
     found = []
-    for n in judged.named:
+    for n in judged.named[:1]:
         close = {r.key for r in n.confused}
-        for r in n.cause.rivals:
-            names = [" at ".join(key).replace("_", " ") for key in (n.cause.ranked.key, r.key)]
-            confirm = r.option.proposal.about.confirm
-            relative = f"{100 * r.score / n.cause.score:.0f} %"
-            found.append(Rival(names[0], names[1], relative, r.key in close, confirm))
+        for r in search.first:
+            if r.key == n.cause.key or not r.known or r.probability < LEAST_TOLD:
+                continue
+            names = [" at ".join(key).replace("_", " ") for key in (n.cause.key, r.key)]
+            confirm = r.proposal.about.confirm
+            found.append(Rival(names[0], names[1], f"{100 * r.probability:.0f} %", r.key in close, confirm))
     return tuple(found)
 
 
 def least(search: Search) -> tuple[Least, ...]:
     """Smallest detectable size (5 sigma) of every effect at every place."""
-    evidence = Evidence(search.original.blocks(search.floor))
-    best: dict[str, dict[str, tuple[float, Proposal]]] = {}
-    for proposal, places in zip(search.original.proposals, search.original.places, strict=True):
-        if proposal.course:
-            continue
-        size, found = SIGMAS * evidence.blind(places[0], TEMPER), best.setdefault(proposal.name, {})
-        if proposal.at not in found or size < found[proposal.at][0]:
-            found[proposal.at] = (size, proposal)
+    best: dict[str, list[tuple[float, Proposal]]] = {}
+    for proposal in {(p.name, p.at): p for p in search.original.proposals}.values():
+        if (proposal.name, proposal.at) in search.least and proposal.name != UNKNOWN[0]:
+            best.setdefault(proposal.name, []).append((search.least[proposal.name, proposal.at], proposal))
     machine = search.original.model.machine
-    return tuple(_least(machine, name, list(found.values())) for name, found in best.items())
+    return tuple(_least(machine, name, found) for name, found in best.items())
 
 
 def _least(machine: Machine, name: str, found: list[tuple[float, Proposal]]) -> Least:

@@ -16,7 +16,7 @@ SHOWN: dict[str, tuple[str, float]] = {
     "s": ("ms", 1e3),
     "N": ("kN", 1e-3),
     "N s/m": ("kN s/m", 1e-3),
-    "1/h": ("%/h", 100.0),
+    "N m/rad": ("N m/°", float(np.radians(1.0))),
     "N (s/m)^power": ("kN (s/m)^power", 1e-3),
     "1": ("%", 1e2),
 }

@@ -8,24 +8,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from layers.statistics import SMOOTH, Scene, Statistics
+from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL
+from cylforce.diagnosis.statistics import SMOOTH, Statistics, White, blocked, polynomials
+from cylforce.signals.estimate import Array
 
-Array = NDArray[np.float64]
 DECAY = 1.0 / (1.0 + np.arange(SMOOTH)) ** 2  # variance of the discrepancy's polynomials: that of a smooth function
 LEVELS = np.exp(np.arange(np.log(0.05), np.log(300.0), 0.15))  # rho, of a joint's white noise
 SCALES = np.exp(np.arange(np.log(0.3), np.log(6.0), 0.03))  # v, of a joint's white noise
-APART = np.log(2.0), np.log(1.4)  # everyday change of rho and v between recordings, standard deviation of the logarithm
-HAPPENS = 0.1  # probability that something happens in a block of three seconds
-TAIL = 0.03  # probability that a joint is none of that
+APART = np.log(LEVEL_CHANGE), np.log(SCALE_CHANGE)
 RHO, V = (each.ravel() for each in np.meshgrid(LEVELS, SCALES, indexing="ij"))  # all pairs (G,) that are tried
 VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (SMOOTH, G) along each polynomial
 
 
-class Noise(NamedTuple):
-    """Of every joint (R,): level of the discrepancy and scale of the noise."""
+class Scatter(NamedTuple):
+    """Of every joint (R,): level of the discrepancy and scale of the noise; `unsure`: times as uncertain as between
+    two recordings of one machine is what is usual (of the usual noise only)."""
 
     rho: Array
     v: Array
+    unsure: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -40,24 +41,24 @@ class Sums:
     blocks: Array
     crossed: Array
 
-    def information(self, noise: Noise) -> Array:
+    def information(self, noise: Scatter) -> Array:
         """X' P X (K+1, K+1), P the inverse covariance of noise and discrepancy."""
         return np.asarray(np.sum(self.by_joint(noise), axis=0))
 
-    def by_joint(self, noise: Noise) -> Array:
+    def by_joint(self, noise: Scatter) -> Array:
         """The same of each joint (R, K+1, K+1)."""
         smooth = noise.rho[:, None] ** 2 * DECAY
         share = smooth / (noise.v[:, None] ** 2 + smooth)
         white = self.whole - np.einsum("rk,rkij->rij", share, self.smooth)
         return np.asarray(white / noise.v[:, None, None] ** 2)
 
-    def score(self, told: Array, noise: Noise) -> Array:
-        """X' P y (K,) of the `information` told, without what noise in both adds (errors in variables)."""
+    def common(self, noise: Scatter) -> Array:
+        """What noise in both adds to X' P y (K,): errors in variables."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
         white = 1.0 - self.blocks * np.sum(share, axis=1) / np.maximum(self.rows, 1.0)
-        return np.asarray(told[:-1, -1] - white @ self.crossed[:, :-1])
+        return np.asarray(white @ self.crossed[:, :-1])
 
-    def norm(self, noise: Noise) -> float:
+    def norm(self, noise: Scatter) -> float:
         """What of the logarithm of the likelihood depends on noise alone."""
         each = np.log1p(noise.rho[:, None] ** 2 * DECAY / noise.v[:, None] ** 2)
         smooth = 0.5 * self.blocks * np.sum(each, axis=1)
@@ -80,9 +81,9 @@ class Sums:
         return whole - np.sum(smooth, axis=2), smooth
 
 
-def sums(scene: Scene, parts: Sequence[Statistics]) -> Sums:
-    """The sums of recordings together."""
-    unit = np.append(scene.spread, 1.0)
+def sums(spread: Array, parts: Sequence[Statistics]) -> Sums:
+    """The sums of recordings together; `spread` (K,): units of the columns."""
+    unit = np.append(spread, 1.0)
     whole = np.sum([p.whole for p in parts], axis=0) * np.outer(unit, unit)
     each = [np.einsum("brki,brkj->rkij", p.smooth, p.smooth, optimize=True) for p in parts]
     rows = np.sum([np.sum(p.rows, axis=0) for p in parts], axis=0)
@@ -91,7 +92,7 @@ def sums(scene: Scene, parts: Sequence[Statistics]) -> Sums:
     return Sums(whole, np.sum(each, axis=0) * np.outer(unit, unit), rows, blocks.astype(np.float64), crossed)
 
 
-def likeliest(found: Sums, white: Array, smooth: Array, usual: Noise | None) -> tuple[Noise, Array]:
+def likeliest(found: Sums, white: Array, smooth: Array, usual: Scatter | None) -> tuple[Scatter, Array]:
     """Level and scale of every joint (H, R) that make energies (H, R), (H, R, SMOOTH) most probable, and of every
     hypothesis the log likelihood with their prior (H,)."""
     levels, scales, log = np.zeros(white.shape), np.zeros(white.shape), np.zeros(len(white))
@@ -102,13 +103,14 @@ def likeliest(found: Sums, white: Array, smooth: Array, usual: Noise | None) -> 
         best = np.argmax(told, axis=1)
         levels[:, r], scales[:, r] = RHO[best], V[best]
         log += told[np.arange(len(told)), best]
-    return Noise(levels, scales), log
+    return Scatter(levels, scales), log
 
 
-def log_prior(rho: Array, v: Array, usual: Noise, joint: int) -> Array:
+def log_prior(rho: Array, v: Array, usual: Scatter, joint: int) -> Array:
     """Log density of level and scale: what references show, and the flat tail."""
-    apart = (np.log(rho / usual.rho[joint]) / APART[0]) ** 2 + (np.log(v / usual.v[joint]) / APART[1]) ** 2
-    core = np.log(1.0 - TAIL) - 0.5 * apart - np.log(2.0 * np.pi * APART[0] * APART[1])
+    level, scale = usual.unsure * APART[0], usual.unsure * APART[1]
+    apart = (np.log(rho / usual.rho[joint]) / level) ** 2 + (np.log(v / usual.v[joint]) / scale) ** 2
+    core = np.log(1.0 - TAIL) - 0.5 * apart - np.log(2.0 * np.pi * level * scale)
     flat = np.log(TAIL) - np.log(np.log(LEVELS[-1] / LEVELS[0]) * np.log(SCALES[-1] / SCALES[0]))
     return np.asarray(np.logaddexp(core, flat))
 
@@ -124,7 +126,7 @@ class Moments:
     waves: Array
     smooth: Array
 
-    def weighed(self, noise: Noise) -> tuple[Array, Array, float]:
+    def weighed(self, noise: Scatter) -> tuple[Array, Array, float]:
         """Of every block the product with all columns (B, I, K+1), the precision (B, I, I), and what the freedom
         costs."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
@@ -136,14 +138,14 @@ class Moments:
         precision = within + np.eye(within.shape[-1])
         return across, precision, 0.5 * float(np.sum(np.linalg.slogdet(precision)[1]))
 
-    def told(self, noise: Noise) -> tuple[Array, float]:
+    def told(self, noise: Scatter) -> tuple[Array, float]:
         """What of the information (K+1, K+1) is lost to them, and the cost."""
         across, precision, cost = self.weighed(noise)
         root = np.linalg.cholesky(precision)
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
         return np.asarray(half.T @ half, dtype=np.float64), cost
 
-    def energies(self, left: Array, noise: Noise) -> tuple[Array, Array]:
+    def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
         across, precision, _ = self.weighed(noise)
         covariance = np.linalg.inv(precision)
@@ -157,7 +159,7 @@ class Moments:
         smooth = np.sum((plain - moved) ** 2 - plain**2, axis=0) + spread
         return whole - np.sum(smooth, axis=1), smooth
 
-    def happening(self, left: Array, noise: Noise) -> NDArray[np.bool_]:
+    def happening(self, left: Array, noise: Scatter) -> NDArray[np.bool_]:
         """The blocks (B,) in which such a force is more probable than none, by what coefficients (K+1,) leave."""
         across, precision, _ = self.weighed(noise)
         pull = across @ left
@@ -177,12 +179,19 @@ class Moments:
         return float(np.sum(np.log(share)))
 
 
-def moments(scene: Scene, each: Statistics) -> Moments:
-    """The moments of a recording."""
-    unit, own = np.append(scene.spread, 1.0), scene.unusual
-    return Moments(
-        each.across * own[:, None] * unit,
-        each.within * np.outer(own, own),
-        each.waves * own,
-        each.smooth * unit,
-    )
+def moments(each: Sequence[White], own: Sequence[int], spread: Array, within: Sequence[int], usual: Array) -> Moments:
+    """The moments of recordings: columns `own` in units of `spread` (K,), what may happen, columns `within` in units of
+    `usual` (I,)."""
+    unit = np.append(spread, 1.0)
+    found = [_moments(w, [*own, -1], within) for w in each]
+    across, inner, waves, smooth = (np.concatenate(part) for part in zip(*found, strict=True))
+    return Moments(across * usual[:, None] * unit, inner * np.outer(usual, usual), waves * usual, smooth * unit)
+
+
+def _moments(each: White, own: Sequence[int], within: Sequence[int]) -> tuple[Array, Array, Array, Array]:
+    columns, happening = (blocked(each.rows[..., list(k)].astype(np.float64)) for k in (own, within))
+    basis = polynomials(blocked(each.good.astype(np.float64)))
+    across = np.einsum("btri,btrk->brik", happening, columns, optimize=True)
+    inner = np.einsum("btri,btrj->brij", happening, happening, optimize=True)
+    waves, smooth = (np.einsum("btrk,btri->brki", basis, x, optimize=True) for x in (happening, columns))
+    return across, inner, waves, smooth

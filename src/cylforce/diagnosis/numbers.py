@@ -1,0 +1,40 @@
+"""Every number that a decision of the diagnosis rests on, and where it comes from: physics, a convention, or a fit by a
+command (then it is in `learnt.py`). Nothing else in this folder decides by a number of its own."""
+
+# Prior probabilities: conventions, said in the chapter.
+IN_ORDER = 0.5  # that the machine is in order
+ODD = 0.1  # that what is wrong is nothing the library has; the rest is shared by all names, then by places and forms
+SECOND = 0.1  # that one more effect is there beside a first
+HAPPENS = 0.1  # that something happens in a block of three seconds
+TAIL = 0.03  # that a joint's discrepancy is nothing that machines in order show: 3 % (GAP.md's prototype, kept)
+
+# Everyday change from one recording to another, standard deviation of a logarithm (fit: study of the decisions).
+LEVEL_CHANGE = 2.0  # times: level of the smooth discrepancy
+SCALE_CHANGE = 1.4  # times: scale of the noise
+
+# Sizes: log-uniform over what is plausible; conventions.
+BEYOND = 1.3  # of the largest plausible size: the end of the range
+
+# Everyday differences from one recording to another, of an effect's least plausible size.
+USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (measured, see the chapter)
+AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generators (`tools/accuracy decisions --learn`)
+EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
+
+# What a data sheet does not know, dry friction and where the masses are: there as probably as not. Beside it only what
+# else an identification determines is asked of a machine that nobody identified: sensors cannot be told from the sheet.
+EXPECTED = ("coulomb_friction", "first_moment_change")
+IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmetric_friction")
+
+# The answer: conventions.
+SIGMAS = 5.0  # standard errors from which on an effect is detectable
+MASS = 0.9  # probability that the set of causes holds
+HALF = 0.5  # of the gap's energy beyond the floor: what a hypothesis must explain to be one, the most of it
+SLIGHT = 0.3  # of the gap's energy: what is named must take away that much when it is simulated, as far as can be told
+SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, and no effect of its own
+GAP = 2.0  # times the floor, rms: a gap that is never called none
+
+# Costs of an answer, in units of a wrong name (conventions): naming alone pays from a probability of 0.8 on.
+MISSED = 0.5  # "no gap" where there is one
+UNSAID = 0.25  # "unknown" where the cause could have been named
+SET = 0.05  # a set that holds the cause
+EMPTY_SET = 0.6  # a set that does not

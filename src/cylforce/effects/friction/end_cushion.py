@@ -1,0 +1,47 @@
+"""Cushions at the ends of a cylinder's stroke."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+USUAL = 0.1  # m/s, speed at which the size is told
+
+
+@dataclass(frozen=True, slots=True)
+class EndCushion:
+    """A cushion that closes the oil's way out near an end of the stroke: force against the motion into that end, f s
+    (v / 0.1 m/s)^2. s: share of the cushion's `length` that the piston has entered, because its taper closes the way
+    little by little; the square: turbulent flow through what is left. Out of the end a check valve lets the oil in: no
+    force. The pressure sensor in the line does not see the trapped oil."""
+
+    length: float = 0.05  # m
+    end: int = 0  # 1: where it is extended, -1: where it is retracted, 0: both
+
+    @property
+    def about(self) -> About:
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        return About(
+            "end_cushion",
+            "N",
+            500.0,
+            1e5,
+            Place.CYLINDER,
+            "in motion into the last centimetres of a stroke only",
+            "strokes into both ends at two speeds, and out of them",
+            1,
+            form=0.2,  # chosen: taper and gap differ from machine to machine
+        )
+
+    def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
+        """Torques (T, N) of the cylinders per newton of f at 0.1 m/s and full depth."""
+        cylinder, length = machine.cylinders[where], moving.length[:, where]
+        gaps = {1: cylinder.length_high - length, -1: length - cylinder.length_low}
+        depth = {end: np.clip(1.0 - gap / self.length, 0.0, 1.0) for end, gap in gaps.items()}
+        speed = moving.speed[:, where] / USUAL
+        into = {end: end * depth[end] * np.maximum(end * speed, 0.0) ** 2 for end in gaps if self.end in (0, end)}
+        return np.asarray(sum(into.values())[:, None] * moving.lever[:, where, :])

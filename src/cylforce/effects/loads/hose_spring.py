@@ -1,0 +1,47 @@
+"""Hoses across a joint, which bend like a spring."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class HoseSpring:
+    """Hoses across a joint, which the cylinders must bend: torque k x at the angle x from where the hoses are at rest,
+    or, with `cubic`, k x (x / h)^2, h half the joint's range: a loop that is pulled tight only towards its ends. Rest
+    is at low + rest (high - low) of the joint's range.
+
+    A loop of length L and bending stiffness E I has k = E I / L (Euler and Bernoulli): tens of N m/rad for a hose of
+    one inch with wire braid, of which two to ten cross a joint."""
+
+    rest: float = 0.5  # share of the joint's range at which the hoses are at rest
+    cubic: bool = False
+
+    @property
+    def about(self) -> About:
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        return About(
+            "hose_spring",
+            "N m/rad",
+            50.0,
+            3e3,
+            Place.LINK,
+            "with that joint's angle alone, at rest too, whatever the posture of the others",
+            "the same joint angles with the link before it level and upright; look for tight hoses",
+            1,
+            form=0.1,  # chosen: a loop of hose is no exact spring
+        )
+
+    def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
+        """Torques (T, N) of the cylinders per N m/rad of k: x, or x (x / h)^2, at joint `where`."""
+        link = machine.links[where]
+        half = 0.5 * (link.angle_high - link.angle_low)
+        x = np.diff(moving.a, axis=-1, prepend=0.0)[:, where] - link.angle_low - 2.0 * half * self.rest
+        found = np.zeros_like(moving.a)
+        found[:, where] = x * (x / half) ** 2 if self.cubic else x
+        return found

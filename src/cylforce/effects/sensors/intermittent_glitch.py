@@ -1,0 +1,67 @@
+"""A sensor whose reading jumps for moments: a loose contact."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+
+LONGEST = 0.35  # s: a jump that lasts longer is no glitch; chosen
+EDGE = 0.5  # share of a jump that happens between two samples: a joint or a pressure takes longer; chosen
+USUAL, CLEAR = 98.0, 2.0  # per cent of all steps from sample to sample; factor by which a jump exceeds them; chosen
+
+
+@dataclass(frozen=True, slots=True)
+class IntermittentGlitch:
+    """A sensor whose reading jumps by size times its range, up or down, once at a random instant of each stretch of
+    `every` seconds, for `shortest` to `longest` seconds. The instants are those of the `seed`: a diagnosis cannot know
+    them, and finds the jumps in the readings (`glitches`)."""
+
+    every: float = 6.0  # s
+    shortest: float = 0.05  # s
+    longest: float = 0.3  # s
+    seed: int = 0
+
+    @property
+    def about(self) -> About:
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        return About(
+            "intermittent_glitch",
+            "1",
+            0.002,
+            1.0,
+            Place.SENSOR,
+            "for fractions of a second at random instants, in one sensor alone",
+            "shake plug and cable of that sensor while its reading is watched",
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """The signals (T, S) with signal `where` changed by size times its range during each jump."""
+        signal, found = machine.signals[where], values.copy()
+        for number in range(int(np.min(t) // self.every), int(np.max(t) // self.every) + 1):
+            at, lasting, way = np.random.default_rng((self.seed, number)).random(3)
+            length = self.shortest + lasting * (self.longest - self.shortest)
+            begin = number * self.every + at * (self.every - length)
+            inside = (t >= begin) & (t < begin + length)
+            found[inside, where] += (size if way < 0.5 else -size) * (signal.high - signal.low)
+        return found
+
+
+def glitches(reading: Array, dt: float) -> NDArray[np.bool_]:
+    """Which samples (T,) of one sensor, `dt` [s] apart, belong to jumps: away from the running median, reached and left
+    by steps that no motion makes. A pressure may jump on a machine in order: compare with its references."""
+    window = round(LONGEST / dt)
+    off = reading - median_filter(reading, 2 * window + 1, mode="nearest")
+    step = np.diff(reading, prepend=reading[0])
+    clear = CLEAR * float(np.percentile(np.abs(step), USUAL)) + 1e-12
+    found = np.zeros(len(reading), dtype=bool)
+    for k in np.flatnonzero(np.abs(step) > clear).tolist():
+        height = EDGE * step[k]
+        back = np.flatnonzero(step[k + 1 : k + 1 + window] / -height > 1.0)
+        inside = slice(k, k + 1 + int(back[0]) if back.size else k)
+        found[inside] |= np.all(off[inside] / height > 1.0)
+    return found

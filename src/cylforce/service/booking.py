@@ -1,0 +1,125 @@
+"""From weights to bookings: which weight of a lift is booked, what remained in the bucket, and what left it.
+
+Errors of tares, friction and zeros are the same while a load is lifted and while the bucket returns, as far as they do
+not change from one to the other: the sensitivities of both weights to them are kept, so that the difference of both is
+better known than either."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.model import Tares
+from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.service.adaptation import Drift
+from cylforce.signals.estimate import Array, Booking
+
+DUMPING = 0.7  # of the load: what is less than that is on its way out; chosen: spills are smaller, dumps larger
+GONE = -1  # in place of the samples in motion: the bucket has been seen empty since, but not certainly enough
+AGREES = 3.0  # standard errors within which two weights of one lift are the same; chosen
+
+
+class Weighed(NamedTuple):
+    """A weight at some instant of a lift: `mass` [kg] as it would be without drift; `noise` [kg^2]: variance of what
+    averages out within the lift; `gain` (P,) and `drifted` (D,): change of the mass per unit of each tare and of each
+    drift; `moving`: number of samples in motion on which it is based."""
+
+    mass: float
+    noise: float
+    gain: Array
+    drifted: Array
+    moving: int
+
+
+class Books(NamedTuple):
+    """State of the booking: the newest weight of the present lift, which becomes the `candidate` of a loaded bucket, or
+    the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last,
+    while the bucket returns (`dumped`); the last booking."""
+
+    newest: Weighed | None = None
+    candidate: Weighed | None = None
+    dumped: Weighed | None = None
+    booking: Booking | None = None
+
+
+def corrected(weight: Weighed, drift: Drift) -> float:
+    """Mass [kg] with the drift as it is known now."""
+    return weight.mass - float(weight.drifted @ drift.values)
+
+
+def error(weight: Weighed, tares: Tares, drift: Drift) -> float:
+    """Standard error [kg] of the corrected mass: noise, tares, drift, scale."""
+    mass = corrected(weight, drift)
+    return _error(weight.noise, weight.gain, weight.drifted, mass, tares, drift)
+
+
+def difference_error(lifted: Weighed, left: Weighed, tares: Tares, drift: Drift) -> float:
+    """Standard error [kg] of what left the bucket, with the errors that both weights have in common."""
+    mass = corrected(lifted, drift) - corrected(left, drift)
+    gain, drifted = lifted.gain - left.gain, lifted.drifted - left.drifted
+    return _error(lifted.noise + left.noise, gain, drifted, mass, tares, drift)
+
+
+def _error(noise: float, gain: Array, drifted: Array, mass: float, tares: Tares, drift: Drift) -> float:
+    common = gain @ tares.covariance @ gain + drifted @ drift.covariance @ drifted
+    return float(np.sqrt(noise + common + (mass * tares.scale_error) ** 2))
+
+
+def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, drift: Drift) -> Books:
+    """The state when a lift has gone on to the present `weight`: the newest weight before it is now known to be one of
+    a load that hung. It is the candidate for booking, or it shows that the bucket is empty."""
+    settled, books, enough = books.newest, books._replace(newest=weight), GOOD_ENOUGH * rated
+    if settled is None or settled.noise > enough**2:
+        return books
+    if corrected(settled, drift) >= SMALLEST * rated:
+        return books._replace(candidate=_better(books.candidate, settled, tares, drift), dumped=None)
+    lifted = books.candidate or books.dumped
+    if lifted is None or max(error(w, tares, drift) for w in (settled, lifted)) > enough:
+        return books._replace(candidate=books.candidate and books.candidate._replace(moving=GONE))
+    return _returned(books, lifted, settled, t_us, tares, drift)
+
+
+def parted(books: Books) -> Books:
+    """The state when a lift has ended."""
+    return books._replace(newest=None, dumped=None)
+
+
+def spilled(books: Books) -> Books:
+    """The state when the load has changed while it hung: any later weight of it is better."""
+    before = books.candidate
+    return Books(None, None if before is None else before._replace(moving=0), None, books.booking)
+
+
+def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) -> Weighed:
+    """The weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load since."""
+    if before is None or before.moving == GONE:
+        return now
+    if corrected(now, drift) < DUMPING * corrected(before, drift):
+        return before
+    if now.moving >= before.moving:
+        return now
+    apart = abs(corrected(now, drift) - corrected(before, drift))
+    return now if apart > AGREES * difference_error(now, before, tares, drift) else before
+
+
+def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Tares, drift: Drift) -> Books:
+    """The state with the candidate booked. While the bucket returns, the booking becomes more precise: what remained in
+    it and how friction and zeros have drifted is known better and better."""
+    last = books.booking
+    if last is None:
+        number = 1
+    elif books.candidate is not None:
+        number = last.number + 1
+    else:
+        number, t_us = last.number, last.t_us
+    mass, remains = corrected(lifted, drift), corrected(left, drift)
+    booking = Booking(
+        number,
+        t_us,
+        mass,
+        error(lifted, tares, drift),
+        remains,
+        error(left, tares, drift),
+        mass - remains,
+        difference_error(lifted, left, tares, drift),
+    )
+    return Books(books.newest, None, lifted, booking)

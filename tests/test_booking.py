@@ -1,0 +1,97 @@
+"""Which weight is booked, and how well it is known; spills; weights of zero. The truth is drawn, not estimated."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cylforce.estimation.recursive import known, update
+from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled
+from cylforce.service.spill import change, information
+from weighing.score import class_y_b, inside
+
+RATED = 1500.0
+STILL = SimpleNamespace(values=np.zeros(2), covariance=np.diag([4.0, 1.0]))
+
+
+def tares(scale_error=0.0, spread=0.0):
+    return SimpleNamespace(covariance=np.diag([spread**2]), scale_error=scale_error)
+
+
+def weight(mass, noise=1.0, gain=0.0, drifted=(0.0, 0.0), moving=100):
+    return Weighed(mass, noise, np.array([gain]), np.array(drifted), moving)
+
+
+def test_the_error_has_noise_tares_drift_and_scale():
+    """Each part by itself, and all together in squares."""
+    assert error(weight(1000.0, noise=9.0), tares(), STILL) == pytest.approx(3.0)
+    assert error(weight(1000.0, noise=0.0), tares(0.01), STILL) == pytest.approx(10.0)
+    assert error(weight(1000.0, noise=0.0, gain=2.0), tares(spread=2.0), STILL) == pytest.approx(4.0)
+    assert error(weight(1000.0, noise=0.0, drifted=(1.0, 2.0)), tares(), STILL) == pytest.approx(np.sqrt(8.0))
+    whole = error(weight(1000.0, 9.0, 2.0, (1.0, 2.0)), tares(0.01, 2.0), STILL)
+    assert whole == pytest.approx(np.sqrt(9.0 + 100.0 + 16.0 + 8.0))
+
+
+def test_errors_that_lift_and_return_share_cancel():
+    """The same gain on tares and drift: only noise and the scale of the difference are left."""
+    lifted, left = weight(1000.0, 4.0, 5.0, (3.0, 1.0)), weight(20.0, 4.0, 5.0, (3.0, 1.0))
+    assert difference_error(lifted, left, tares(0.0, 10.0), STILL) == pytest.approx(np.sqrt(8.0))
+    assert error(lifted, tares(0.0, 10.0), STILL) > 50.0
+
+
+def test_intervals_hold_as_often_as_they_say():
+    """Drawn tares, drift, scale and noise: 95 % of the intervals hold the truth; without the scale fewer do."""
+    rng, own = np.random.default_rng(4), weight(1000.0, 9.0, 2.0, (1.0, 2.0))
+    parts = rng.normal(size=(4, 4000)) * np.array([3.0, 2.0 * 2.0, np.hypot(2.0, 2.0), 10.0])[:, None]
+    wrong = parts.sum(axis=0)
+    told = np.full(4000, error(own, tares(0.01, 2.0), STILL))
+    assert inside(wrong, told) == pytest.approx(0.95, abs=0.01)
+    assert inside(wrong, np.full(4000, error(own, tares(0.0, 2.0), STILL))) < 0.8
+
+
+def test_a_drift_found_in_the_return_corrects_the_lift():
+    later = SimpleNamespace(values=np.array([2.0, 0.0]), covariance=STILL.covariance)
+    assert corrected(weight(1000.0, drifted=(3.0, 0.0)), later) == pytest.approx(994.0)
+
+
+def after(books, *weights):
+    for t, each in enumerate(weights):
+        books = noted(books, each, RATED, t, tares(), STILL)
+    return books
+
+
+def test_gross_what_remained_and_what_left():
+    """One booking a lift, refined while the bucket returns; the last weight before the lift ends does not count."""
+    books = parted(after(Books(), weight(900.0), weight(905.0), weight(700.0)))
+    books = after(books, weight(12.0), weight(14.0))
+    first = books.booking
+    assert (first.number, first.mass, first.carry_back, first.dumped) == (1, 905.0, 12.0, 893.0)
+    refined = after(books, weight(15.0)).booking
+    assert (refined.number, refined.t_us, refined.carry_back) == (1, first.t_us, 14.0)
+
+
+def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
+    books = after(Books(), weight(900.0, moving=300), weight(900.0, moving=330))
+    books = after(spilled(books), weight(860.0, moving=50), weight(860.0, moving=80), weight(300.0, moving=90))
+    books = after(parted(books), weight(10.0), weight(10.0))
+    assert books.booking.mass == 860.0
+
+
+def test_a_change_of_the_load_is_found_within_its_error():
+    """Rows of 1000 kg, then of 960 kg: the change is -40 kg; an unknown friction widens its error."""
+    rng, load = np.random.default_rng(1), np.array([1000.0, 700.0, 100.0, 500.0])
+    root, gram, marks = known(np.zeros(4), np.full(4, 3e3)), np.zeros((4, 1)), []
+    for kilograms in (1000.0, 960.0):
+        columns, other = rng.normal(size=(400, 4)), np.sign(kilograms - 980.0) * np.ones((400, 1))
+        torque = columns @ (load * kilograms / 1000.0) + rng.normal(size=400)
+        root, gram = update(root, columns, torque, np.ones(400)), gram + columns.T @ other
+        marks.append(information(root, gram))
+    by, wrong = change(*marks, np.zeros((1, 1)))
+    assert abs(by + 40.0) < 4.0 * wrong < 4.0
+    assert change(*marks, np.array([[100.0]]))[1] > wrong
+
+
+def test_class_y_b_by_hand():
+    """Errors of 2 kg of 1500: within 2 d for d = 1 at most, so n = 1500."""
+    assert class_y_b(np.array([1000.0]), np.array([2.0]), 1500.0) == 1500
+    assert class_y_b(np.array([1000.0]), np.array([31.0]), 1500.0) == 0
