@@ -64,4 +64,4 @@ def test_a_restart_changes_nothing(tmp_path):
     assert found.state.memory == state.memory
     again, _ = asyncio.run(served(path, log, [(NEXT, b"next")]))
     assert (again.scale, again.truck.number, again.truck.target) == (kept.scale, 2, 9000.0)
-    assert again.weighing.booking.number == 8
+    assert again.weighing.books.booking.number == 8

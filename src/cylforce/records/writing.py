@@ -50,8 +50,10 @@ def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
 
 def restored(connection: sqlite3.Connection) -> Memory:
     """What the service remembered when it wrote last. The truck's buckets are those of its bookings."""
-    wanted = "number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error"
-    last = connection.execute(f"SELECT {wanted} FROM bookings ORDER BY id DESC LIMIT 1")
+    last = connection.execute(
+        "SELECT number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error "
+        "FROM bookings ORDER BY id DESC LIMIT 1"
+    )
     booking = next((Booking(*row) for row in last), None)
     row = connection.execute("SELECT zero, tare, truck, target, product FROM kept").fetchone()
     if row is None:

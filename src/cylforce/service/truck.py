@@ -13,8 +13,8 @@ TOO_FAR = 0x06090030  # SDO abort code (CiA 301): value range exceeded
 
 
 class Bucket(NamedTuple):
-    """A booked bucket: the booking's number, the mass that counts [kg] (what left the bucket, less the tare), and whether
-    it does."""
+    """A booked bucket: the booking's number, the mass that counts [kg], what left the bucket less the tare, and
+    whether it does."""
 
     number: int
     mass: float
