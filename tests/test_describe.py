@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cylforce.canopen.bus_load import longest_frame, traffic
+from cylforce.mechanics.outline import hull, outline, pin_list
 from cylforce.programs.description.arm import cylinder_numbers, extent, postures, set_ranges
 from cylforce.programs.description.drawing import drawing
-from cylforce.programs.description.outline import hull, outline, pin_list
 from cylforce.settings.machine_file import load
 from scenarios import CONFIG, EXCAVATOR
 from test_cli import cylforce_

@@ -11,7 +11,21 @@ import typer
 
 from cylforce.programs.cli import app
 
-DAY = ["new", "describe", "commission", "identify", "run", "replay", "gap", "sim", "demo", "config"]
+DAY = [
+    "new",
+    "describe",
+    "commission",
+    "identify",
+    "run",
+    "display",
+    "scale",
+    "replay",
+    "gap",
+    "sim",
+    "demo",
+    "records",
+    "config",
+]
 # The promise to the user. Here `--version` and `--help` take 0.08 s of processor time, `run --help` 0.18 s (typer then
 # loads pydantic), of which Python alone 0.03 s: a machine that is slower by half still keeps it. Processor time, as
 # other programs lengthen the time on the clock; the shortest of three calls, because the first one may have to compile.
@@ -88,7 +102,7 @@ def test_every_option_is_explained():
 def test_the_shell_completes_commands_and_names():
     """As bash asks for it."""
     found = cylforce_(_CYLFORCE_COMPLETE="complete_bash", COMP_WORDS="cylforce re", COMP_CWORD="1")
-    assert found.stdout.split() == ["replay"]
+    assert found.stdout.split() == ["replay", "records"]
     words = "cylforce config copy excavator_2"
     found = cylforce_(_CYLFORCE_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD="3")
     assert found.stdout.split() == ["excavator_20t.toml"]

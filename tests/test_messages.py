@@ -10,7 +10,7 @@ from cylforce.can.opening import open_bus
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.run import Daemon
 from cylforce.service import commands
-from cylforce.service.step import Scale
+from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Quantity, Reason, Status, invalid
 from cylforce.signals.events import Frame
@@ -42,7 +42,7 @@ def daemon():
     machine = load(EXCAVATOR)
 
     async def made():
-        return Daemon(machine, make_core(machine, None), open_bus("virtual:messages"), None, Scale())
+        return Daemon(machine, make_core(machine, None), open_bus("virtual:messages"), None, NOTHING_KEPT)
 
     found = asyncio.run(made())
     found._timer.close()
@@ -132,7 +132,7 @@ def test_a_refused_command_is_logged(daemon):
     """As a warning, with the abort code that the bus saw."""
     with structlog.testing.capture_logs() as lines:
         daemon.on_frame(Frame(T0, 0x600 + OURS, bytes([0x23, 0x25, 0x61, 1]) + b"zero"))
-    [line] = [m for m in lines if m["event"] == "zero or tare"]
+    [line] = [m for m in lines if m["event"] == "command"]
     assert line["log_level"] == "warning"
     assert line["abort"] == "0x8000022"
     assert line["words"] == "zero refused: the weight must be OK, and it is invalid (starting)"

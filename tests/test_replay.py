@@ -24,7 +24,7 @@ from cylforce.programs.replay import run_replay, unbooked, write_estimates
 from cylforce.programs.run import Daemon, configure_messages
 from cylforce.programs.sim import run_sim
 from cylforce.service.publication import published
-from cylforce.service.step import Scale
+from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
@@ -69,7 +69,7 @@ def live(folder, machine, tares):
     async def main():
         ours, theirs, stop = open_bus(name), open_bus(name), asyncio.Event()
         writer = LogWriter(log, header_of(machine, tares, name), now_us(), "replay")
-        daemon = Daemon(machine, make_core(machine, tares), ours, writer, Scale())
+        daemon = Daemon(machine, make_core(machine, tares), ours, writer, NOTHING_KEPT)
         daemon.on_estimate = estimates.append
         loop = asyncio.get_running_loop()
         daemon.start(loop)
@@ -240,7 +240,7 @@ def test_messages_that_nobody_reads_do_not_stop_the_measurement(machine, tares):
     configure_messages(stream)
     stream.close()
     try:
-        daemon = Daemon(machine, make_core(machine, tares), open_bus("virtual:unread"), None, Scale())
+        daemon = Daemon(machine, make_core(machine, tares), open_bus("virtual:unread"), None, NOTHING_KEPT)
         estimates = []
         daemon.on_estimate = estimates.append
 

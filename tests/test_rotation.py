@@ -18,7 +18,7 @@ from cylforce.programs.common.readings import header_of, make_core, model_of
 from cylforce.programs.replay import run_replay
 from cylforce.programs.run import Daemon
 from cylforce.programs.sim import run_sim
-from cylforce.service.step import Scale, State
+from cylforce.service.state import NOTHING_KEPT, State
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Status
@@ -148,7 +148,7 @@ def logged(tmp_path_factory):
 
     async def main():
         writer = LogWriter(folder / "run.log", header, T0, "can0", rotation=Rotation(150_000, KEEP))
-        daemon = Daemon(machine, make_core(machine, tares), open_bus(name), writer, Scale())
+        daemon = Daemon(machine, make_core(machine, tares), open_bus(name), writer, NOTHING_KEPT)
         daemon.on_estimate = estimates.append
         daemon._timer.close()
         daemon._timer = ToldTime()

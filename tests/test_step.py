@@ -17,7 +17,8 @@ from cylforce.estimation.segments import gapless
 from cylforce.programs.common.readings import model_of
 from cylforce.service.publication import published
 from cylforce.service.samples import samples
-from cylforce.service.step import Core, Scale, step
+from cylforce.service.state import Scale
+from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Reason, Status

@@ -19,7 +19,7 @@ from cylforce.canopen.node import Node
 from cylforce.canopen.objects import Commands
 from cylforce.service import commands
 from cylforce.service.publication import publication
-from cylforce.service.step import Scale
+from cylforce.service.state import Scale
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Quantity, Reason, Status
 

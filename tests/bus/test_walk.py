@@ -10,7 +10,8 @@ import pytest
 
 from cylforce.can.opening import open_bus
 from cylforce.programs.run import Daemon
-from cylforce.service.step import Core, Scale
+from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Frame
@@ -95,7 +96,7 @@ async def live(loaded, trace, seconds):
                 sensors.send(can_id, data)
 
     loop = asyncio.get_running_loop()
-    daemon = Daemon(loaded, core, bus, None, Scale())
+    daemon = Daemon(loaded, core, bus, None, NOTHING_KEPT)
     sensors.attach(loop, answer)
     daemon.start(loop)
     daemon.node.change_state(5)

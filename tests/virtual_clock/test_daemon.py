@@ -167,7 +167,7 @@ def test_zero_by_sdo(ran):
     early, also_early, wrong, done = ran.operator.answers[:4]
     assert [aborted(answer) for answer in (early, also_early, wrong)] == [NOT_NOW, NOT_NOW, RANGE]
     assert done[:4] == DONE + ZERO[1:4]
-    told = [line for line in ran.told.splitlines() if "zero or tare" in line]
+    told = [line for line in ran.told.splitlines() if "command" in line]
     assert len(told) == 4
     assert "zero refused: the weight must be OK, and it is invalid (" in told[0]
     assert "tare refused: the weight must be OK, and it is invalid (" in told[1]

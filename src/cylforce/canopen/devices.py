@@ -8,9 +8,11 @@ from canopen.objectdictionary import ODVariable
 from cylforce.canopen.dictionary.object_dictionary import (
     INT16,
     INT32,
+    LOADING,
     STATUS,
     TARE,
     TARE_VALUE,
+    TRUCK,
     ZERO,
     channels,
     own_objects,
@@ -31,7 +33,7 @@ Address = tuple[int, int]
 
 
 def own_node(service: Service, verdict: Callable[[], int | None], on_peer: OnPeer) -> Node:
-    """Our node: `publish` sends what the core encoded; zero and tare are answered by `verdict()`, see Commands; the
+    """Our node: `publish` sends what the core encoded; commands are answered by `verdict()`, see Commands; the
     sensors' heartbeats are watched, see Heartbeats. Operational after `boot()`.
 
     Raises ValueError if there are more sensors with a heartbeat than entries in 1016h."""
@@ -42,7 +44,7 @@ def own_node(service: Service, verdict: Callable[[], int | None], on_peer: OnPee
     ]
     sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0
     objects = own_objects(service.publication, round(1e3 * service.heartbeat_s), sync_us, watched)
-    commands = Commands(frozenset({(ZERO, 1), (TARE, 1)}), verdict)
+    commands = Commands(frozenset({(ZERO, 1), (TARE, 1), *((LOADING, sub) for sub in range(1, TRUCK))}), verdict)
     node = Node(
         service.node_id,
         dictionary(objects, service.node_id),

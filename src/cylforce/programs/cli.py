@@ -7,7 +7,21 @@ import typer
 from typer.core import TyperGroup
 
 import cylforce
-from cylforce.programs.commands import commission, config, demo, describe, gap, identify, new, replay, run, sim
+from cylforce.programs.commands import (
+    commission,
+    config,
+    demo,
+    describe,
+    display,
+    gap,
+    identify,
+    new,
+    records,
+    replay,
+    run,
+    scale,
+    sim,
+)
 from cylforce.programs.commands.options import INTERRUPTED
 
 
@@ -53,10 +67,21 @@ app.command(epilog=describe.EXAMPLE)(describe.describe)
 app.command(epilog=commission.EXAMPLE)(commission.commission)
 app.command(epilog=identify.EXAMPLE)(identify.identify)
 app.command(epilog=run.EXAMPLE)(run.run)
+app.command(epilog=display.EXAMPLE)(display.display)
+app.command(epilog=scale.EXAMPLE)(scale.scale)
 app.command(epilog=replay.EXAMPLE)(replay.replay)
 app.command(epilog=gap.EXAMPLE)(gap.gap)
 app.command(epilog=sim.EXAMPLE)(sim.sim)
 app.command(epilog=demo.EXAMPLE)(demo.demo)
+
+booked = typer.Typer(no_args_is_help=True, help="What was booked: lists, totals, tickets, exports.")
+booked.command("list", epilog=records.LIST_EXAMPLE)(records.list_)
+booked.command("totals", epilog=records.TOTALS_EXAMPLE)(records.totals)
+booked.command("ticket", epilog=records.TICKET_EXAMPLE)(records.ticket)
+booked.command("label", epilog=records.LABEL_EXAMPLE)(records.label)
+booked.command("export", epilog=records.EXPORT_EXAMPLE)(records.export)
+booked.command("telematics", epilog=records.TELEMATICS_EXAMPLE)(records.telematics)
+app.add_typer(booked, name="records")
 
 configs = typer.Typer(no_args_is_help=True, help="List or copy machine files and others that are shipped.")
 configs.command("list", epilog=config.LIST_EXAMPLE)(config.list_)

@@ -25,7 +25,8 @@ from cylforce.programs.live.collector import Collector, View
 from cylforce.programs.live.picture import Screen, known, picture, summary
 from cylforce.programs.live.station import serve
 from cylforce.programs.run import Daemon, configure_messages, status_line
-from cylforce.service.step import Core, Scale
+from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.step import Core
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import Loaded
 
@@ -155,7 +156,7 @@ def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float
     bus = open_shared_bus(order.bus)
     try:
         writer = _writer(loaded, order, order.lift_log)
-        booked = asyncio.run(_lifted(Daemon(loaded, core, bus, writer, Scale()), known_kg, console))
+        booked = asyncio.run(_lifted(Daemon(loaded, core, bus, writer, NOTHING_KEPT), known_kg, console))
     finally:
         bus.close()
     again = f"cylforce identify {loaded.path} {order.log} -o {order.output}"

@@ -24,10 +24,11 @@ from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.common.score import CycleScore, ForceScore, score_cycles, score_force
+from cylforce.programs.live.shown import show
 from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
 from cylforce.programs.run import Daemon, configure_messages, show_status
-from cylforce.service.step import Scale
+from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
@@ -65,10 +66,13 @@ class Files(NamedTuple):
         return self.folder / "truth.csv"
 
 
-def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None, output: Path | None) -> bool:
-    """Show the main job; whether every cycle's load was booked. Raises the programs' own errors, and KeyboardInterrupt
-    when a signal ended it: figures of some of the cycles are not shown."""
+def run_demo(
+    machine: Path, bus: str, clock: str, cycles: int, seed: int | None, output: Path | None, listen: str | None = None
+) -> bool:
+    """Show the main job, then the display at the address `listen` until a signal; whether every load was booked. Raises
+    the programs' own errors, and KeyboardInterrupt when a signal ended it: figures of some cycles are not shown."""
     seed = secrets.randbits(32) if seed is None else seed
+    bus = RELAY if listen and bus.startswith("virtual:") else bus
     check_outputs((output,), (machine,), (".json",))
     loaded, console = load_machine(machine), Console(highlight=False)
     with TemporaryDirectory(prefix="cylforce-demo-") as folder:
@@ -79,12 +83,16 @@ def run_demo(machine: Path, bus: str, clock: str, cycles: int, seed: int | None,
             _prepare(machine, files, seed, console)
             configure_messages(messages)
             watched = asyncio.run(_work(loaded, files, named, cycles, seed, console))
-        truth = read_truth(files.truth)
-    weights = score_cycles(truth, watched.bookings)
-    force = score_force(truth, watched.estimates)
-    _show(console, loaded, weights, force, watched.counts)
-    if output is not None:
-        _write(output, _summary(loaded, weights, force, watched.counts, {"bus": bus, "clock": clock, "seed": seed}))
+            truth = read_truth(files.truth)
+            weights = score_cycles(truth, watched.bookings)
+            force = score_force(truth, watched.estimates)
+            _show(console, loaded, weights, force, watched.counts)
+            if output is not None:
+                run = {"bus": bus, "clock": clock, "seed": seed}
+                _write(output, _summary(loaded, weights, force, watched.counts, run))
+            if listen is not None:
+                console.print("4. the machine goes on; the page in the cab, until Ctrl-C:")
+                asyncio.run(show(machine, files.identified, named, seed, listen))
     return all(w.estimated_kg is not None for w in weights)
 
 
@@ -116,7 +124,7 @@ def _relay(bus: str) -> Iterator[str]:
 async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, console: Console) -> Watched:
     """Daemon and simulated machine on one bus, until the machine's run is over."""
     console.print(f"3. {cycles} digging cycles of at most 15 s on the bus")
-    daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, Scale())
+    daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, NOTHING_KEPT)
     watched = Watched([], [], Counts())
 
     def watch(estimate: Estimate) -> None:

@@ -17,7 +17,8 @@ from cylforce.files.logreader import log_header, with_ticks
 from cylforce.files.recording import Events, open_recording, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.service.publication import published
-from cylforce.service.step import Core, State, step
+from cylforce.service.state import State
+from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Status
 from cylforce.signals.events import Event

@@ -19,8 +19,11 @@ from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING,
 from cylforce.files.atomic import RecordingError, check_outputs, warn
 from cylforce.files.logfile import Header, LogWriter, Rotation
 from cylforce.programs.common.readings import continued, header_of, make_core
+from cylforce.programs.live.books import Books, open_recorder
 from cylforce.programs.live.station import Counts, Station, serve
-from cylforce.service.step import Core, Scale, State, step
+from cylforce.records.recorder import Recorder
+from cylforce.service.state import NOTHING_KEPT, Memory, State
+from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status
 
@@ -40,11 +43,21 @@ class LastLogged(NamedTuple):
 class Daemon(Station[State]):
     """The service on a bus. `on_estimate` is called with every estimate after it was sent."""
 
-    def __init__(self, loaded: Loaded, core: Core, bus: Bus, log: LogWriter | None, scale: Scale) -> None:
-        super().__init__(core.service, partial(step, core), core.begin(scale), bus, log)
+    def __init__(
+        self,
+        loaded: Loaded,
+        core: Core,
+        bus: Bus,
+        log: LogWriter | None,
+        kept: Memory,
+        recorder: Recorder | None = None,
+    ) -> None:
+        super().__init__(core.service, partial(step, core), core.begin(kept), bus, log)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
-        self._logged = LastLogged(Reason.STARTING, Status.INVALID, 0)
+        self._books = Books(self.node, recorder, kept)
+        booked = kept.booking.number if kept.booking else 0
+        self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
 
     def before_tick(self, t_us: int) -> None:
         """When the log is full: a new file, which begins with what the service remembers now."""
@@ -55,6 +68,7 @@ class Daemon(Station[State]):
         """Publish the adaptation's state, log what has changed."""
         if self.counts.steps % self._every[1] == 0:
             self._show_drift()
+        self._books.look(self.state)
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
 
@@ -163,23 +177,31 @@ def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
     return LogWriter(log, header, now_us(), header.bus.partition(":")[2], rotation=rotation)
 
 
-def run_daemon(loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None, rotation: Rotation) -> Counts:
+def run_daemon(
+    loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None, rotation: Rotation, records: Path | None
+) -> Counts:
     """The daemon until a signal. Raises BusError, SettingsError or RecordingError with a sentence."""
     configure_messages()
     if log is not None:
-        _check_log(log, (loaded.path, identified))
+        _check_log(log, (loaded.path, identified, records))
     warnings: list[str] = []
     core = make_core(loaded, identified, warnings.append)
     bus = open_shared_bus(bus_name)
     for sentence in warnings:
         warn(sentence)
-    writer = _writer(header_of(loaded, identified, bus_name), log, rotation) if log else None
+    recorder = open_recorder(records, loaded)
+    kept = recorder.kept if recorder else NOTHING_KEPT
+    writer = _writer(header_of(loaded, identified, bus_name, kept), log, rotation) if log else None
 
     async def main() -> Counts:
-        daemon = Daemon(loaded, core, bus, writer, Scale())
+        daemon = Daemon(loaded, core, bus, writer, kept, recorder)
         await serve(daemon, asyncio.Event(), lambda: show_status(daemon))
         return daemon.counts
 
-    counts = asyncio.run(main())
+    try:
+        counts = asyncio.run(main())
+    finally:
+        if recorder is not None:
+            recorder.close()
     structlog.get_logger("cylforce").info("stopped", **counts._asdict())
     return counts

@@ -1,15 +1,18 @@
-"""Frames that the service acts on itself: zero and tare by SDO, NMT commands to our node, boot-up messages of
-sensors."""
+"""Frames that the service acts on itself: zero, tare and the truck's commands by SDO, NMT commands to our node, boot-up
+messages of sensors."""
 
 from typing import Literal, NamedTuple
 
+from cylforce.service.truck import NOT_NOW, TOO_FAR, Ruling, Truck, aimed, judged, next_truck, of_product
 from cylforce.signals.estimate import Quantity, Status
 from cylforce.signals.events import Frame
 
 ZERO, TARE = 0x6125, 0x6139  # CiA 404: auto-zero, auto-tare
 SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # both spellings of tare are written by existing drivers
-NOT_NOW = 0x08000022  # SDO abort code (CiA 301): refused because of the present device state
-TOO_FAR = 0x06090030  # SDO abort code (CiA 301): value range exceeded
+LOADING = 0x2190  # ours: the truck that is being loaded
+TARGET, PRODUCT, NEXT, CANCEL, ACCEPT = 1, 2, 3, 4, 5  # its sub-indices that are commands
+NEXT_WORD = b"next"
+KG = 0.1  # kg, of the target's integer
 WRONG_VALUE = 0x06090030  # the same code: the written value is not the signature
 FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, or with size 4 (CiA 301)
 ZERO_RANGE = 0.02  # times the rated payload: a larger zero would hide a fault; chosen
@@ -22,6 +25,13 @@ class Command(NamedTuple):
     data: bytes
 
 
+class LoadingCommand(NamedTuple):
+    """A command about the truck: sub-index, and the four bytes that were written."""
+
+    sub: int
+    data: bytes
+
+
 class Answer(NamedTuple):
     """The new (zero, tare) [kg]; the verdict: 0, or the SDO abort code; what was decided and why, in words."""
 
@@ -30,12 +40,14 @@ class Answer(NamedTuple):
     words: str
 
 
-def read(frame: Frame, node_id: int) -> Command | None:
-    """The command in an expedited SDO download of 4 bytes to 6125h:1 or 6139h:1 of our node; None for any other frame.
-    A download of another length is refused by the SDO server itself."""
+def read(frame: Frame, node_id: int) -> Command | LoadingCommand | None:
+    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5 of our node; None for any
+    other frame. A download of another length is refused by the SDO server itself."""
     if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
+    if index == LOADING and TARGET <= frame.data[3] <= ACCEPT:
+        return LoadingCommand(frame.data[3], frame.data[4:8])
     if index not in SIGNATURES or frame.data[3] != 1:
         return None
     return Command("zero" if index == ZERO else "tare", frame.data[4:8])
@@ -61,6 +73,21 @@ def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: fl
         )
         return Answer(scale, TOO_FAR, f"zero refused: {words}: empty the tool, or find what else is wrong")
     return Answer((mass.value, 0.0), 0, f"zero set to {mass.value:.1f} kg, tare to 0.0 kg")
+
+
+def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
+    """What a command about the truck does."""
+    number = int.from_bytes(command.data, "little", signed=command.sub == TARGET)
+    if command.sub == TARGET:
+        return aimed(truck, KG * number)
+    if command.sub == PRODUCT:
+        return of_product(truck, number)
+    if command.sub in (CANCEL, ACCEPT):
+        return judged(truck, number, command.sub == ACCEPT)
+    if command.data == NEXT_WORD:
+        return next_truck(truck)
+    words = f"next truck refused: the four bytes written must be the word next, not {command.data!r}"
+    return Ruling(truck, WRONG_VALUE, words)
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,14 +12,18 @@ from cylforce.estimation.residual import Residual, residual
 from cylforce.mechanics.installation import Service
 from cylforce.service import commands
 from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.assembler import Assembler, Inputs
-from cylforce.service.contact.interaction import Forces, Interaction, Interactor
+from cylforce.service.assembler import Assembler
+from cylforce.service.contact.interaction import Forces, Interactor
+from cylforce.service.cycle import Cycle, advanced
 from cylforce.service.pipeline import Pipe, Pipeline
 from cylforce.service.publication import GROSS, MAGNITUDE, frames
-from cylforce.service.recognition import Recognition, Recognizer
+from cylforce.service.recognition import Recognizer
+from cylforce.service.state import NOTHING, NOTHING_KEPT, Memory, Output, Scale, State
+from cylforce.service.truck import loaded
 from cylforce.service.weighing import Weigher, Weighing
 from cylforce.signals.estimate import (
     Array,
+    Booking,
     Estimate,
     Load,
     Reason,
@@ -28,6 +31,7 @@ from cylforce.signals.estimate import (
     degraded,
     each_component,
     held_estimate,
+    is_new,
     less,
     no_estimate,
     within,
@@ -38,48 +42,6 @@ from cylforce.signals.kinds import Kind
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 TICK_SLACK = 0.5  # periods by which a tick may be early or late
-
-
-class Scale(NamedTuple):
-    """The operator's zero and tare [kg]."""
-
-    zero: float = 0.0
-    tare: float = 0.0
-
-
-NO_SCALE = Scale()
-
-
-class State(NamedTuple):
-    """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
-    started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
-    it should change because the machine moves; whose machine it is; contact with the ground; whether NMT has stopped
-    our node."""
-
-    inputs: Inputs
-    pipe: Pipe | None
-    weighing: Weighing
-    drift: Drift
-    scale: Scale
-    sampled_us: int
-    estimate: Estimate
-    moving: tuple[bool, ...]
-    recognition: Recognition
-    interaction: Interaction
-    stopped: bool = False
-
-
-class Output(NamedTuple):
-    """What an event brought: `verdict` on a zero or tare command (None: no command; 0: done; else an SDO abort code),
-    its `words`, what was decided and why; `estimate` and its PDOs `frames` (number, data), sent as they are."""
-
-    verdict: int | None = None
-    estimate: Estimate | None = None
-    frames: tuple[tuple[int, bytes], ...] = ()
-    words: str = ""
-
-
-NOTHING = Output()
 
 
 @dataclass(frozen=True)
@@ -146,13 +108,15 @@ class Core:
         """The fixed step [us]."""
         return round(1e6 / self.service.filters.rate_hz)
 
-    def begin(self, scale: Scale = NO_SCALE) -> State:
-        """The state of a service before any event, with the operator's zero and tare."""
-        nothing = no_estimate(0, Reason.STARTING, None)
+    def begin(self, kept: Memory = NOTHING_KEPT) -> State:
+        """The state of a service before any event, with what was kept from before the restart."""
+        nothing = no_estimate(0, Reason.STARTING, kept.booking)
         still = (False,) * len(self.service.machine.signals)
         inputs, known = self.assembler.begin(), self.recognizer.begin()
         drift, contact = self.adapter.begin(), self.interactor.begin()
-        return State(inputs, None, self.weigher.begin(), drift, scale, 0, nothing, still, known, contact)
+        weighing = self.weigher.begin()
+        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking))
+        return State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, kept.truck)
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
@@ -167,19 +131,26 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
-    """State and output after a zero, tare or NMT command or a boot-up message; None for any other frame."""
+    """State and output after an operator's or NMT command or a boot-up message; None for any other frame."""
     stopped = commands.stopped(frame, core.service.node_id)
     if stopped is not None:
         return state._replace(stopped=stopped), NOTHING
     command = commands.read(frame, core.service.node_id)
     if command is not None and not state.stopped:
-        rated = core.service.machine.rated_payload
-        scale, verdict, words = commands.obey(command, state.scale, state.estimate.load.mass, rated)
-        return state._replace(scale=Scale(*scale)), Output(verdict, words=words)
+        return _commanded(core, state, command)
     booted = commands.booted(frame)
     if booted is not None:
         return state._replace(inputs=core.assembler.restart(state.inputs, booted)), NOTHING
     return None
+
+
+def _commanded(core: Core, state: State, command: commands.Command | commands.LoadingCommand) -> tuple[State, Output]:
+    if isinstance(command, commands.LoadingCommand):
+        truck, verdict, words = commands.obey_loading(command, state.truck)
+        return state._replace(truck=truck), Output(verdict, words=words)
+    rated = core.service.machine.rated_payload
+    scale, verdict, words = commands.obey(command, state.scale, state.estimate.load.mass, rated)
+    return state._replace(scale=Scale(*scale)), Output(verdict, words=words)
 
 
 def _tick(core: Core, state: State, t_us: int) -> State:
@@ -208,8 +179,18 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
     drift = _drift(core, state.drift, weighing, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
+    before = state.weighing.books.booking
     state = state._replace(weighing=weighing, drift=drift, recognition=recognition, interaction=interaction)
-    return state._replace(estimate=_estimate(core, state, load, forces, t_us))
+    return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
+
+
+def _booked(state: State, before: Booking | None) -> State:
+    """The state with the working cycle advanced; with a new booking it ends, and the truck has one more bucket."""
+    cycle, booking = advanced(state.cycle, state.estimate), state.weighing.books.booking
+    if booking is None or not is_new(booking, before):
+        return state._replace(cycle=cycle)
+    truck = loaded(state.truck, booking, state.scale.tare)
+    return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
 
 def _channels(core: Core, sample: Sample) -> Array | Reason:

@@ -137,6 +137,11 @@ class Booking(NamedTuple):
     dumped_error: float
 
 
+def is_new(booking: Booking | None, before: Booking | None) -> bool:
+    """Whether a booking is another one than before, not the same made more precise."""
+    return booking is not None and (before is None or booking.number != before.number)
+
+
 class Load(NamedTuple):
     """A hanging load: `mass` [kg] and its `centre` (x, z) [m] in the last link's frame, each with its standard
     error."""

@@ -33,6 +33,10 @@ UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
 INT16, INT32 = 0x7130, 0x9130  # process values
 ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperature and wear, and its states
 
+LOADING = 0x2190  # the truck that is being loaded
+TRUCK, TOTAL, COUNT, LAST, RECORDED, RECORDS = 6, 7, 8, 9, 10, 11  # its sub-indices that are read only
+NO_RECORDS, RECORDING, RECORDS_STOPPED = 0, 1, 2  # values of sub-index RECORDS
+
 _BASES = range(0x180, 0x580, 0x80)  # COB-IDs of PDOs in CiA 301, to which the node id is added
 _SLOTS = 8  # entries of a mapping that can be written
 _SYNC = 0x80
@@ -76,6 +80,7 @@ def own_objects(
             *(_carried(field, _NAMES[404] | _OURS) for field in fields),
             *_own_channels(channels(fields)),
             group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
+            group(LOADING, "Truck", RECORD, _loading()),
         ]
     )
 
@@ -83,6 +88,23 @@ def own_objects(
 def _adaptation() -> tuple[Entry, ...]:
     drift = Entry(1, "Adaptation drift, in 0.1 kg of payload", "i", "ro", 0)
     return drift, Entry(2, "Adaptation state: 0 off, 1 frozen, 2 following", "B", "ro", OFF)
+
+
+def _loading() -> tuple[Entry, ...]:
+    """Sub-indices 1 to 5 are commands, see `service.commands`."""
+    return (
+        Entry(1, "Target, in 0.1 kg; 0: none", "i", "rw", 0),
+        Entry(2, "Number of the product", "I", "rw", 0),
+        Entry(3, "Next truck", "I", "wo"),
+        Entry(4, "Cancel booking", "I", "wo"),
+        Entry(5, "Accept booking", "I", "wo"),
+        Entry(TRUCK, "Number of the truck", "I", "ro", 1),
+        Entry(TOTAL, "Mass in the truck, in 0.1 kg", "i", "ro", 0),
+        Entry(COUNT, "Buckets in the truck", "I", "ro", 0),
+        Entry(LAST, "Number of the last booking", "I", "ro", 0),
+        Entry(RECORDED, "Number of the last booking on disk", "I", "ro", 0),
+        Entry(RECORDS, "State of the records: 0 off, 1 on, 2 stopped", "B", "ro", NO_RECORDS),
+    )
 
 
 def sensor_objects(node: SensorNode) -> tuple[Object, ...]:

@@ -21,6 +21,8 @@ def demo(
         int | None, typer.Option(min=0, help="Seed of the random numbers. Without it, one is drawn and printed.")
     ] = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the figures there.")] = None,
+    serve: Annotated[bool, typer.Option("--serve", help="End with the page in the cab, until Ctrl-C.")] = False,
+    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where --serve serves it.")] = "127.0.0.1:8080",
 ) -> None:
     """Show the main job on the simulated machine.
 
@@ -29,5 +31,7 @@ def demo(
     from cylforce.files.shipped import shipped
     from cylforce.programs.demo import run_demo
 
-    if not run_demo(machine or shipped("excavator_20t.toml"), bus, clock, cycles, seed, output):
+    if not run_demo(
+        machine or shipped("excavator_20t.toml"), bus, clock, cycles, seed, output, listen if serve else None
+    ):
         raise typer.Exit(1)

@@ -8,7 +8,7 @@ import typer
 from cylforce.programs.commands.options import Bus, IdentifiedFile, MachineFile, example
 
 EXAMPLE = example(
-    "cylforce run machine.toml --bus socketcan:can0 --identified identified.toml --log events.log --log-size 200"
+    "cylforce run machine.toml --bus socketcan:can0 --identified identified.toml --records records.db --log events.log"
 )
 
 
@@ -21,6 +21,9 @@ def run(
         float,
         typer.Option(metavar="MB", help="Begin a new log file at this size, 1 to 100000; 100 MB are half an hour."),
     ] = 100.0,
+    records: Annotated[
+        Path | None, typer.Option(help="Keep bookings, zero, tare and the open truck there (SQLite).")
+    ] = None,
     log_keep: Annotated[int, typer.Option(min=0, help="How many older files to keep, FILE.NUMBER.log.")] = 9,
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
@@ -31,4 +34,4 @@ def run(
 
     if not 1.0 <= log_size <= 100_000.0:
         raise RecordingError(f"--log-size {log_size:g}: is no size of a log: give 1 to 100000 MB")
-    run_daemon(load_machine(machine), bus, identified, log, Rotation(round(1e6 * log_size), log_keep))
+    run_daemon(load_machine(machine), bus, identified, log, Rotation(round(1e6 * log_size), log_keep), records)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import JsonValue
 
@@ -19,12 +20,14 @@ from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.service.assembler import Assembler
 from cylforce.service.hanging import hanging
 from cylforce.service.samples import samples
-from cylforce.service.step import NO_SCALE, Core, Scale, State
+from cylforce.service.state import NOTHING_KEPT, Memory, Scale, State
+from cylforce.service.step import Core
 from cylforce.settings.identified import identified_warnings, read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame, Tick
 
+S = TypeVar("S")
 KNOWN = (0.05, 2.0)  # times the rated payload: known weights from which the scale can be taken; chosen
 
 
@@ -121,14 +124,15 @@ def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: floa
         raise RecordingError(f"{lift}: {error}") from error
 
 
-def header_of(loaded: Loaded, identified: Path | None, bus: str) -> Header:
-    """What a log of this service begins with when it starts: no zero, no tare."""
+def header_of(loaded: Loaded, identified: Path | None, bus: str, kept: Memory = NOTHING_KEPT) -> Header:
+    """What a log of this service begins with when it starts with what was kept from before."""
+    known = {} if kept[1:] == NOTHING_KEPT[1:] else {"kept": packed(kept)}
     return Header(
         versions=running_versions(),
         machine=str(loaded.path.resolve()),
         machine_sha256=loaded.sha256,
         identified_sha256=file_sha256(identified) if identified else None,
-        state={**NO_SCALE._asdict()},
+        state={**kept.scale._asdict(), **known},
         bus=bus,
         node_id=loaded.service.node_id,
     )
@@ -136,25 +140,28 @@ def header_of(loaded: Loaded, identified: Path | None, bus: str) -> Header:
 
 def continued(header: Header, state: State) -> Header:
     """What a log begins with that continues one with this header, when the service has come to this state."""
-    return header.model_copy(update={"state": {**state.scale._asdict(), "service": packed(state)}})
+    known = {**state.scale._asdict(), "kept": packed(state.memory), "service": packed(state)}
+    return header.model_copy(update={"state": known})
 
 
 def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Tell) -> State:
     """The service's state at the beginning of a log. A state of other tares or of another version does not fit: then
     only zero and tare are taken over, the estimators start anew, and `tell` says so."""
     said = recorded.state
-    known = Scale(**{name: float(str(said.get(name, 0.0))) for name in Scale._fields})
+    known = Memory(Scale(**{name: float(str(said.get(name, 0.0))) for name in Scale._fields}))
+    if "kept" in said:
+        known = _unpacked(Memory, said["kept"], path)
     if "service" not in said:
         return core.begin(known)
     same = (recorded.machine_sha256, recorded.identified_sha256) == (now.machine_sha256, now.identified_sha256)
     if same and recorded.versions.get("cylforce") == now.versions["cylforce"]:
-        return _state(said["service"], path)
+        return _unpacked(State, said["service"], path)
     tell(f"{path}: continues an earlier log of other tares or another version: its estimators start anew here")
     return core.begin(known)
 
 
-def _state(said: JsonValue, path: Path) -> State:
+def _unpacked(kind: type[S], said: JsonValue, path: Path) -> S:
     try:
-        return unpacked(State, said)
+        return unpacked(kind, said)
     except (ValueError, TypeError) as error:
         raise RecordingError(f"{path}: the state in the log's header is broken, so its start is lost") from error

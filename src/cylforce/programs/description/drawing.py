@@ -7,8 +7,8 @@ from itertools import chain
 from math import isfinite
 
 from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.outline import NamedPin, Outline, Place, outline, pin_list
 from cylforce.programs.description.arm import postures
-from cylforce.programs.description.outline import NamedPin, Outline, Place, outline, pin_list
 
 PANEL = 460.0  # pixels: width that the widest posture takes
 GAP, MARGIN = 30.0, 46.0

@@ -15,7 +15,8 @@ from cylforce.programs.live.station import Station
 from cylforce.service import commands
 from cylforce.service.assembler import Assembler
 from cylforce.service.samples import is_whole, skipped
-from cylforce.service.step import NOTHING, Output
+from cylforce.service.state import NOTHING, Output
+from cylforce.service.truck import NOT_NOW
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Event, Frame, Tick
@@ -73,7 +74,7 @@ class Collector(Station[None]):
             self._inputs = self._assembler.restart(self._inputs, booted)
             return None
         self._inputs = self._assembler.receive(self._inputs, frame, self._still)
-        return commands.NOT_NOW if commands.read(frame, self.service.node_id) else None
+        return NOT_NOW if commands.read(frame, self.service.node_id) else None
 
     def ticked(self, tick: Tick) -> None:
         """A row of what is known now."""

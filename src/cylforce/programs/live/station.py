@@ -17,7 +17,7 @@ from cylforce.canopen.startup import Commissioner, Outcome, Stage
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import LogWriter
 from cylforce.mechanics.installation import Service
-from cylforce.service.step import Output
+from cylforce.service.state import Output
 from cylforce.signals.events import Event, Frame, Tick
 
 S = TypeVar("S")  # the step's state
@@ -87,7 +87,7 @@ class Station(Generic[S]):
         self._verdict = out.verdict
         if out.verdict is not None:
             say = self._tell.warning if out.verdict else self._tell.info
-            say("zero or tare", words=out.words, abort=hex(out.verdict))
+            say("command", words=out.words, abort=hex(out.verdict))
         self.network.on_frame(frame)
         self._verdict = None
 

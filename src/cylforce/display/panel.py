@@ -1,0 +1,123 @@
+"""The operator's hand on the service: commands by SDO, and what the service says about the truck, read by SDO."""
+
+import asyncio
+from collections import deque
+from struct import pack
+from typing import NamedTuple
+
+from cylforce.canopen.network import Network
+from cylforce.canopen.sdo_client import AbortedError, Client, SdoError
+from cylforce.service import commands
+
+EVERY_S = 1.0
+SOON_S = 0.05  # after a command: the service shows its effect at its next step
+KEPT = 8  # last buckets that are shown; chosen
+KG = commands.KG
+FIELDS = (("number", 6), ("total", 7), ("filled", 8), ("last", 9), ("recorded", 10), ("product", 2), ("target", 1))
+NOT_KNOWN, NO_ANSWER = "unknown", "no answer"
+
+
+class Known(NamedTuple):
+    """The truck as the service has it: number, mass and target [kg], buckets, product; numbers of the last booking, of
+    the last one on disk; state of the records."""
+
+    number: int
+    total: float
+    filled: int
+    last: int
+    recorded: int
+    product: int
+    target: float
+    records: int
+
+
+class SeenBucket(NamedTuple):
+    """A bucket that was booked while the display ran: number, mass [kg] that the truck got."""
+
+    number: int
+    mass: float
+
+
+class Reply(NamedTuple):
+    """Whether a command was done; if not, the SDO abort code, or why in one word."""
+
+    done: bool
+    why: str = ""
+
+
+class Loading:
+    """What is known of the truck; None before the service has answered, or when it no longer does."""
+
+    def __init__(self) -> None:
+        self.known: Known | None = None
+        self.buckets: deque[SeenBucket] = deque(maxlen=KEPT)
+
+    def update(self, known: Known | None) -> None:
+        """What was just read. One more bucket in the same truck is remembered with its mass."""
+        before, self.known = self.known, known
+        if before is None or known is None or known.number != before.number:
+            return
+        if known.last != before.last and known.filled == before.filled + 1:
+            self.buckets.append(SeenBucket(known.last, known.total - before.total))
+
+
+class Panel:
+    """Speaks with the service of node `node_id`; one transfer at a time."""
+
+    def __init__(self, network: Network, node_id: int) -> None:
+        self._client = Client(network, node_id)
+        self.loading = Loading()
+        self._soon = asyncio.Event()
+
+    async def follow(self) -> None:
+        """Read what the service knows, every second and after each command, until cancelled."""
+        while True:
+            self._soon.clear()  # before reading: a command that comes meanwhile asks for one more look
+            self.loading.update(await self.read())
+            try:
+                await asyncio.wait_for(self._soon.wait(), EVERY_S)
+            except TimeoutError:
+                continue
+
+    async def read(self) -> Known | None:
+        """What the service knows of the truck; None without an answer."""
+        read: dict[str, int] = {}
+        try:
+            for name, sub in FIELDS:
+                read[name] = await self._client.read(commands.LOADING, sub, "i" if name in ("total", "target") else "I")
+            records = await self._client.read(commands.LOADING, 11, "B")
+        except SdoError:
+            return None
+        number, total, filled, last, recorded, product, target = (read[name] for name, _ in FIELDS)
+        return Known(number, KG * total, filled, last, recorded, product, KG * target, records)
+
+    async def obey(self, what: str, value: float) -> Reply:
+        """Send a command."""
+        made = request(what, value)
+        if made is None:
+            return Reply(False, NOT_KNOWN)
+        try:
+            await self._client.download(*made)
+        except AbortedError as error:
+            return Reply(False, f"{error.code:08X}")
+        except SdoError:
+            return Reply(False, NO_ANSWER)
+        asyncio.get_running_loop().call_later(SOON_S, self._soon.set)
+        return Reply(True)
+
+
+def request(what: str, value: float) -> tuple[int, int, bytes] | None:
+    """Index, sub-index and data of a command; None for what is none."""
+    fixed = {
+        "zero": (commands.ZERO, 1, b"zero"),
+        "tare": (commands.TARE, 1, b"tare"),
+        "next": (commands.LOADING, commands.NEXT, commands.NEXT_WORD),
+    }
+    numbers = {"product": commands.PRODUCT, "cancel": commands.CANCEL, "accept": commands.ACCEPT}
+    if what in fixed:
+        return fixed[what]
+    if what == "target" and abs(value) < 1e8:
+        return commands.LOADING, commands.TARGET, pack("<i", round(value / KG))
+    if what in numbers and 0 <= value < 1 << 32:
+        return commands.LOADING, numbers[what], pack("<I", int(value))
+    return None

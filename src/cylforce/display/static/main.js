@@ -1,0 +1,72 @@
+// Starts the page: which part is shown, the stream, and the watch over it.
+import { ask, change } from "./ask.js";
+import { showEngineering } from "./engineering.js";
+import { showHistory } from "./history.js";
+import { refusal, t, translate } from "./words.js";
+import { blank, showWork } from "./work.js";
+
+const at = (id) => document.getElementById(id);
+const PARTS = ["work", "history", "engineering"];
+const SILENCE_MS = 800; // a weight that is older is not shown any more
+let [stream, part, heard, last] = [null, "", 0, null];
+
+function open(name) {
+  stream?.close();
+  stream = new EventSource(`/stream/${name}`);
+  stream.addEventListener("message", (event) => {
+    heard = performance.now();
+    last = JSON.parse(event.data);
+    showWork(last);
+    if (name === "engineering") showEngineering(last);
+  });
+}
+
+function show() {
+  const wanted = location.hash.slice(1);
+  part = PARTS.includes(wanted) ? wanted : "work";
+  for (const name of PARTS) at(name).hidden = name !== part;
+  for (const link of document.querySelectorAll("nav a")) link.classList.toggle("here", link.hash === `#${part}`);
+  open(part === "engineering" ? "engineering" : "work");
+  if (part === "history") showHistory();
+}
+
+async function command(what, value = 0) {
+  at("answer").textContent = "";
+  const said = await change("/command", { what, value });
+  at("answer").textContent = said.done ? t("Done.") : refusal(said.why);
+}
+
+async function target() {
+  const text = await ask(t("Target in kg; 0: none"));
+  if (text !== null) await command("target", Number(text.replace(",", ".")) || 0);
+}
+
+async function product() {
+  const text = await ask(t("Number of the product; 0: none"));
+  if (text !== null) await command("product", Math.round(Number(text)) || 0);
+}
+
+function light(night) {
+  document.body.classList.toggle("night", night);
+  at("night").textContent = t(night ? "Day" : "Night");
+  localStorage.setItem("night", night ? "1" : "");
+}
+
+translate(document);
+light(localStorage.getItem("night") === "1");
+at("night").addEventListener("click", () => light(!document.body.classList.contains("night")));
+for (const button of document.querySelectorAll("[data-command]")) {
+  button.addEventListener("click", () => command(button.dataset.command));
+}
+at("target").addEventListener("click", target);
+at("product").addEventListener("click", product);
+at("cancel").addEventListener("click", () => command("cancel", last?.truck?.last ?? 0));
+window.addEventListener("hashchange", show);
+blank();
+show();
+setInterval(() => {
+  if (performance.now() - heard > SILENCE_MS) {
+    blank();
+    if (stream.readyState === EventSource.CLOSED) open(part === "engineering" ? "engineering" : "work");
+  }
+}, 100);

@@ -1,0 +1,90 @@
+"""`cylforce records`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cylforce.programs.commands.options import example
+
+LIST_EXAMPLE = example("cylforce records list records.db --last 20")
+TOTALS_EXAMPLE = example("cylforce records totals records.db --which shift")
+EXPORT_EXAMPLE = example("cylforce records export records.db -o bookings.csv")
+TELEMATICS_EXAMPLE = example("cylforce records telematics records.db")
+TICKET_EXAMPLE = example("cylforce records ticket records.db")
+LABEL_EXAMPLE = example("cylforce records label records.db --product 1 --name gravel")
+
+File = Annotated[Path, typer.Argument(metavar="RECORDS.db", help="What `cylforce run --records` writes.")]
+Since = Annotated[str, typer.Option(metavar="TIME", help="Only from this time on, e.g. 2026-03-31T06:00 (UTC).")]
+Truck = Annotated[int | None, typer.Option(help="Number of the truck.")]
+
+
+def list_(
+    records: File,
+    since: Since = "",
+    truck: Truck = None,
+    last: Annotated[int, typer.Option(min=1, help="How many.")] = 50,
+) -> None:
+    """List bookings, the last ones or those of a truck."""
+    from cylforce.programs.records import list_bookings
+
+    list_bookings(records, since, truck, last)
+
+
+def totals(
+    records: File,
+    which: Annotated[str, typer.Option(help="short, shift or grand.")] = "grand",
+    zero: Annotated[bool, typer.Option("--zero", help="Afterwards it begins anew (short and shift).")] = False,
+) -> None:
+    """Loads and mass per product."""
+    from cylforce.files.atomic import RecordingError
+    from cylforce.programs.records import show_totals
+
+    if which not in ("short", "shift", "grand"):
+        raise RecordingError(f"--which {which}: is no total: use short, shift or grand")
+    show_totals(records, which, zero)
+
+
+def export(
+    records: File,
+    output: Annotated[Path, typer.Option("-o", "--output", help="A .csv, .json or .parquet file.")],
+    since: Since = "",
+) -> None:
+    """Write the bookings as CSV, JSON or Parquet."""
+    from cylforce.programs.records import export_bookings
+
+    export_bookings(records, output, since)
+
+
+def telematics(records: File) -> None:
+    """The payload figures of ISO 15143-3: all that was ever loaded, in how many loads."""
+    from cylforce.programs.records import show_telematics
+
+    show_telematics(records)
+
+
+def ticket(records: File, truck: Truck = None) -> None:
+    """Print a truck's ticket, the last truck's where none is named; again: a copy."""
+    from cylforce.programs.records import print_ticket
+
+    print_ticket(records, truck)
+
+
+def label(
+    records: File,
+    truck: Truck = None,
+    customer: Annotated[str | None, typer.Option(help="Who gets the load.")] = None,
+    job: Annotated[str | None, typer.Option(help="Job or site.")] = None,
+    operator: Annotated[str | None, typer.Option(help="Who loaded.")] = None,
+    note: Annotated[str | None, typer.Option(help="Anything else.")] = None,
+    product: Annotated[int | None, typer.Option(min=1, help="Number of the product that --name names.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the product.")] = None,
+) -> None:
+    """Say whose truck it is, or what a product is called."""
+    from cylforce.files.atomic import RecordingError
+    from cylforce.programs.records import given, label
+
+    if (product is None) is not (name is None):
+        raise RecordingError("--product and --name belong together: give both")
+    named = None if product is None or name is None else (product, name)
+    label(records, truck, given(customer=customer, job=job, operator=operator, note=note), named)

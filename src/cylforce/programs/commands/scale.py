@@ -1,0 +1,24 @@
+"""`cylforce scale`."""
+
+from typing import Annotated
+
+import typer
+
+from cylforce.programs.commands.options import Bus, MachineFile, example
+
+EXAMPLE = example("cylforce scale machine.toml target 12000 --bus socketcan:can0")
+
+
+def scale(
+    machine: MachineFile,
+    order: Annotated[
+        str, typer.Argument(help="show, zero, tare, target KG, product N, next, cancel BOOKING, accept BOOKING.")
+    ],
+    number: Annotated[float | None, typer.Argument(help="What the order needs.")] = None,
+    bus: Bus = "socketcan:can0",
+) -> None:
+    """Zero, tare, truck: commands to the running service."""
+    from cylforce.programs.scale import run_scale
+
+    if not run_scale(machine, bus, order, number):
+        raise typer.Exit(1)

@@ -1,0 +1,102 @@
+"""Between the service and the records: what changed is handed over, and what is known is shown in the object
+dictionary."""
+
+from pathlib import Path
+
+import cylforce
+from cylforce.can.clock import now_us
+from cylforce.canopen.dictionary.object_dictionary import (
+    COUNT,
+    LAST,
+    LOADING,
+    NO_RECORDS,
+    RECORDED,
+    RECORDING,
+    RECORDS,
+    RECORDS_STOPPED,
+    TOTAL,
+    TRUCK,
+)
+from cylforce.canopen.node import Node
+from cylforce.records.recorder import Recorder
+from cylforce.records.writing import BookedBucket, Change, Start
+from cylforce.service.commands import KG, PRODUCT, TARGET
+from cylforce.service.cycle import ended
+from cylforce.service.state import Memory, State
+from cylforce.service.truck import Truck
+from cylforce.settings.machine_file import Loaded
+from cylforce.signals.estimate import is_new
+
+OFTEN = 10  # steps between two looks at the writing thread
+
+
+class Books:
+    """Looks at every state of the service; without a recorder it only shows."""
+
+    def __init__(self, node: Node, recorder: Recorder | None, kept: Memory) -> None:
+        self._node, self._recorder, self._kept, self._steps = node, recorder, kept, 0
+        self._show(kept)
+
+    def look(self, state: State) -> None:
+        """Hand over what changed; show it."""
+        kept = state.memory
+        if any(new is not old for new, old in zip(kept, self._kept, strict=True)):
+            self._change(state, kept)
+        self._steps += 1
+        if self._steps % OFTEN == 0:
+            self._show_records()
+
+    def _change(self, state: State, kept: Memory) -> None:
+        if self._recorder is not None:
+            self._recorder.put(Change(state.estimate.t_us, kept, _booked(state, self._kept), words(self._kept, kept)))
+        self._kept = kept
+        self._show(kept)
+
+    def _show(self, kept: Memory) -> None:
+        truck = kept.truck
+        shown = {TARGET: round(truck.target / KG), PRODUCT: truck.product, TRUCK: truck.number}
+        shown |= {TOTAL: round(truck.total / KG), COUNT: truck.filled}
+        shown[LAST] = kept.booking.number if kept.booking else 0
+        for sub, value in shown.items():
+            self._node.set_value(LOADING, sub, value)
+        self._show_records()
+
+    def _show_records(self) -> None:
+        if self._recorder is None:
+            self._node.set_value(LOADING, RECORDS, NO_RECORDS)
+            return
+        self._recorder.look()
+        self._node.set_value(LOADING, RECORDED, self._recorder.recorded)
+        self._node.set_value(LOADING, RECORDS, RECORDS_STOPPED if self._recorder.failure else RECORDING)
+
+
+def _booked(state: State, before: Memory) -> BookedBucket | None:
+    """The booking that is new, with what is known of its cycle."""
+    booking, cycle = state.weighing.books.booking, ended(state.ended)
+    if booking is None or not is_new(booking, before.booking):
+        return None
+    return BookedBucket(booking, cycle, state.drift.mass, state.estimate.load.mass.status.name)
+
+
+def words(before: Memory, after: Memory) -> str:
+    """What an operator changed; empty after a booking alone."""
+    said = []
+    if after.scale != before.scale:
+        said.append(f"zero {after.scale.zero:.1f} kg, tare {after.scale.tare:.1f} kg")
+    if after.truck.number != before.truck.number:
+        said.append(f"truck {after.truck.number} opened")
+    elif not is_new(after.booking, before.booking) and after.truck is not before.truck:
+        said.append(_truck_words(after.truck))
+    return "; ".join(said)
+
+
+def _truck_words(truck: Truck) -> str:
+    off = ", ".join(str(bucket.number) for bucket in truck.buckets if not bucket.accepted) or "none"
+    return f"target {truck.target:.1f} kg, product {truck.product}, cancelled: {off}"
+
+
+def open_recorder(path: Path | None, loaded: Loaded) -> Recorder | None:
+    """The records of this start of the service. Raises RecordingError when another service writes them."""
+    if path is None:
+        return None
+    return Recorder(path, Start(now_us(), cylforce.__version__, loaded.service.machine.name))

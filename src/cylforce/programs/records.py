@@ -1,0 +1,115 @@
+"""`cylforce records`: list, totals, ticket, labels and exports of what the service has booked."""
+
+import json
+import sqlite3
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from cylforce.can.clock import now_us
+from cylforce.files.atomic import RecordingError, check_outputs
+from cylforce.records.export import export, iso, telematics
+from cylforce.records.labels import label_truck, name_product, set_to_zero
+from cylforce.records.queries import Total, bookings, last_truck, totals
+from cylforce.records.schema import open_labels, open_reading
+from cylforce.records.ticket import Ticket, ticket
+
+
+def microseconds(text: str) -> int:
+    """A time from ISO text; without a zone it is UTC. Raises RecordingError."""
+    if not text:
+        return 0
+    try:
+        when = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise RecordingError(f"--since {text}: is no time: write for example 2026-03-31 or 2026-03-31T06:00") from error
+    return round(1e6 * (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp())
+
+
+def list_bookings(path: Path, since: str, truck: int | None, last: int) -> None:
+    """A table of bookings."""
+    with closing(open_reading(path)) as connection:
+        rows = bookings(connection, microseconds(since), truck, last)
+    names = ("booking", "time (UTC)", "truck", "product", "kg", "+-", "cycle s", "peak kN", "status")
+    table = _table(names)
+    for row in rows:
+        table.add_row(*_cells(row))
+    Console(highlight=False).print(table)
+
+
+def _cells(row: sqlite3.Row) -> list[str]:
+    status = row["status"] if row["accepted"] else "cancelled"
+    product = row["product_name"] or (str(row["product"]) if row["product"] else "")
+    weights = (f"{row['mass']:.1f}", f"{row['standard_error']:.1f}")
+    cycle = (f"{row['cycle']:.1f}", f"{1e-3 * row['peak']:.1f}")
+    return [str(row["number"]), iso(row["t_us"]), str(row["truck"]), product, *weights, *cycle, status]
+
+
+def _table(names: tuple[str, ...]) -> Table:
+    table = Table()
+    for name in names:
+        table.add_column(name, justify="right")
+    return table
+
+
+def show_totals(path: Path, which: str, zero: bool) -> None:
+    """Totals per product and over all; with `zero` they begin anew afterwards."""
+    with closing(open_labels(path) if zero else open_reading(path)) as connection:
+        found = totals(connection, which)
+        if zero:
+            set_to_zero(connection, which, now_us())
+    table = _table(("product", "loads", "kg"))
+    for line in [*found, Total(0, "all", sum(t.loads for t in found), sum(t.mass for t in found))]:
+        table.add_row(line.name or (str(line.product) if line.product else "none"), str(line.loads), f"{line.mass:.1f}")
+    Console(highlight=False).print(table)
+
+
+def export_bookings(path: Path, output: Path, since: str) -> None:
+    """The bookings as a file."""
+    check_outputs((output,), (path,))
+    with closing(open_reading(path)) as connection:
+        print(f"{export(connection, output, microseconds(since))} bookings written to {output}")
+
+
+def show_telematics(path: Path) -> None:
+    """The two payload figures of ISO 15143-3 as JSON."""
+    with closing(open_reading(path)) as connection:
+        print(json.dumps(telematics(connection), indent=1))
+
+
+def print_ticket(path: Path, truck: int | None) -> None:
+    """A ticket as text; it counts as printed."""
+    with closing(open_labels(path)) as connection:
+        number = last_truck(connection) if truck is None else truck
+        if number is None:
+            raise RecordingError(f"{path}: has no booking yet, so there is no ticket")
+        print(ticket_text(ticket(connection, number, now_us())))
+
+
+def ticket_text(made: Ticket) -> str:
+    """The ticket as lines."""
+    copy = "" if made.printed == 1 else f" (copy {made.printed - 1})"
+    head = [f"Ticket {made.number}{copy}, truck {made.truck}", f"{made.machine}, {iso(made.t_us)}"]
+    labels = [f"{name}: {text}" for name, text in made.labels.items() if text]
+    lines = [f"{x.number:6d}  {iso(x.t_us)}  {x.mass:8.1f} kg  {x.product}".rstrip() for x in made.lines]
+    total = f"Total: {made.mass:.1f} kg +- {made.standard_error:.1f} kg in {len(made.lines)} buckets"
+    return "\n".join([*head, *labels, *lines, total])
+
+
+def label(path: Path, truck: int | None, labels: dict[str, str], product: tuple[int, str] | None) -> None:
+    """Write whose truck it is (the last one, where none is named), or what a product is called."""
+    with closing(open_labels(path)) as connection:
+        if product is not None:
+            name_product(connection, *product)
+        if labels:
+            number = last_truck(connection) if truck is None else truck
+            label_truck(connection, 0 if number is None else number, labels)
+
+
+def given(**labels: str | None) -> dict[str, Any]:
+    """The labels that were given."""
+    return {name: text for name, text in labels.items() if text is not None}

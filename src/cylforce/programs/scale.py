@@ -1,0 +1,57 @@
+"""`cylforce scale`: the operator's commands from a terminal, over SDO to the running service."""
+
+import asyncio
+from pathlib import Path
+
+from cylforce.can.bus import Bus
+from cylforce.can.opening import open_shared_bus
+from cylforce.canopen.network import Network
+from cylforce.display.panel import NO_ANSWER, Known, Panel, Reply
+from cylforce.display.words import REFUSALS
+from cylforce.programs.common.machine_file import load_machine
+
+SHOW = "show"
+ALONE, NUMBERED = ("zero", "tare", "next"), ("target", "product", "cancel", "accept")
+ORDERS = (SHOW, *ALONE, *NUMBERED)
+
+
+def run_scale(machine: Path, bus_name: str, order: str, number: float | None) -> bool:
+    """Send an order, print the answer and the truck; whether it was done. Raises ValueError for what is no order."""
+    check(order, number)
+    service = load_machine(machine).service
+    bus = open_shared_bus(bus_name)
+    try:
+        reply, known = asyncio.run(ordered(bus, service.node_id, order, number or 0.0))
+    finally:
+        bus.close()
+    print(REFUSALS[reply.why] if reply.why in REFUSALS else reply.why or told(known))
+    return reply.done
+
+
+def check(order: str, number: float | None) -> None:
+    """Raises ValueError for an unknown order, and where a number is missing or too much."""
+    if order not in ORDERS:
+        raise ValueError(f"{order}: is no order: use {', '.join(ORDERS)}")
+    if (order in NUMBERED) is not (number is not None):
+        raise ValueError(f"{order}: " + ("needs a number after it" if order in NUMBERED else "takes no number"))
+
+
+async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Reply, Known | None]:
+    """The service's answer to an order, and the truck afterwards."""
+    network = Network(bus.send)
+    bus.attach(asyncio.get_running_loop(), network.on_frame)
+    panel = Panel(network, node_id)
+    reply = Reply(True) if order == SHOW else await panel.obey(order, number)
+    await asyncio.sleep(0.1)  # the service shows the effect at its next step
+    known = await panel.read() if reply.done else None
+    return (reply, known) if known or not reply.done else (Reply(False, NO_ANSWER), None)
+
+
+def told(known: Known | None) -> str:
+    """The truck in a line."""
+    if known is None:
+        return ""
+    target = f" of {known.target:.1f} kg" if known.target else ""
+    product = f", product {known.product}" if known.product else ""
+    load = f"{known.total:.1f} kg{target} in {known.filled} buckets{product}"
+    return f"truck {known.number}: {load}; last booking {known.last}"

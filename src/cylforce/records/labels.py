@@ -1,0 +1,41 @@
+"""What people write to the records: names of products, whose truck it is, a total set to zero, a ticket printed."""
+
+import sqlite3
+
+from cylforce.files.atomic import RecordingError
+from cylforce.records.queries import SHIFT, SHORT, truck
+
+LABELS = ("customer", "job", "operator", "note")
+LONGEST = 200  # characters
+
+
+def label_truck(connection: sqlite3.Connection, number: int, labels: dict[str, str]) -> None:
+    """Say whose truck it is. Raises RecordingError for an unknown truck, label or too long a text."""
+    if truck(connection, number) is None:
+        raise RecordingError(f"truck {number}: is not in the records: `cylforce records list` names those that are")
+    for name, text in labels.items():
+        if name not in LABELS:
+            raise RecordingError(f"{name}: is no label of a truck: use {', '.join(LABELS)}")
+        connection.execute(f"UPDATE trucks SET {name} = ? WHERE number = ?", (_short(name, text), number))  # noqa: S608
+
+
+def name_product(connection: sqlite3.Connection, number: int, name: str) -> None:
+    """Give a product's number a name. Raises RecordingError when it is too long."""
+    values = (number, _short("product", name))
+    connection.execute("INSERT INTO products VALUES (?, ?) ON CONFLICT DO UPDATE SET name = excluded.name", values)
+
+
+def set_to_zero(connection: sqlite3.Connection, which: str, t_us: int) -> None:
+    """Short or shift totals begin anew; the bookings stay. Raises RecordingError for any other."""
+    if which not in (SHORT, SHIFT):
+        raise RecordingError(f"{which}: cannot be set to zero: use {SHORT} or {SHIFT}")
+    values = (which, t_us)
+    connection.execute(
+        "INSERT OR REPLACE INTO marks VALUES (?, (SELECT coalesce(max(id), 0) FROM bookings), ?)", values
+    )
+
+
+def _short(name: str, text: str) -> str:
+    if len(text) > LONGEST:
+        raise RecordingError(f"{name}: has {len(text)} characters: write at most {LONGEST}")
+    return text

@@ -1,0 +1,77 @@
+"""Questions to the records."""
+
+import sqlite3
+from typing import NamedTuple
+
+SHORT, SHIFT, GRAND = "short", "shift", "grand"
+_JOINED = (
+    "SELECT b.*, s.how AS start_how, t.customer, t.job, t.operator, t.note, p.name AS product_name FROM bookings b "
+    "JOIN starts s ON s.id = b.start LEFT JOIN trucks t ON t.number = b.truck "
+    "LEFT JOIN products p ON p.number = b.product"
+)
+
+
+class Total(NamedTuple):
+    """What was loaded of a product: its number and name, number of loads, mass [kg]."""
+
+    product: int
+    name: str
+    loads: int
+    mass: float
+
+
+class Cumulated(NamedTuple):
+    """All that was ever loaded [kg], in how many loads, and when the last one was booked [us] (None: never)."""
+
+    mass: float
+    loads: int
+    t_us: int | None
+
+
+def bookings(
+    connection: sqlite3.Connection, since_us: int = 0, truck: int | None = None, last: int = -1
+) -> list[sqlite3.Row]:
+    """The bookings since a time [us], of a truck, the `last` of them (-1: all); oldest first."""
+    where, values = " WHERE b.t_us >= ?", [since_us]
+    if truck is not None:
+        where, values = where + " AND b.truck = ?", [*values, truck]
+    rows = connection.execute(f"{_JOINED}{where} ORDER BY b.id DESC LIMIT ?", [*values, last])
+    return rows.fetchall()[::-1]
+
+
+def totals(connection: sqlite3.Connection, which: str = GRAND) -> list[Total]:
+    """Totals per product: all (GRAND), or since the operator set SHORT or SHIFT to zero."""
+    values: tuple[str, ...] = ()
+    if which == GRAND:
+        source = "totals"
+    else:
+        source = (
+            "(SELECT product, count(*) AS loads, sum(mass) AS mass FROM bookings WHERE accepted AND id > "
+            "coalesce((SELECT booking FROM marks WHERE name = ?), 0) GROUP BY product)"
+        )
+        values = (which,)
+    found = connection.execute(
+        f"SELECT x.product, coalesce(p.name, ''), x.loads, x.mass FROM {source} x "  # noqa: S608  # our own words
+        "LEFT JOIN products p ON p.number = x.product ORDER BY x.product",
+        values,
+    )
+    return [Total(*row) for row in found]
+
+
+def cumulated(connection: sqlite3.Connection) -> Cumulated:
+    """The two figures that telematics ask for."""
+    mass, loads = connection.execute("SELECT coalesce(sum(mass), 0.0), coalesce(sum(loads), 0) FROM totals").fetchone()
+    last = connection.execute("SELECT t_us FROM bookings WHERE accepted ORDER BY id DESC LIMIT 1").fetchone()
+    return Cumulated(mass, loads, None if last is None else last[0])
+
+
+def truck(connection: sqlite3.Connection, number: int) -> sqlite3.Row | None:
+    """A truck, None if there is none of this number."""
+    found: sqlite3.Row | None = connection.execute("SELECT * FROM trucks WHERE number = ?", (number,)).fetchone()
+    return found
+
+
+def last_truck(connection: sqlite3.Connection) -> int | None:
+    """Number of the truck that was loaded last."""
+    found = connection.execute("SELECT max(truck) FROM bookings").fetchone()[0]
+    return None if found is None else int(found)

@@ -1,0 +1,122 @@
+"""What is written into the records: transactions, each whole or not at all."""
+
+import sqlite3
+from typing import NamedTuple
+
+from cylforce.service.cycle import LastBucket
+from cylforce.service.state import Memory, Scale
+from cylforce.service.truck import KEPT, Bucket, Truck
+from cylforce.signals.estimate import Booking
+
+RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"
+STANDARD = "standard"  # the attachment that the machine file describes
+
+
+class Start(NamedTuple):
+    """A start of the service: when [us], cylforce's version, the machine's name."""
+
+    t_us: int
+    version: str
+    machine: str
+
+
+class BookedBucket(NamedTuple):
+    """A booking with what is kept beside it: `drift` [kg] of the adaptation, `status` of the weight in words."""
+
+    booking: Booking
+    cycle: LastBucket
+    drift: float
+    status: str
+
+
+class Change(NamedTuple):
+    """What the service remembers since `t_us` [us], with the booking that changed it, or words on what did."""
+
+    t_us: int
+    kept: Memory
+    booked: BookedBucket | None
+    words: str
+
+
+def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
+    """A new start: its id, and what was kept. A start that never ended becomes "interrupted"."""
+    connection.execute("BEGIN IMMEDIATE")
+    connection.execute("UPDATE starts SET how = ? WHERE how = ?", (INTERRUPTED, RUNNING))
+    values = (start.t_us, RUNNING, start.version, start.machine)
+    row = connection.execute("INSERT INTO starts (begun_us, how, version, machine) VALUES (?, ?, ?, ?)", values)
+    connection.execute("COMMIT")
+    return int(row.lastrowid or 0), restored(connection)
+
+
+def restored(connection: sqlite3.Connection) -> Memory:
+    """What the service remembered when it wrote last. The truck's buckets are those of its bookings."""
+    last = connection.execute(
+        "SELECT number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error "
+        "FROM bookings ORDER BY id DESC LIMIT 1"
+    )
+    booking = next((Booking(*row) for row in last), None)
+    row = connection.execute("SELECT zero, tare, truck, target, product FROM kept").fetchone()
+    if row is None:
+        return Memory(booking=booking)
+    zero, tare, number, target, product = row
+    sums = "SELECT coalesce(sum(mass), 0.0), count(*) FROM bookings WHERE truck = ? AND accepted"
+    total, filled = connection.execute(sums, (number,)).fetchone()
+    listed = "SELECT number, mass, accepted FROM bookings WHERE truck = ? ORDER BY id DESC LIMIT ?"
+    rows = connection.execute(listed, (number, KEPT)).fetchall()
+    buckets = tuple(Bucket(found, mass, bool(accepted)) for found, mass, accepted in reversed(rows))
+    return Memory(Scale(zero, tare), Truck(number, target, product, total, filled, buckets), booking)
+
+
+def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
+    """One change as one transaction."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        _write(connection, start, change)
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
+
+
+def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
+    truck = change.kept.truck
+    connection.execute(
+        "UPDATE trucks SET closed_us = ? WHERE closed_us IS NULL AND number < ?", (change.t_us, truck.number)
+    )
+    connection.execute(
+        "INSERT INTO trucks (number, opened_us, target) VALUES (?, ?, ?) "
+        "ON CONFLICT DO UPDATE SET target = excluded.target",
+        (truck.number, change.t_us, truck.target),
+    )
+    if change.booked is not None:
+        _book(connection, start, change.kept, change.booked)
+    for bucket in truck.buckets:
+        connection.execute(
+            "UPDATE bookings SET accepted = ? WHERE truck = ? AND number = ? AND accepted <> ?",
+            (bucket.accepted, truck.number, bucket.number, bucket.accepted),
+        )
+    values = (*change.kept.scale, STANDARD, truck.number, truck.target, truck.product)
+    connection.execute("INSERT OR REPLACE INTO kept VALUES (1, ?, ?, ?, ?, ?, ?)", values)
+    if change.words:
+        row = (start, change.t_us, change.words)
+        connection.execute("INSERT INTO changes (start, t_us, words) VALUES (?, ?, ?)", row)
+
+
+def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: BookedBucket) -> None:
+    """The same booking a second time changes nothing."""
+    booking, (zero, tare) = booked.booking, kept.scale
+    weights = (booking.dumped - tare, booking.dumped_error, booking.mass, booking.carry_back - zero)
+    place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product)
+    rest = (*booked.cycle, zero, tare, STANDARD, booked.drift, booked.status)
+    connection.execute(
+        "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, mass, standard_error, gross, carry_back, "
+        "cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
+        "?, ?, ?, ?)",
+        (*place, *weights, *rest),
+    )
+
+
+def end(connection: sqlite3.Connection, start: int, t_us: int) -> None:
+    """The start has ended as it should."""
+    connection.execute("UPDATE starts SET ended_us = ?, how = ? WHERE id = ?", (t_us, STOPPED, start))

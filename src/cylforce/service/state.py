@@ -1,0 +1,74 @@
+"""What the service remembers from event to event, and what an event brings."""
+
+from typing import NamedTuple
+
+from cylforce.service.adaptation import Drift
+from cylforce.service.assembler import Inputs
+from cylforce.service.contact.interaction import Interaction
+from cylforce.service.cycle import NO_CYCLE, Cycle
+from cylforce.service.pipeline import Pipe
+from cylforce.service.recognition import Recognition
+from cylforce.service.truck import NO_TRUCK, Truck
+from cylforce.service.weighing import Weighing
+from cylforce.signals.estimate import Booking, Estimate
+
+
+class Scale(NamedTuple):
+    """The operator's zero and tare [kg]."""
+
+    zero: float = 0.0
+    tare: float = 0.0
+
+
+NO_SCALE = Scale()
+
+
+class Memory(NamedTuple):
+    """What a restart does not change: zero and tare, the truck that is being loaded, the last booking."""
+
+    scale: Scale = NO_SCALE
+    truck: Truck = NO_TRUCK
+    booking: Booking | None = None
+
+
+NOTHING_KEPT = Memory()
+
+
+class State(NamedTuple):
+    """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
+    started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
+    it should change because the machine moves; whose machine it is; contact with the ground; the truck that is being
+    loaded; the working cycle so far, and the one that the last booking ended; whether NMT has stopped our node."""
+
+    inputs: Inputs
+    pipe: Pipe | None
+    weighing: Weighing
+    drift: Drift
+    scale: Scale
+    sampled_us: int
+    estimate: Estimate
+    moving: tuple[bool, ...]
+    recognition: Recognition
+    interaction: Interaction
+    truck: Truck
+    cycle: Cycle = NO_CYCLE
+    ended: Cycle = NO_CYCLE
+    stopped: bool = False
+
+    @property
+    def memory(self) -> Memory:
+        """What a restart does not change."""
+        return Memory(self.scale, self.truck, self.weighing.books.booking)
+
+
+class Output(NamedTuple):
+    """What an event brought: `verdict` on a command (None: no command; 0: done; else an SDO abort code),
+    its `words`, what was decided and why; `estimate` and its PDOs `frames` (number, data), sent as they are."""
+
+    verdict: int | None = None
+    estimate: Estimate | None = None
+    frames: tuple[tuple[int, bytes], ...] = ()
+    words: str = ""
+
+
+NOTHING = Output()

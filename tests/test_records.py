@@ -1,0 +1,294 @@
+"""The records: nothing is lost, nothing doubled, whatever happens to the program, the disk or the file."""
+
+import csv
+import json
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from cylforce.files.atomic import RecordingError
+from cylforce.records.export import export, telematics
+from cylforce.records.labels import label_truck, name_product, set_to_zero
+from cylforce.records.queries import bookings, totals
+from cylforce.records.recorder import Recorder
+from cylforce.records.schema import VERSION, is_readable, open_labels, open_reading
+from cylforce.records.ticket import ticket
+from cylforce.records.writing import BookedBucket, Change, Start
+from cylforce.service.cycle import LastBucket
+from cylforce.service.state import Memory, Scale
+from cylforce.service.truck import Truck, judged, loaded, next_truck
+from cylforce.signals.estimate import Booking
+
+START = Start(1_700_000_000_000_000, "0.1.0", "Excavator")
+CYCLE = LastBucket(18.5, 6.2, 84_000.0)
+
+
+def booked(kept, mass, t_us=0):
+    """What the service hands over for one more bucket."""
+    number = kept.booking.number + 1 if kept.booking else 1
+    booking = Booking(number, START.t_us + t_us, mass + 12.0, 4.0, 12.0, 2.0, mass, 5.0)
+    after = Memory(kept.scale, loaded(kept.truck, booking, kept.scale.tare), booking)
+    return Change(booking.t_us, after, BookedBucket(booking, CYCLE, 1.5, "OK"), "")
+
+
+def shift(path, count, kept=None):
+    """A start of the service with `count` buckets of 100, 101, ... kg."""
+    recorder = Recorder(path, START)
+    kept = recorder.kept if kept is None else kept
+    for k in range(count):
+        change = booked(kept, 100.0 + k, k)
+        recorder.put(change)
+        kept = change.kept
+    recorder.close()
+    return kept
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "records.db"
+
+
+def test_what_was_kept_comes_back(path):
+    kept = Memory(Scale(3.0, 40.0), Truck(7, 12_000.0, 2))
+    end = shift(path, 3, kept)
+    recorder = Recorder(path, START)
+    recorder.close()
+    found = recorder.kept
+    assert found.scale == end.scale
+    assert (found.truck, found.booking.number) == (end.truck, 3)
+    assert found.truck.total == pytest.approx(300.0 + 3.0 - 3 * 40.0)
+
+
+def test_every_column_of_a_booking(path):
+    shift(path, 1, Memory(Scale(2.0, 10.0), Truck(1, 0.0, 4)))
+    with closing(open_reading(path)) as found:
+        [row] = bookings(found)
+    wanted = {"number": 1, "mass": 90.0, "gross": 112.0, "standard_error": 5.0, "carry_back": 10.0, "cycle": 18.5}
+    wanted |= {"contact": 6.2, "peak": 84_000.0, "zero": 2.0, "tare": 10.0, "attachment": "standard", "drift": 1.5}
+    wanted |= {"status": "OK", "accepted": 1, "product": 4, "truck": 1}
+    assert {name: row[name] for name in wanted} == wanted
+
+
+def test_cancelled_bookings_stay_and_do_not_count(path):
+    kept = shift(path, 3)
+    recorder = Recorder(path, START)
+    truck = judged(kept.truck, 2, False).truck
+    recorder.put(Change(1, kept._replace(truck=truck), None, "cancelled 2"))
+    recorder.close()
+    with closing(open_reading(path)) as found:
+        assert [row["accepted"] for row in bookings(found)] == [1, 0, 1]
+        [total] = totals(found)
+        assert (total.loads, total.mass) == (2, 202.0)
+        words = found.execute("SELECT words FROM changes").fetchall()
+    assert [tuple(row) for row in words] == [("cancelled 2",)]
+
+
+def test_a_booking_written_twice_counts_once(path):
+    recorder = Recorder(path, START)
+    change = booked(Memory(), 500.0)
+    recorder.put(change)
+    recorder.put(change)
+    recorder.close()
+    with closing(open_reading(path)) as found:
+        assert len(bookings(found)) == 1
+        assert totals(found)[0].mass == 500.0
+
+
+def test_a_start_without_an_end_is_interrupted(path):
+    shift(path, 1)
+    with closing(sqlite3.connect(path)) as found, found:
+        found.execute("UPDATE starts SET how = 'running', ended_us = NULL")
+    shift(path, 1)
+    with closing(open_reading(path)) as found:
+        assert [row["how"] for row in found.execute("SELECT how FROM starts ORDER BY id")] == ["interrupted", "stopped"]
+        assert [row["number"] for row in bookings(found)] == [1, 2]
+
+
+def test_totals_of_short_shift_and_ever(path):
+    shift(path, 2)
+    with closing(open_labels(path)) as found:
+        set_to_zero(found, "short", 1)
+        name_product(found, 0, "gravel")
+    shift(path, 1)
+    with closing(open_reading(path)) as found:
+        assert [(t.name, t.loads, t.mass) for t in totals(found, "short")] == [("gravel", 1, 100.0)]
+        assert totals(found, "shift")[0].loads == 3
+        assert totals(found)[0].mass == 301.0
+    with closing(open_labels(path)) as found, pytest.raises(RecordingError, match="grand: cannot be set to zero"):
+        set_to_zero(found, "grand", 1)
+
+
+def test_a_ticket_and_its_copy(path):
+    shift(path, 2)
+    with closing(open_labels(path)) as found:
+        label_truck(found, 1, {"customer": "Huber"})
+        first, again = ticket(found, 1, 5), ticket(found, 1, 6)
+        with pytest.raises(RecordingError, match="truck 9: has no booked bucket"):
+            ticket(found, 9, 7)
+        with pytest.raises(RecordingError, match="colour: is no label"):
+            label_truck(found, 1, {"colour": "red"})
+    assert (first.number, first.printed, again.printed, again.t_us) == (1, 1, 2, 5)
+    assert (first.mass, first.standard_error, first.labels["customer"]) == (201.0, 10.0, "Huber")
+
+
+def test_the_next_truck_is_closed_and_opened(path):
+    kept = shift(path, 1)
+    recorder = Recorder(path, START)
+    recorder.put(Change(77, kept._replace(truck=next_truck(kept.truck).truck), None, "truck 2 opened"))
+    recorder.close()
+    with closing(open_reading(path)) as found:
+        rows = found.execute("SELECT number, closed_us FROM trucks ORDER BY number").fetchall()
+    assert [tuple(row) for row in rows] == [(1, 77), (2, None)]
+
+
+def test_exports(path, tmp_path):
+    shift(path, 3)
+    with closing(open_reading(path)) as found:
+        for suffix in ("csv", "json", "parquet"):
+            assert export(found, tmp_path / f"out.{suffix}") == 3
+        with pytest.raises(RecordingError, match="has no ending of a format"):
+            export(found, tmp_path / "out.xls")
+        figures = telematics(found)
+    with (tmp_path / "out.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["mass_kg"]) for row in rows] == [100.0, 101.0, 102.0]
+    assert json.loads((tmp_path / "out.json").read_text())[0]["time"].endswith("Z")
+    assert pq.read_table(tmp_path / "out.parquet").column("booking").to_pylist() == [1, 2, 3]
+    when = {"datetime": "2023-11-14T22:13:20.000Z"}
+    assert figures["CumulativePayloadTotals"] == when | {"PayloadUnits": "kilogram", "Payload": 303.0}
+    assert figures["CumulativeLoadCount"] == when | {"Count": 3}
+
+
+@pytest.mark.parametrize("spoil", ["corrupt", "newer", "cut"])
+def test_a_file_that_cannot_be_read_is_kept_aside(path, spoil):
+    shift(path, 2)
+    if spoil == "newer":
+        with closing(sqlite3.connect(path)) as found:
+            found.execute(f"PRAGMA user_version = {VERSION + 1}")
+    else:
+        data = path.read_bytes()
+        path.write_bytes(b"no database" * 1000 if spoil == "corrupt" else data[: len(data) // 2 - 100])
+    before, told = path.read_bytes(), []
+    if spoil == "newer":
+        with pytest.raises(RecordingError, match=f"of version {VERSION + 1}, this cylforce reads 1 to {VERSION}"):
+            open_reading(path)
+    recorder = Recorder(path, START, told.append)
+    recorder.put(booked(recorder.kept, 10.0))
+    recorder.close()
+    assert path.with_name("records.kept-1.db").read_bytes() == before
+    assert "it was kept as records.kept-1.db, and new records begin" in told[0]
+    with closing(open_reading(path)) as found:
+        assert len(bookings(found)) == 1
+
+
+def test_a_full_disk_stops_the_records_only(path):
+    told = []
+    recorder = Recorder(path, START, told.append)
+    recorder._connection.execute("PRAGMA max_page_count = 1")
+    kept = recorder.kept
+    for _ in range(2000):
+        change = booked(kept, 10.0)
+        recorder.put(change)
+        kept = change.kept
+    recorder.close()
+    assert "no more bookings are recorded (" in recorder.failure
+    assert told == [recorder.failure]
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    told = []
+    recorder = Recorder(tmp_path / "absent" / "records.db", START, told.append)
+    recorder.put(booked(recorder.kept, 10.0))
+    recorder.close()
+    assert len(told) == 1
+    assert "weighing goes on" in told[0]
+
+
+def test_a_second_service_is_refused(path):
+    recorder = Recorder(path, START)
+    with pytest.raises(RecordingError, match="another service writes these records"):
+        Recorder(path, START)
+    recorder.close()
+    assert is_readable(path)
+
+
+def test_handing_over_costs_next_to_nothing_while_the_disk_stalls(path):
+    """Another program holds the database: the longest `put` of 500 is far below a step of 10 ms."""
+    recorder = Recorder(path, START)
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        kept, longest = recorder.kept, 0.0
+        for _ in range(500):
+            change = booked(kept, 10.0)
+            begun = time.thread_time()
+            recorder.put(change)
+            longest = max(longest, time.thread_time() - begun)
+            kept = change.kept
+        other.execute("COMMIT")
+    assert longest < 0.005
+    recorder.close()
+    with closing(open_reading(path)) as found:
+        assert len(bookings(found)) == 500
+
+
+def test_years_of_bookings_are_queried_in_milliseconds(path):
+    """100 000 bookings, two years of work: totals, last bookings and a truck's in 50 ms together."""
+    shift(path, 1)
+    with closing(sqlite3.connect(path)) as found, found:
+        row = found.execute("SELECT * FROM bookings").fetchone()
+        marks = ",".join("?" * len(row))
+        many = ((k, row[1], k, row[3] + k, k // 6, k % 4, *row[6:]) for k in range(2, 100_001))
+        found.executemany(f"INSERT INTO bookings VALUES ({marks})", many)
+    with closing(open_reading(path)) as found:
+        begun = time.process_time()
+        assert sum(t.loads for t in totals(found)) == 100_000
+        assert len(bookings(found, last=20)) == 20
+        assert len(bookings(found, truck=500)) == 6
+        assert time.process_time() - begun < 0.05
+
+
+WORKER = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_records import START, booked
+from cylforce.records.recorder import Recorder
+recorder = Recorder(Path(sys.argv[1]), START)
+kept, said = recorder.kept, recorder.recorded
+while True:
+    change = booked(kept, 100.0)
+    recorder.put(change)
+    kept = change.kept
+    while recorder.recorded == said:
+        pass
+    said = recorder.recorded
+    print(said, flush=True)
+"""
+
+
+def test_killed_at_random_moments_nothing_is_lost_or_doubled(path):
+    """20 times kill -9 while bookings are written: what was told is there, once; totals are the sums."""
+    rng, told = random.Random(3), 0
+    program = WORKER.format(tests=str(Path(__file__).parent))
+    for _ in range(20):
+        worker = subprocess.Popen([sys.executable, "-c", program, path], stdout=subprocess.PIPE, text=True)
+        first = int(worker.stdout.readline())
+        time.sleep(rng.uniform(0.0, 0.05))
+        worker.send_signal(signal.SIGKILL)
+        rest = [int(line) for line in worker.communicate()[0].splitlines() if line.strip()]
+        assert first > told
+        told = max([first, *rest[:-1]])
+    with closing(open_reading(path)) as found:
+        numbers = [row["number"] for row in bookings(found)]
+        sums = found.execute("SELECT count(*), sum(mass) FROM bookings WHERE accepted").fetchone()
+        assert (totals(found)[0].loads, totals(found)[0].mass) == tuple(sums)
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert len(numbers) >= told

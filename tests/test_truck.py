@@ -1,0 +1,93 @@
+"""The truck that is being loaded: its buckets add up whatever the operator does, and every refusal says why."""
+
+import struct
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cylforce.service import commands
+from cylforce.service.cycle import NO_CYCLE, advanced, ended
+from cylforce.service.state import Memory, Scale
+from cylforce.service.step import Core, step
+from cylforce.service.truck import KEPT, NO_TRUCK, Truck, judged, loaded
+from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Booking, Quantity, Reason, Status, invalid_force, no_estimate
+from cylforce.signals.events import Frame
+from scenarios import EXCAVATOR, identified
+
+MACHINE = load(EXCAVATOR)
+CORE = Core(MACHINE.service, identified(MACHINE))
+NODE = MACHINE.service.node_id
+
+
+def written(sub, data, state=None):
+    """State and output after an SDO download of four bytes to 2190h:`sub`."""
+    state = CORE.begin() if state is None else state
+    frame = Frame(1, 0x600 + NODE, struct.pack("<BHB", 0x23, commands.LOADING, sub) + data)
+    return step(CORE, state, frame)
+
+
+def test_a_bucket_counts_what_left_it_less_the_tare():
+    truck = loaded(NO_TRUCK, Booking(7, 0, 1012.0, 5.0, 12.0, 2.0, 1000.0, 6.0), 30.0)
+    assert (truck.total, truck.filled, truck.buckets[0].number) == (970.0, 1, 7)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(1, 60)), max_size=40))
+def test_the_total_is_the_sum_of_the_accepted_buckets(orders):
+    truck = Truck()
+    for number in range(1, 11):
+        truck = loaded(truck, Booking(number, 0, 100.0 * number, 5.0, 0.0, 0.0, 100.0 * number, 5.0), 0.0)
+    for accepted, number in orders:
+        truck = judged(truck, number, accepted).truck
+    counted = [bucket for bucket in truck.buckets if bucket.accepted]
+    assert truck.filled == len(counted)
+    assert abs(truck.total - sum(bucket.mass for bucket in counted)) < 1e-6
+
+
+def test_only_the_last_buckets_can_be_cancelled():
+    truck = Truck()
+    for number in range(1, KEPT + 2):
+        truck = loaded(truck, Booking(number, 0, 10.0, 1.0, 0.0, 0.0, 10.0, 1.0), 0.0)
+    assert judged(truck, 1, False).verdict == commands.NOT_NOW
+    assert "booking 1 cannot be cancelled" in judged(truck, 1, False).words
+    assert judged(truck, 2, False).truck.filled == KEPT
+
+
+def test_target_product_and_next_truck_by_sdo():
+    state, out = written(commands.TARGET, struct.pack("<i", 120_000))
+    assert (out.verdict, state.truck.target) == (0, 12_000.0)
+    state, out = written(commands.PRODUCT, struct.pack("<I", 3), state)
+    assert (out.verdict, state.truck.product) == (0, 3)
+    state, out = written(commands.NEXT, b"next", state)
+    assert state.truck == Truck(2, 12_000.0, 3)
+    assert out.words == "truck 1 closed with 0.0 kg, truck 2 opened"
+
+
+def test_refusals_say_why():
+    for sub, data, words in [
+        (commands.TARGET, struct.pack("<i", -1), "target refused: -0.1 kg is not 0 (none) to 1000000 kg"),
+        (commands.PRODUCT, struct.pack("<I", 70_000), "product refused: 70000 is not"),
+        (commands.NEXT, b"NEXT", "must be the word next, not b'NEXT'"),
+        (commands.CANCEL, struct.pack("<I", 9), "booking 9 cannot be cancelled: it is not among"),
+    ]:
+        state, out = written(sub, data)
+        assert out.verdict, sub
+        assert words in out.words
+        assert state.truck == NO_TRUCK
+
+
+def test_what_was_kept_is_there_after_a_restart():
+    kept = Memory(Scale(3.0, 50.0), Truck(4, 9000.0, 1), Booking(17, 5, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0))
+    state = CORE.begin(kept)
+    assert state.memory == kept
+    assert state.estimate.booking.number == 17
+
+
+def test_a_cycle_counts_contact_and_keeps_the_largest_force():
+    cycle = NO_CYCLE
+    for k in range(1, 5):
+        air = no_estimate(k * 1_000_000, Reason.STARTING, None)
+        force = Quantity(1000.0 * k, 10.0, Status.OK, Reason.NONE)
+        soil = invalid_force(Reason.STARTING)._replace(magnitude=force)
+        cycle = advanced(cycle, air._replace(soil=soil) if k in (2, 3) else air)
+    assert ended(cycle) == (3.0, 2.0, 3000.0)
