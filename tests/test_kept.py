@@ -12,9 +12,9 @@ from cylforce.programs.replay import run_replay
 from cylforce.programs.run import Daemon
 from cylforce.records.writing import BookedBucket, Change
 from cylforce.service.commands import NEXT, PRODUCT, TARGET
-from cylforce.service.cycle import LastBucket
+from cylforce.service.loading.cycle import LastBucket
+from cylforce.service.loading.truck import NO_TRUCK, loaded
 from cylforce.service.state import Memory, Scale
-from cylforce.service.truck import NO_TRUCK, loaded
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
 from scenarios import EXCAVATOR

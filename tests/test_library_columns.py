@@ -69,9 +69,10 @@ def test_the_simulated_machine_shows_the_column(plain, name, at, value, shape, l
 
 
 def test_friction_at_creep_is_not_taken_for_one_that_builds_up_after_a_reversal(plain):
-    """Beside all that the model fits, both point away from each other or across, and both can only be positive."""
+    """Beside all that the model fits, both point away from each other, or share less than a quarter of their energy;
+    both can only be positive."""
     for width, way in product((0.006, 0.015, 0.04), (0.0005, 0.0015, 0.003, 0.006)):
-        assert -0.8 < apart(plain[1], plain[0], Stribeck(width), PreslidingHysteresis(way)) < 0.1
+        assert -0.8 < apart(plain[1], plain[0], Stribeck(width), PreslidingHysteresis(way)) < 0.5
 
 
 def apart(viewer, seen, one, other):

@@ -22,9 +22,9 @@ from cylforce.records.recorder import Recorder
 from cylforce.records.schema import VERSION, is_readable, open_labels, open_reading
 from cylforce.records.ticket import ticket
 from cylforce.records.writing import BookedBucket, Change, Start
-from cylforce.service.cycle import LastBucket
+from cylforce.service.loading.cycle import LastBucket
+from cylforce.service.loading.truck import Truck, judged, loaded, next_truck
 from cylforce.service.state import Memory, Scale
-from cylforce.service.truck import Truck, judged, loaded, next_truck
 from cylforce.signals.estimate import Booking
 
 START = Start(1_700_000_000_000_000, "0.1.0", "Excavator")

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cylforce.service import commands
-from cylforce.service.cycle import NO_CYCLE, advanced, ended
+from cylforce.service.loading.cycle import NO_CYCLE, advanced, ended
+from cylforce.service.loading.truck import KEPT, NO_TRUCK, Truck, judged, loaded
 from cylforce.service.state import Memory, Scale
 from cylforce.service.step import Core, step
-from cylforce.service.truck import KEPT, NO_TRUCK, Truck, judged, loaded
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking, Quantity, Reason, Status, invalid_force, no_estimate
 from cylforce.signals.events import Frame

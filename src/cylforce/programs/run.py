@@ -19,7 +19,7 @@ from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING,
 from cylforce.files.atomic import RecordingError, check_outputs, warn
 from cylforce.files.logfile import Header, LogWriter, Rotation
 from cylforce.programs.common.readings import continued, header_of, make_core
-from cylforce.programs.live.books import Books, open_recorder
+from cylforce.programs.live.books import Ledger, open_recorder
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
 from cylforce.service.state import NOTHING_KEPT, Memory, State
@@ -55,7 +55,7 @@ class Daemon(Station[State]):
         super().__init__(core.service, partial(step, core), core.begin(kept), bus, log)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
-        self._books = Books(self.node, recorder, kept)
+        self._books = Ledger(self.node, recorder, kept)
         booked = kept.booking.number if kept.booking else 0
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
 

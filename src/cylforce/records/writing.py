@@ -3,9 +3,9 @@
 import sqlite3
 from typing import NamedTuple
 
-from cylforce.service.cycle import LastBucket
+from cylforce.service.loading.cycle import LastBucket
+from cylforce.service.loading.truck import KEPT, Bucket, Truck
 from cylforce.service.state import Memory, Scale
-from cylforce.service.truck import KEPT, Bucket, Truck
 from cylforce.signals.estimate import Booking
 
 RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"

@@ -3,7 +3,7 @@ messages of sensors."""
 
 from typing import Literal, NamedTuple
 
-from cylforce.service.truck import NOT_NOW, TOO_FAR, Ruling, Truck, aimed, judged, next_truck, of_product
+from cylforce.service.loading.truck import NOT_NOW, TOO_FAR, Ruling, Truck, aimed, judged, next_truck, of_product
 from cylforce.signals.estimate import Quantity, Status
 from cylforce.signals.events import Frame
 

@@ -5,10 +5,10 @@ from typing import NamedTuple
 from cylforce.service.adaptation import Drift
 from cylforce.service.assembler import Inputs
 from cylforce.service.contact.interaction import Interaction
-from cylforce.service.cycle import NO_CYCLE, Cycle
+from cylforce.service.loading.cycle import NO_CYCLE, Cycle
+from cylforce.service.loading.truck import NO_TRUCK, Truck
 from cylforce.service.pipeline import Pipe
 from cylforce.service.recognition import Recognition
-from cylforce.service.truck import NO_TRUCK, Truck
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
 

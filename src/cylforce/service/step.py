@@ -14,12 +14,12 @@ from cylforce.service import commands
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Forces, Interactor
-from cylforce.service.cycle import Cycle, advanced
+from cylforce.service.loading.cycle import Cycle, advanced
+from cylforce.service.loading.truck import loaded
 from cylforce.service.pipeline import Pipe, Pipeline
 from cylforce.service.publication import GROSS, MAGNITUDE, frames
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING, NOTHING_KEPT, Memory, Output, Scale, State
-from cylforce.service.truck import loaded
 from cylforce.service.weighing import Weigher, Weighing
 from cylforce.signals.estimate import (
     Array,

@@ -21,16 +21,16 @@ from cylforce.canopen.node import Node
 from cylforce.records.recorder import Recorder
 from cylforce.records.writing import BookedBucket, Change, Start
 from cylforce.service.commands import KG, PRODUCT, TARGET
-from cylforce.service.cycle import ended
+from cylforce.service.loading.cycle import ended
+from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, State
-from cylforce.service.truck import Truck
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import is_new
 
 OFTEN = 10  # steps between two looks at the writing thread
 
 
-class Books:
+class Ledger:
     """Looks at every state of the service; without a recorder it only shows."""
 
     def __init__(self, node: Node, recorder: Recorder | None, kept: Memory) -> None:

@@ -14,9 +14,9 @@ from cylforce.mechanics.installation import SensorNode
 from cylforce.programs.live.station import Station
 from cylforce.service import commands
 from cylforce.service.assembler import Assembler
+from cylforce.service.loading.truck import NOT_NOW
 from cylforce.service.samples import is_whole, skipped
 from cylforce.service.state import NOTHING, Output
-from cylforce.service.truck import NOT_NOW
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Event, Frame, Tick
