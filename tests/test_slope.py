@@ -4,12 +4,12 @@ from math import cos, radians, sin
 
 import pytest
 
-from cylforce.service.contact.slope import course_begun, kink
+from cylforce.service.contact.slope import NO_COURSE, kink
 
 
 def found(places):
     """(path so far [m], confidence) of every change along places 1 cm apart."""
-    course, said = course_begun(), []
+    course, said = NO_COURSE, []
     for k, place in enumerate(places):
         course, sure = kink(course, place)
         if sure is not None:

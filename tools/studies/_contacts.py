@@ -1,6 +1,7 @@
 """Machines in contact with the ground, with the true force and never filtered: recordings of another generator from the
 shared folder, and reference machines."""
 
+import argparse
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +27,31 @@ REFERENCES = ("reference_static", "reference_moving")
 # s from the tick that a table's replay has at the time of its samples to the bytes on the bus: live, sensors are read
 # one step before they are used, and a PDO waits 5 ms on average
 SENT_S = 0.015
+TOUCHING = ("press", "drag", "soil", "buried", "air")
 FOREIGN_KINDS = {"contact_press": "press", "contact_drag": "drag", "contact_soil": "soil", "contact_buried": "buried"}
+
+
+class Wanted(NamedTuple):
+    """What a study of contacts is asked for: its runs, the seed of the first reference machine, the JSON file."""
+
+    runs: "Iterator[Run]"
+    seed: int
+    json: Path | None
+
+
+def wanted(study: str, words: str | None, kinds: tuple[str, ...]) -> Wanted:
+    """The command line of a study; `kinds`: what it looks at of reference machines."""
+    parser = argparse.ArgumentParser(prog=f"accuracy {study}", description=words)
+    parser.add_argument(
+        "--foreign", action="store_true", help="machines of the other generator, from the shared folder"
+    )
+    parser.add_argument("--machines", type=int, default=4, help="reference machines")
+    parser.add_argument("--seed", type=int, default=9000, help="of the first reference machine")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    seeds = range(options.seed, options.seed + options.machines)
+    runs = foreign_runs(TOUCHING) if options.foreign else reference_runs(seeds, kinds)
+    return Wanted(runs, options.seed, options.json)
 
 
 class Run(NamedTuple):

@@ -1,10 +1,8 @@
 """Events at the teeth: how soon a contact is noticed, how soon a buried stiff object shows in the force and as an
 event, false alarms in empty motion. The truth passed no filter."""
 
-import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,7 @@ from rich.console import Console
 from cylforce.service.publication import MAGNITUDE
 from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Array
-from studies._contacts import Run, foreign_runs, reference_runs
+from studies._contacts import Run, wanted
 from studies.force import quantile
 
 NOTICED = 0.01  # times the rated force: the true force from which on the delay counts
@@ -113,18 +111,8 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="accuracy events", description=__doc__)
-    parser.add_argument(
-        "--foreign", action="store_true", help="machines of the other generator, from the shared folder"
-    )
-    parser.add_argument("--machines", type=int, default=4, help="reference machines")
-    parser.add_argument("--seed", type=int, default=9000, help="of the first reference machine")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    seeds = range(options.seed, options.seed + options.machines)
-    kinds = ("press", "drag", "soil", "buried", "air")
-    runs = foreign_runs(kinds) if options.foreign else reference_runs(seeds, ("digging", "air"))
-    found = figures(list(runs))
+    options = wanted("events", __doc__, ("digging", "air"))
+    found = figures(list(options.runs))
     for name, value in found.items():
         if name != "by_machine":
             Console(highlight=False).print(f"{name}: {value:.4g}" if isinstance(value, float) else f"{name}: {value}")

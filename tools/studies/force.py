@@ -4,10 +4,8 @@ bandwidth and delay, coverage of its standard error.
 Bandwidth and delay are measured by a sine and a step of true force: joint torques of a known force are added to the
 pressures of a machine that moves in the air."""
 
-import argparse
 import json
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +22,7 @@ from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Array, Estimate
 from cylforce.signals.events import Frame, Tick
 from cylforce.signals.kinds import Kind
-from studies._contacts import Run, foreign_runs, reference_runs, resultant
+from studies._contacts import Run, resultant, wanted
 from studies.recognition import run as simulated
 from studies.unexplained import ROOT
 
@@ -208,18 +206,8 @@ def in_the_air(seed: int) -> tuple[Core, Array]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="accuracy force", description=__doc__)
-    parser.add_argument(
-        "--foreign", action="store_true", help="machines of the other generator, from the shared folder"
-    )
-    parser.add_argument("--machines", type=int, default=4, help="reference machines")
-    parser.add_argument("--seed", type=int, default=9000, help="of the first reference machine")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    kinds = ("press", "drag", "soil", "buried", "air")
-    seeds = range(options.seed, options.seed + options.machines)
-    runs = foreign_runs(kinds) if options.foreign else reference_runs(seeds, ("tip_load", "digging", "air"))
-    scores = [score(run) for run in runs]
+    options = wanted("force", __doc__, ("tip_load", "digging", "air"))
+    scores = [score(run) for run in options.runs]
     figures = summary(scores, response(*in_the_air(options.seed)))
     console = Console(highlight=False)
     console.print(_table(scores))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.service.contact.hanging_mass import without_mass
-from cylforce.service.contact.slope import Course, course_begun, kink
+from cylforce.service.contact.slope import NO_COURSE, kink
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
 from cylforce.signals.estimate import Array
 
@@ -37,7 +37,7 @@ class Touch(NamedTuple):
     path: float
     since_stiff: float
     recent: Array
-    course: Course
+    course: Array
     number: int
     events: tuple[ContactEvent, ...]
 
@@ -68,7 +68,7 @@ class Watcher:
 
     def begin(self) -> Touch:
         """The state before anything is seen."""
-        return Touch(False, 0.0, 0.0, 0.0, AGAIN_S, np.zeros((self._window + 1, 2)), course_begun(), 0, ())
+        return Touch(False, 0.0, 0.0, 0.0, AGAIN_S, np.zeros((self._window + 1, 2)), NO_COURSE, 0, ())
 
     def interrupt(self, state: Touch) -> Touch:
         """The state after an interruption of the measurement; the events remain."""
@@ -97,7 +97,7 @@ class Watcher:
         return state._replace(seconds=seconds, path=path, recent=recent, since_stiff=since)
 
     def _begun(self, state: Touch, seen: Moment, clearness: float) -> Touch:
-        state = state._replace(touching=True, away=0.0, course=course_begun())
+        state = state._replace(touching=True, away=0.0, course=NO_COURSE)
         return self._note(state, EventKind.CONTACT_BEGINS, seen, probably(sqrt(clearness), sqrt(BEGINS), 1.0))
 
     def _ended(self, state: Touch, seen: Moment, clearness: float) -> Touch:

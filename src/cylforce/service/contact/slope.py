@@ -1,7 +1,6 @@
 """The slope of the ground along which the teeth are dragged, from the path of the teeth while they are in contact."""
 
 from math import atan, pi, radians, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,33 +12,25 @@ LARGEST_BEND = 0.003  # m: rms distance from a line from which on a piece is not
 TURN = radians(6.0)  # by which the slope must change; an arc of 3 m turns by 4.8 degrees over such pieces; chosen
 
 
-class Course(NamedTuple):
-    """State: points (K, 2) [m] of the course so far, at most those of two pieces."""
-
-    points: Array
+NO_COURSE = np.zeros((0, 2))  # points (K, 2) [m] of a course that has not begun
 
 
-def course_begun() -> Course:
-    """No point yet."""
-    return Course(np.zeros((0, 2)))
-
-
-def kink(course: Course, place: complex) -> tuple[Course, float | None]:
-    """The course with the present place [m], and the confidence with which the slope has changed between its last two
-    straight pieces; None: it has not."""
+def kink(course: Array, place: complex) -> tuple[Array, float | None]:
+    """The course, points (K, 2) [m], at most those of two pieces, with the present place [m]; and the confidence with
+    which the slope has changed between its last two straight pieces; None: it has not."""
     here = np.array([place.real, place.imag])
-    if len(course.points) and float(np.hypot(*(here - course.points[-1]))) < EVERY_M:
+    if len(course) and float(np.hypot(*(here - course[-1]))) < EVERY_M:
         return course, None
-    points = np.concatenate([course.points, here[None]])[-2 * POINTS + 1 :]
+    points = np.concatenate([course, here[None]])[-2 * POINTS + 1 :]
     if len(points) < 2 * POINTS - 1:
-        return Course(points), None
+        return points, None
     before, after = line(points[:POINTS]), line(points[POINTS - 1 :])
     straight = max(before[1], after[1]) < LARGEST_BEND
     turn = abs((after[0] - before[0] + pi / 2.0) % pi - pi / 2.0)
     if not straight or turn < TURN:
-        return Course(points), None
+        return points, None
     error = sqrt(2.0) * atan(max(before[1], after[1], 1e-4) / (EVERY_M * POINTS / sqrt(12.0)) / sqrt(POINTS))
-    return Course(points[POINTS - 1 :]), float(min(1.0, 1.0 - 0.5 * np.exp(-((turn - TURN / 2.0) / error))))
+    return points[POINTS - 1 :], float(min(1.0, 1.0 - 0.5 * np.exp(-((turn - TURN / 2.0) / error))))
 
 
 def line(points: Array) -> tuple[float, float]:
