@@ -25,6 +25,10 @@ EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 EXPECTED = ("coulomb_friction", "first_moment_change")
 IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmetric_friction")
 
+# Noise of a sensor, of the larger of what it declares and what its references show: convention (three times is 9 times
+# the power; twice would tell a sensor that is only worse than its data sheet).
+SHAKES = 3.0
+
 # The answer: conventions.
 SIGMAS = 5.0  # standard errors from which on an effect is detectable
 MASS = 0.9  # probability that the set of causes holds

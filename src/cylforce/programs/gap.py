@@ -13,6 +13,7 @@ from cylforce.diagnosis.floor import fitted_tares
 from cylforce.diagnosis.forward import forward
 from cylforce.diagnosis.residuals import contributed, ends
 from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
+from cylforce.diagnosis.shaking import shaking
 from cylforce.diagnosis.shape import confirm, told, unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
 from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
@@ -91,7 +92,8 @@ def diagnose(
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
     whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "")
+    noisy = shaking(loaded.service.machine, faulty, clean)
+    warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "", noisy)
     whole["warnings"] = [text for text in warnings if text]
     return Diagnosed(found, verdict, size, whole)
 

@@ -1,0 +1,42 @@
+"""The noise of sensors, told from recordings of a moving machine."""
+
+import numpy as np
+import pytest
+
+from cylforce.diagnosis.rows import Recorded
+from cylforce.diagnosis.shaking import shaking, white_noise
+from gap_scene import MACHINE
+
+DECLARED = np.array([s.standard_error for s in MACHINE.signals])
+T = np.arange(6000) * 0.01
+
+
+def recorded(times, seed):
+    """A minute in which everything swings by 1000 times its noise, slowly; noise `times` what is declared."""
+    swing = 1e3 * np.sin(2.0 * np.pi * 0.1 * T)[:, None]
+    noise = np.random.default_rng(seed).standard_normal((len(T), len(DECLARED)))
+    return Recorded("moves", DECLARED * (swing + times * noise), 0.0)
+
+
+def test_noise_is_told_while_the_machine_moves():
+    assert white_noise([recorded(np.ones(len(DECLARED)), 1)]) == pytest.approx(DECLARED, rel=0.08)
+
+
+def test_the_sensor_that_shakes_is_named_alone():
+    usual, shakes = np.ones(len(DECLARED)), np.ones(len(DECLARED))
+    shakes[-1] = 6.0
+    words = shaking(MACHINE, [recorded(shakes, 2)], [recorded(usual, 3)])
+    assert words.count("times as much") == 1
+    assert f"{MACHINE.signals[-1].name} " in words
+    assert shaking(MACHINE, [recorded(usual, 4)], []) == ""
+
+
+def test_a_sensor_that_was_always_noisy_is_not_named():
+    noisy = np.full(len(DECLARED), 6.0)
+    assert shaking(MACHINE, [recorded(noisy, 5)], [recorded(noisy, 6)]) == ""
+
+
+def test_a_single_glitch_is_no_noise():
+    field = recorded(np.ones(len(DECLARED)), 7)
+    field.values[3000, 0] += 1e4 * DECLARED[0]
+    assert shaking(MACHINE, [field], []) == ""
