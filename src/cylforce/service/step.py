@@ -20,7 +20,7 @@ from cylforce.service.pipeline import Pipe, Pipeline
 from cylforce.service.publication import GROSS, MAGNITUDE, frames
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING, NOTHING_KEPT, Memory, Output, Scale, State
-from cylforce.service.weighing import Weigher, Weighing
+from cylforce.service.weighing import Weigher
 from cylforce.signals.estimate import (
     Array,
     Booking,
@@ -177,7 +177,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
-    drift = _drift(core, state.drift, weighing, rows, left, usable)
+    drift = _drift(core, state.drift, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
     state = state._replace(weighing=weighing, drift=drift, recognition=recognition, interaction=interaction)
@@ -221,11 +221,11 @@ def _nothing(state: State, t_us: int, reason: Reason) -> Estimate:
     return no_estimate(t_us, reason, state.estimate.booking, state.estimate.events)
 
 
-def _drift(core: Core, drift: Drift, weighing: Weighing, rows: Rows, left: Residual, usable: Array) -> Drift:
+def _drift(core: Core, drift: Drift, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty."""
     if not core.adapts:
         return drift
-    if not core.weigher.is_empty(weighing, drift):
+    if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)
     return core.adapter.step(drift, rows, left.torque, np.where(usable, left.variance, np.inf))
 

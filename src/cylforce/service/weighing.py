@@ -151,11 +151,9 @@ class Weigher:
         state = self._note(state._replace(lift=lift), weight, t_us, drift)
         return state, self._judge(lift, weight)
 
-    def is_empty(self, state: Weighing, drift: Drift | None = None) -> bool:
-        """Whether the bucket is known to be empty and in the air."""
-        weight = self._conclude(state.lift, self._still if drift is None else drift)
-        small = abs(weight.mass) < EMPTY * self.model.machine.rated_payload
-        return small and self._doubt(state.lift, weight) is None
+    def is_empty(self, load: Load) -> bool:
+        """Whether the bucket is known to be empty and in the air: a load without a value is no empty bucket."""
+        return abs(load.mass.value) < EMPTY * self.model.machine.rated_payload
 
     def _advance(self, lift: Lift, left: Residual, usable: Array, drift: Drift, drifting: Array) -> Lift:
         columns = left.columns @ self.model.load
