@@ -15,17 +15,22 @@ import pyarrow.parquet as pq
 import pytest
 
 from cylforce.files.atomic import RecordingError
+from cylforce.programs.common.readings import model_of
+from cylforce.programs.live.books import Ledger
 from cylforce.records.export import export, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import bookings, totals
 from cylforce.records.recorder import Recorder
-from cylforce.records.schema import VERSION, is_readable, open_labels, open_reading
+from cylforce.records.schema import VERSION, open_labels, open_reading
 from cylforce.records.ticket import ticket
 from cylforce.records.writing import BookedBucket, Change, Start
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import Truck, judged, loaded, next_truck
 from cylforce.service.state import Memory, Scale
+from cylforce.service.step import Core
+from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
+from scenarios import EXCAVATOR
 
 START = Start(1_700_000_000_000_000, "0.1.0", "Excavator")
 CYCLE = LastBucket(18.5, 6.2, 84_000.0)
@@ -100,6 +105,37 @@ def test_a_booking_written_twice_counts_once(path):
     with closing(open_reading(path)) as found:
         assert len(bookings(found)) == 1
         assert totals(found)[0].mass == 500.0
+
+
+class Put:
+    """Takes what is handed over, and what is shown."""
+
+    failure, recorded = "", 0
+
+    def __init__(self):
+        self.changes = []
+
+    def put(self, change):
+        self.changes.append(change)
+
+    def look(self):
+        pass
+
+    def set_value(self, index, sub, value):
+        pass
+
+
+def test_a_booking_that_becomes_more_precise_is_handed_over_once():
+    """It does so many times a second while the bucket returns; each would be a transaction on the disk."""
+    loaded_file = load(EXCAVATOR)
+    state, put = Core(loaded_file.service, model_of(loaded_file).data_sheet).begin(), Put()
+    ledger = Ledger(put, put, state.memory)
+    for error in (3.0, 2.0, 1.0):
+        made = Booking(1, 5, 900.0, error, 10.0, error, 890.0, error)
+        books = state.weighing.books._replace(booking=made)
+        state = state._replace(weighing=state.weighing._replace(books=books))
+        ledger.look(state)
+    assert [change.booked.booking.standard_error for change in put.changes] == [3.0]
 
 
 def test_a_start_without_an_end_is_interrupted(path):
@@ -217,7 +253,7 @@ def test_a_second_service_is_refused(path):
     with pytest.raises(RecordingError, match="another service writes these records"):
         Recorder(path, START)
     recorder.close()
-    assert is_readable(path)
+    open_reading(path).close()
 
 
 def test_handing_over_costs_next_to_nothing_while_the_disk_stalls(path):

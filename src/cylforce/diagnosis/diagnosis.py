@@ -4,6 +4,7 @@ at again at their sizes."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,6 +56,21 @@ class Found:
     when: Mapping[Key, Blocks]
     working: bool
     least: dict[Key, float]
+
+
+class AtWork(NamedTuple):
+    """Recordings of `work` of which only the blocks `kept` (B,) count: with these the `case`, and the machine in order,
+    `idle`."""
+
+    work: Work
+    idle: Hypothesis
+    case: Inference
+    kept: Blocks
+
+    @property
+    def share(self) -> float:
+        """Of the blocks that do not count."""
+        return float(np.mean(~self.kept))
 
 
 def examined(
@@ -152,27 +168,25 @@ class _Search:
         case = self._case
         hypotheses = case.searched(self._wanted)
         happened, when = self._happened(case)
-        work, idle, at_work, kept = self._apart(case, hypotheses, happened)
-        if idle and float(np.mean(~kept)) > SELDOM:
-            hypotheses, blocks = self._at_work(work, idle, at_work, kept)
-            return replace(self._as_found(at_work, hypotheses, (), {}, blocks), working=True)
-        if idle:
-            happened = (*happened, Happened(UNKNOWN, idle.log, float(np.mean(~kept)), idle.rest))
+        part = self._apart(case, hypotheses, happened)
+        if part and part.share > SELDOM:
+            hypotheses, blocks = self._at_work(part)
+            return replace(self._as_found(part.case, hypotheses, (), {}, blocks), working=True)
+        if part:
+            happened = (*happened, Happened(UNKNOWN, part.idle.log, part.share, part.idle.rest))
         return self._as_found(case, hypotheses, happened, when, {})
 
-    def _apart(
-        self, case: Inference, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
-    ) -> tuple[Work, Hypothesis | None, Inference, Blocks]:
+    def _apart(self, case: Inference, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]) -> AtWork | None:
         """The machine in order where some blocks do not count, if contact explains more than any one effect and this
         is likelier than all that was found."""
-        work, none = Work(self._question, case), (None, case, np.zeros(0, bool))
         found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
         touched = max((h.log for h in happened if h.key[0] == CONTACT), default=-np.inf)
         one = max(h.log for h in hypotheses if len(h.which) < 2)
         if min(rest for _, rest in found) <= GAP or touched < one:
-            return work, *none
+            return None
+        work = Work(self._question, case)
         idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
-        return (work, idle, at_work, kept) if idle.log > max(log for log, _ in found) else (work, *none)
+        return AtWork(work, idle, at_work, kept) if idle.log > max(log for log, _ in found) else None
 
     def _as_found(
         self,
@@ -199,13 +213,12 @@ class _Search:
             found[key] = min(SIGMAS * error, found.get(key, np.inf))
         return found
 
-    def _at_work(
-        self, work: Work, idle: Hypothesis, case: Inference, kept: Blocks
-    ) -> tuple[list[Hypothesis], dict[tuple[int, ...], Blocks]]:
+    def _at_work(self, part: AtWork) -> tuple[list[Hypothesis], dict[tuple[int, ...], Blocks]]:
         """Hypotheses of a machine at work, each with the blocks in which it holds."""
-        found, blocks = dict[tuple[int, ...], Hypothesis]({(): idle}), dict[tuple[int, ...], Blocks]({(): kept})
-        for p in case.screened(idle, self._wanted)[:MANY]:
-            found[(p,)], _, blocks[(p,)] = work.hypothesis((p,), kept, idle.noise)
+        found = dict[tuple[int, ...], Hypothesis]({(): part.idle})
+        blocks = dict[tuple[int, ...], Blocks]({(): part.kept})
+        for p in part.case.screened(part.idle, self._wanted)[:MANY]:
+            found[(p,)], _, blocks[(p,)] = part.work.hypothesis((p,), part.kept, part.idle.noise)
         return list(found.values()), blocks
 
     def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
@@ -244,9 +257,8 @@ class _Search:
         order = sorted((h for h in told.hypotheses if h.which), key=lambda h: -h.log - told.prior_of(h))
         found, again = {h.which: h for h in told.hypotheses}, {}
         cases = {}
-        alone = [
-            h for h in order if len(h.which) == 1
-        ]  # a strong effect's columns may fit worse than a sum of wrong ones
+        # Far from zero, the linear columns of the true effect may fit worse than a sum of wrong ones.
+        alone = [h for h in order if len(h.which) == 1]
         for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
             if any(bends(self._question.forms[p][0]) for p in h.which):
                 found[h.which], again[h.which], cases[h.which] = self._at_sizes(case, h, blocks.get(h.which))

@@ -30,8 +30,7 @@ UNSEEN = 1.0  # level of the discrepancy where no reference shows it: that of th
 
 class Hypothesis(NamedTuple):
     """Forms of a scene by number, the logarithm of their probability with the recording, the noise under them, their
-    sizes (M,) and standard errors (M,) [of the prior spread], what they leave at the worst joint, of the floor, and the
-    `energy` that they leave at all joints, of the floor's."""
+    sizes (M,) and standard errors (M,) [of the prior spread], and what they leave at the worst joint, of the floor."""
 
     which: tuple[int, ...]
     log: float
@@ -39,7 +38,6 @@ class Hypothesis(NamedTuple):
     sizes: Array
     errors: Array
     rest: float
-    energy: float
 
 
 class Fitted(NamedTuple):
@@ -231,9 +229,7 @@ class Inference:
         log, fitted, left = self.under(which, state)
         prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
         errors = np.sqrt(np.diag(fitted.covariance))
-        each = self._left_at(left, noise)
-        rest, energy = float(np.sqrt(np.max(each))), float(np.mean(each))
-        return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, rest, energy)
+        return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise))
 
     def _energies(self, left: Array, covariance: Array, noise: Scatter) -> tuple[Array, Array]:
         found = self.sums.energies(left, covariance)

@@ -5,6 +5,7 @@ from collections import deque
 from struct import pack
 from typing import NamedTuple
 
+from cylforce.canopen.dictionary.object_dictionary import COUNT, LAST, RECORDED, RECORDS, TOTAL, TRUCK
 from cylforce.canopen.network import Network
 from cylforce.canopen.sdo_client import AbortedError, Client, SdoError
 from cylforce.service import commands
@@ -13,7 +14,16 @@ EVERY_S = 1.0
 SOON_S = 0.05  # after a command: the service shows its effect at its next step
 KEPT = 8  # last buckets that are shown; chosen
 KG = commands.KG
-FIELDS = (("number", 6), ("total", 7), ("filled", 8), ("last", 9), ("recorded", 10), ("product", 2), ("target", 1))
+FIELDS = (  # of Known: sub-index, type
+    (TRUCK, "I"),
+    (TOTAL, "i"),
+    (COUNT, "I"),
+    (LAST, "I"),
+    (RECORDED, "I"),
+    (commands.PRODUCT, "I"),
+    (commands.TARGET, "i"),
+    (RECORDS, "B"),
+)
 NOT_KNOWN, NO_ANSWER = "unknown", "no answer"
 
 
@@ -81,15 +91,11 @@ class Panel:
 
     async def read(self) -> Known | None:
         """What the service knows of the truck; None without an answer."""
-        read: dict[str, int] = {}
         try:
-            for name, sub in FIELDS:
-                read[name] = await self._client.read(commands.LOADING, sub, "i" if name in ("total", "target") else "I")
-            records = await self._client.read(commands.LOADING, 11, "B")
+            known = Known(*[await self._client.read(commands.LOADING, sub, kind) for sub, kind in FIELDS])
         except SdoError:
             return None
-        number, total, filled, last, recorded, product, target = (read[name] for name, _ in FIELDS)
-        return Known(number, KG * total, filled, last, recorded, product, KG * target, records)
+        return known._replace(total=KG * known.total, target=KG * known.target)
 
     async def obey(self, what: str, value: float) -> Reply:
         """Send a command."""

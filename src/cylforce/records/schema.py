@@ -1,7 +1,6 @@
 """The tables of the records, and how an older version of them becomes the present one."""
 
 import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 from cylforce.files.atomic import RecordingError, Tell
@@ -134,12 +133,3 @@ def _for_command(path: Path, mode: str) -> sqlite3.Connection:
         raise
     connection.row_factory = sqlite3.Row
     return connection
-
-
-def is_readable(path: Path) -> bool:
-    """Whether a command could read the records now."""
-    try:
-        with closing(open_reading(path)):
-            return True
-    except RecordingError:
-        return False

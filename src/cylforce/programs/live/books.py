@@ -39,9 +39,8 @@ class Ledger:
 
     def look(self, state: State) -> None:
         """Hand over what changed; show it."""
-        kept = state.memory
-        if any(new is not old for new, old in zip(kept, self._kept, strict=True)):
-            self._change(state, kept)
+        if _changed(self._kept, state.memory):
+            self._change(state, state.memory)
         self._steps += 1
         if self._steps % OFTEN == 0:
             self._show_records()
@@ -68,6 +67,11 @@ class Ledger:
         self._recorder.look()
         self._node.set_value(LOADING, RECORDED, self._recorder.recorded)
         self._node.set_value(LOADING, RECORDS, RECORDS_STOPPED if self._recorder.failure else RECORDING)
+
+
+def _changed(before: Memory, after: Memory) -> bool:
+    """Whether there is something to keep. A booking that only becomes more precise is kept as it was first."""
+    return after.scale is not before.scale or after.truck is not before.truck or is_new(after.booking, before.booking)
 
 
 def _booked(state: State, before: Memory) -> BookedBucket | None:
