@@ -48,11 +48,16 @@ class Filter:
         """(New state, output) after one sample x; the operations are in the order of `run`, so that both round
         alike."""
         y = state[0] + self.b[0] * x
-        new = np.empty_like(state)
-        for k in range(1, len(self.b) - 1):
-            new[k - 1] = state[k] + x * self.b[k] - y * self.a[k]
-        new[-1] = x * self.b[-1] - y * self.a[-1]
+        later, fed_back = self._later
+        new = np.multiply.outer(later, x)
+        new[:-1] += state[1:]
+        new -= np.multiply.outer(fed_back, y)
         return new, y
+
+    @cached_property
+    def _later(self) -> tuple[Array, Array]:
+        """The coefficients b and a (order,) after the first ones."""
+        return np.array(self.b[1:]), np.array(self.a[1:])
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
         """(State after it, output (T, *shape)) for a recording x (T, *shape)."""

@@ -92,7 +92,17 @@ class Core:
         """The declared range of every published value."""
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
 
-    @property
+    @cached_property
+    def tilts(self) -> tuple[int, ...]:
+        """Numbers of the signals that measure the tilt of the chassis."""
+        return tuple(k for k, s in enumerate(self.service.machine.signals) if s.kind in (Kind.PITCH, Kind.ROLL))
+
+    @cached_property
+    def moved_by(self) -> tuple[int | None, ...]:
+        """Per signal the number of the cylinder whose motion changes it; None: that of any cylinder."""
+        return tuple(s.index if s.kind in PRESSURES else None for s in self.service.machine.signals)
+
+    @cached_property
     def adapts(self) -> bool:
         """Whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow their
         errors."""
@@ -103,7 +113,7 @@ class Core:
         """Largest time between two ticks [periods]; after a longer one the filters start again."""
         return self.service.health.max_step_s * self.service.filters.rate_hz + TICK_SLACK
 
-    @property
+    @cached_property
     def period_us(self) -> int:
         """The fixed step [us]."""
         return round(1e6 / self.service.filters.rate_hz)
@@ -249,7 +259,7 @@ def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
     cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
     moves = (np.abs(pipe.speed) > MOVING).tolist()
     shaken = any(moves)
-    return tuple(moves[s.index] if s.kind in PRESSURES else shaken for s in core.service.machine.signals)
+    return tuple([shaken if c is None else moves[c] for c in core.moved_by])
 
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
@@ -257,11 +267,7 @@ PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
 def _tilted(core: Core, sample: Sample) -> bool:
     limit = core.service.health.max_tilt
-    return any(
-        abs(sample.values[k]) > limit
-        for k, s in enumerate(core.service.machine.signals)
-        if s.kind in (Kind.PITCH, Kind.ROLL)
-    )
+    return any(abs(sample.values[k]) > limit for k in core.tilts)
 
 
 def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:

@@ -2,8 +2,10 @@
 measures it."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.effects.effect import Halves, Parameter
 from cylforce.effects.fault import SHAPES, About, Place, TimeCourse
@@ -32,13 +34,12 @@ class Slew:
         rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
         # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has the columns Re(u) and -Im(u)
         pair = machine.reach * turn.imag[..., :, None] * turn[..., None, :]
-        diagonal = np.arange(n)
-        pair[..., diagonal, diagonal] = -1j * rho * turn
+        _diagonal(pair)[...] = -1j * rho * turn
         double = turn * turn
         columns = np.zeros((*pair.shape, 5))
         columns[..., 1], columns[..., 2] = pair.real, -pair.imag
-        columns[..., diagonal, diagonal, 0] = columns[..., diagonal, diagonal, 3] = double.imag / 2.0
-        columns[..., diagonal, diagonal, 4] = double.real
+        _diagonal(columns[..., 0])[...] = _diagonal(columns[..., 3])[...] = double.imag / 2.0
+        _diagonal(columns[..., 4])[...] = double.real
         rows = machine.sum_outward @ columns.reshape(*pair.shape[:-1], 5 * n)
         return Halves(None, (moving.slew**2)[..., None, None] * rows)
 
@@ -66,6 +67,11 @@ class Slew:
     def course(self) -> TimeCourse:
         """How these sizes change with time."""
         return TimeCourse.WINDOWS
+
+
+def _diagonal(square: NDArray[Any]) -> NDArray[Any]:
+    """The diagonal (..., N) of matrices (..., N, N), to be written to."""
+    return np.asarray(np.einsum("...jj->...j", square))
 
 
 def slew_parameters(links: tuple[Link, ...]) -> Array:
