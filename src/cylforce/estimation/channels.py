@@ -126,7 +126,9 @@ class Channels:
         attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
         found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., self.forces], attitude, geometry)
         good = self.usable(found)
-        lever, speed = np.where(good[..., None], found.lever, 0.0), np.where(good, found.speed, 0.0)
+        lever, speed = found.lever, found.speed
+        if not good.all():
+            lever, speed = np.where(good[..., None], lever, 0.0), np.where(good, speed, 0.0)
         return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
 
     @cached_property

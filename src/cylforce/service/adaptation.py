@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
@@ -96,13 +95,7 @@ class Adapter:
 
     def columns(self, rows: Rows) -> Array:
         """Columns (R, D) of the adapted parameters."""
-        return np.asarray(rows.columns[..., self._places])
-
-    @cached_property
-    def _places(self) -> NDArray[np.intp]:
-        """Numbers (D,) of the adapted parameters' columns."""
-        first = self.model.zero.start
-        return np.array([*self.model.changing_friction, *range(first, first + len(self.model.machine.cylinders))])
+        return np.asarray(rows.columns[..., self.model.changing])
 
     def step(self, drift: Drift, rows: Rows, torque: Array, variance: Array) -> Drift:
         """The drift after one instant with residual `torque` (R,) [N m], from which the drift so far is already

@@ -48,8 +48,10 @@ class ForceSensor:
     def solve(self, columns: Array, torque: Array, noise: Array, usable: Array) -> Solved:
         """The force that explains `torque` (R,) [N m] with covariance `noise` (R, R) and that of the tares, from all
         `columns` (R, P) of the rows marked in `usable` (R,)."""
-        tool, own = columns[usable, self.model.tool][:, : len(self._prior)], columns[usable, : len(self.tares.values)]
-        noise = noise[usable][:, usable] + own @ self.tares.covariance @ own.T
+        tool, own = columns[:, self.model.tool][:, : len(self._prior)], columns[:, : len(self.tares.values)]
+        if not usable.all():
+            tool, own, noise = tool[usable], own[usable], noise[usable][:, usable]
+        noise = noise + own @ self.tares.covariance @ own.T
         weighted = np.linalg.solve(noise, tool).T
         spread = np.asarray(np.linalg.inv(weighted @ tool + self._prior), dtype=np.float64)
         gain = np.zeros((2, len(usable)))

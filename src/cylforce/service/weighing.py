@@ -170,11 +170,12 @@ class Weigher:
         at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
         rested = np.where(at_rest, lift.rested + 1, 0)
         informative = np.logical_and(usable, rested <= patience)
-        variance = (self._memory * left.variance + patience * left.rest)[informative]
-        used = columns[informative]
+        variance, used = self._memory * left.variance + patience * left.rest, columns
+        others = np.concatenate([left.columns, drifting], axis=1)
+        if not informative.all():
+            variance, used, torque, others = (x[informative] for x in (variance, used, torque, others))
         root, gram = self._faded(lift, used)
-        root = update(root, used, torque[informative], variance)
-        others = np.concatenate([left.columns, drifting], axis=1)[informative]
+        root = update(root, used, torque, variance)
         gram = gram + (used / variance[:, None]).T @ others
         moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:

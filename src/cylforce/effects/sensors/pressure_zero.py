@@ -19,4 +19,4 @@ class PressureZero:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Static columns (..., N, C): the levers."""
-        return Halves(None, np.swapaxes(moving.lever, -1, -2))
+        return Halves(None, moving.lever.swapaxes(-1, -2))
