@@ -177,9 +177,10 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
         return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
     pipe, rows, instant = core.pipeline.advance(state.pipe, channels, round(periods))
-    state = state._replace(pipe=pipe, sampled_us=t_us, moving=_moving(core, pipe))
+    moving = _moving(core, pipe)
     if pipe.steps <= core.model.settle_steps:
-        return state._replace(estimate=_nothing(state, t_us, Reason.STARTING))
+        nothing = _nothing(state, t_us, Reason.STARTING)
+        return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
@@ -190,7 +191,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drift = _drift(core, state.drift, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
-    state = state._replace(weighing=weighing, drift=drift, recognition=recognition, interaction=interaction)
+    parts = (pipe, weighing, drift, state.scale, t_us, state.estimate, moving, recognition, interaction)
+    state = State(state.inputs, *parts, *state[len(parts) + 1 :])
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 
