@@ -31,7 +31,7 @@ class Residual(NamedTuple):
 
     def only(self, rows: Array) -> "Residual":
         """The rows marked in `rows` (R,)."""
-        return self if rows.all() else Residual(*(part[rows] for part in self))
+        return self if all(rows.tolist()) else Residual(*(part[rows] for part in self))
 
 
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.mechanics.installation import Service
 from cylforce.signals.codec import Decoder, Slot, decoders
-from cylforce.signals.estimate import Array, Reason, Sample
+from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
 
@@ -175,11 +175,11 @@ class Assembler:
             if channel.reason is not Reason.NONE or age > 1.5e6 * signal.period_s:
                 late = Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason
         values = np.array([c.value for c in inputs.channels])
-        return Sample(t_us, values, tuple(reasons), late, self._ages(inputs, t_us))
+        return Sample(t_us, values, tuple(reasons), late)
 
-    def _ages(self, inputs: Inputs, t_us: int) -> Array:
-        """Age (S,) [s] of each value at a tick."""
-        return np.array([1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in inputs.channels])
+    def ages(self, inputs: Inputs, t_us: int) -> tuple[float, ...]:
+        """Age (S,) [s] of each value at a time; infinite where there never was one."""
+        return tuple(1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in inputs.channels)
 
 
 JUMPS_BELIEVED = 100  # implausible values in a row after which the new level is accepted as real; chosen

@@ -49,7 +49,7 @@ class ForceSensor:
         """The force that explains `torque` (R,) [N m] with covariance `noise` (R, R) and that of the tares, from all
         `columns` (R, P) of the rows marked in `usable` (R,)."""
         tool, own = columns[:, self.model.tool][:, : len(self._prior)], columns[:, : len(self.tares.values)]
-        if not usable.all():
+        if not all(usable.tolist()):
             tool, own, noise = tool[usable], own[usable], noise[usable][:, usable]
         noise = noise + own @ self.tares.covariance @ own.T
         weighted = np.linalg.solve(noise, tool).T

@@ -80,7 +80,7 @@ class Recognizer:
     def step(self, state: Recognition, rows: Rows, left: Residual, usable: Array) -> Recognition:
         """Take one instant in; `usable` (R,) rows."""
         telling = np.logical_and(usable, left.rest < left.variance)
-        if telling.any():
+        if any(telling.tolist()):
             state = self._gathered(state, rows, left, telling)
         state = state._replace(steps=state.steps + 1)
         if state.steps < BLOCK_SECONDS * self.model.filters.rate_hz:
@@ -94,7 +94,8 @@ class Recognizer:
 
     def _gathered(self, state: Recognition, rows: Rows, left: Residual, telling: Array) -> Recognition:
         changing = rows.columns[:, self.model.changing]
-        changing, left = changing if telling.all() else changing[telling], left.only(telling)
+        left = left.only(telling)
+        changing = changing if len(left.torque) == telling.size else changing[telling]
         columns = left.columns
         unsure = ((columns @ self.tares.covariance) * columns).sum(axis=1)
         each = np.concatenate([columns @ self.model.load, changing * self._spread, left.torque[:, None]], axis=1)

@@ -83,7 +83,7 @@ class Interactor:
     ) -> tuple[Interaction, Forces]:
         """The state and the forces after one instant: its rows, the torque of the adapted friction and zeros `drift`
         (R,) [N m], `usable` (R,) rows, weighing and load of the same step, time [us]."""
-        if not usable.any():
+        if not any(usable.tolist()):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
