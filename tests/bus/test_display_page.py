@@ -227,7 +227,7 @@ def test_the_engineering_page_lists_every_signal_and_node(page):
 
 
 def frozen(page, cab):
-    """Stops the display while a weight is shown and the page's clock stands still. Whether the weight is still there."""
+    """Stops the display while a weight is shown and the page's clock stands still. Whether the weight stayed."""
     page.wait_for_selector("#weight:not(.words)")
     cab.running["display"].send_signal(signal.SIGSTOP)
     time.sleep(0.5)  # for what was on its way

@@ -74,7 +74,9 @@ class Adapter:
         """The state without drift, with the prior standard errors above."""
         spread = np.concatenate([self._remainder, self._spread])
         drift = np.zeros_like(self._spread)
-        return Drift(known(np.zeros_like(spread), spread), drift, np.diag(self._spread**2), 0, 0.0, following=False, seen=False)
+        return Drift(
+            known(np.zeros_like(spread), spread), drift, np.diag(self._spread**2), 0, 0.0, following=False, seen=False
+        )
 
     @cached_property
     def _remainder(self) -> Array:
@@ -121,7 +123,9 @@ class Adapter:
         if np.any(limited != both[LOAD:]):
             root = Root(root.factor, root.factor @ np.append(both[:LOAD], limited))
         shown = self._mass(drift, drifting @ limited, rows)
-        return Drift(root, limited, self._believed(limited, covariance[LOAD:, LOAD:]), 0, shown, following=True, seen=True)
+        return Drift(
+            root, limited, self._believed(limited, covariance[LOAD:, LOAD:]), 0, shown, following=True, seen=True
+        )
 
     def _believed(self, values: Array, covariance: Array) -> Array:
         """The covariance (D, D) of the drift, with the spread that this machine shows instead of the prior's, for

@@ -137,8 +137,8 @@ class Assembler:
         return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0)
 
     def _jumps(self, old: Channel, slot: Slot, value: float, t_us: int) -> bool:
-        """Whether the value differs from the last one by more than is plausible: FASTEST times the time between them, and
-        the noise. Time during which values jumped or were not yet accepted does not count, because the joint
+        """Whether the value differs from the last one by more than is plausible: FASTEST times the time between them,
+        and the noise. Time during which values jumped or were not yet accepted does not count, because the joint
         need not have moved then."""
         signal, fastest = self.service.machine.signals[slot.signal], self._fastest[slot.signal]
         if fastest == inf:

@@ -69,4 +69,4 @@ class Pipeline:
 
     def _rows_usable(self, moved: Moved) -> Array:
         usable = moved.usable.tolist()
-        return np.array([all([usable[c] for c in acting]) for acting in self.model.acting])
+        return np.array([all(usable[c] for c in acting) for acting in self.model.acting])

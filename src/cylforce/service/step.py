@@ -191,8 +191,15 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drift = _drift(core, state.drift, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
-    parts = (pipe, weighing, drift, state.scale, t_us, state.estimate, moving, recognition, interaction)
-    state = State(state.inputs, *parts, *state[len(parts) + 1 :])
+    state = state._replace(
+        pipe=pipe,
+        sampled_us=t_us,
+        moving=moving,
+        weighing=weighing,
+        drift=drift,
+        recognition=recognition,
+        interaction=interaction,
+    )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from cylforce.effects.effect import Halves, Parameter
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion

@@ -118,7 +118,7 @@ class Interactor:
 
     def _moves(self, instant: Instant) -> Array:
         fast = (np.abs(instant.speed) > STILL).tolist()
-        return np.array([any([fast[c] for c in acting]) for acting in self.model.acting])
+        return np.array([any(fast[c] for c in acting) for acting in self.model.acting])
 
     def _soil(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Force:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
