@@ -83,3 +83,7 @@ class Listener:
     def sample(self, t_us: int) -> Sample:
         """All signals, with their ages and the reasons why they are not usable."""
         return self._assembler.sample(self._inputs, t_us)
+
+    def ages(self, t_us: int) -> tuple[float, ...]:
+        """Age [s] of each signal's last value; infinite where there never was one."""
+        return self._assembler.ages(self._inputs, t_us)

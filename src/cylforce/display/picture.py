@@ -55,12 +55,12 @@ class Painter:
 
     def engineering(self, loading: Loading, t_us: int) -> Picture:
         """What a service engineer sees beside it."""
-        sample = self._listener.sample(t_us)
+        sample, ages = self._listener.sample(t_us), self._listener.ages(t_us)
         nodes = self._listener.nodes
         known = {node.node_id: node.name for node in self._listener.service.nodes}
         known[self._listener.service.node_id] = "cylforce"
         return self.work(loading, t_us) | {
-            "signals": [_signal(self._machine.signals, sample, k) for k in range(len(sample.reasons))],
+            "signals": [_signal(self._machine.signals, sample, k, age) for k, age in enumerate(ages)],
             "cylinders": self._cylinders(sample),
             "nodes": [
                 {
@@ -109,8 +109,7 @@ def _points(shape: tuple[Place, ...] | list[Place]) -> list[tuple[float, float] 
     return [(round(z.real, 3), round(z.imag, 3)) if isfinite(abs(z)) else None for z in shape]
 
 
-def _signal(signals: tuple[Signal, ...], sample: Sample, k: int) -> Picture:
-    age = float(sample.age[k])
+def _signal(signals: tuple[Signal, ...], sample: Sample, k: int, age: float) -> Picture:
     value = _number(float(sample.values[k]))
     return {
         "name": signals[k].name,

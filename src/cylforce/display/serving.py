@@ -2,6 +2,7 @@
 another process; this one even gives way to it."""
 
 import asyncio
+import gc
 import os
 import signal
 import socket
@@ -116,6 +117,7 @@ def run_display(served: Served, bus: Bus, tell: Tell) -> None:
     """Serve until SIGTERM or SIGINT; `tell` is given the address. Raises ValueError."""
     with suppress(OSError):
         os.nice(NICE)
+    gc.freeze()  # the modules stay to the end; searching them for garbage then takes seconds on a slow, busy machine
     listening = listen(served.host, served.port)
     host = f"[{served.host}]" if ":" in served.host else served.host
     tell(f"http://{host}:{listening.getsockname()[1]}/")

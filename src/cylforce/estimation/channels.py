@@ -1,6 +1,7 @@
 """Samples to motion: signals become channels (angles, forces, attitude), which are smoothed; means and slopes of four
 samples give the motion."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -16,6 +17,9 @@ from cylforce.signals.kinds import Kind
 
 MIN_TRANSMISSION = 0.15  # sine of the angle between rocker and link below which the force is not used; chosen
 MIN_LEVER = 0.02  # m/rad, smallest lever with which a cylinder's force is used; chosen
+
+
+Signals = Array | Sequence[float]  # values of all signals: (S, ...), or numbers of one sample
 
 
 class Moved(NamedTuple):
@@ -61,33 +65,34 @@ class Channels:
 
     def read(self, values: Array) -> Array:
         """Channels (..., D) from SI values of all signals (..., S); 0 for what is not measured."""
-        zero = np.zeros(values.shape[:-1])
-        pitch = self._value(values, Kind.PITCH, 0, zero)
-        theta = self._angles(values, pitch)
-        force = [self._force(values, c, zero) for c in range(len(self.machine.cylinders))]
-        roll = self._value(values, Kind.ROLL, 0, zero)
-        slew = self._value(values, Kind.SLEW_RATE, 0, self._value(values, Kind.SLEW_ANGLE, 0, zero))
+        # one sample as numbers: arithmetic with arrays of one element takes many times as long
+        each: Signals = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
+        pitch = self._value(each, Kind.PITCH, 0, 0.0)
+        theta = self._angles(each, pitch)
+        force = [self._force(each, c) for c in range(len(self.machine.cylinders))]
+        roll = self._value(each, Kind.ROLL, 0, 0.0)
+        slew = self._value(each, Kind.SLEW_RATE, 0, self._value(each, Kind.SLEW_ANGLE, 0, 0.0))
         channels = np.empty((*values.shape[:-1], len(theta) + len(force) + 3))
         for k, channel in enumerate((*theta, *force, pitch, roll, slew)):
             channels[..., k] = channel
         return channels
 
-    def _value(self, values: Array, kind: Kind, index: int, default: Array) -> Array:
+    def _value(self, values: Signals, kind: Kind, index: int, default: Array | float) -> Array | float:
         k = self._where.get((kind, index))
-        return default if k is None else values[..., k]
+        return default if k is None else values[k]
 
-    def _angles(self, values: Array, pitch: Array) -> list[Array]:
+    def _angles(self, values: Signals, pitch: Array | float) -> list[Array | float]:
         """Joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths."""
-        theta: list[Array] = []
+        theta: list[Array | float] = []
         inner = pitch  # inclination of the next link inwards
         for j in range(self.machine.size):
             if (Kind.JOINT_ANGLE, j) in self._where:
-                angle = values[..., self._where[Kind.JOINT_ANGLE, j]]
+                angle = values[self._where[Kind.JOINT_ANGLE, j]]
             elif (Kind.LINK_INCLINATION, j) in self._where:
-                angle = values[..., self._where[Kind.LINK_INCLINATION, j]] - inner
+                angle = values[self._where[Kind.LINK_INCLINATION, j]] - inner
             else:
                 c = self._by_length[j]
-                angle = self.machine.joint_angle(c, values[..., self._where[Kind.CYLINDER_LENGTH, c]])
+                angle = self.machine.joint_angle(c, values[self._where[Kind.CYLINDER_LENGTH, c]])
             theta.append(angle)
             inner = inner + angle
         return theta
@@ -99,13 +104,13 @@ class Channels:
             return channels
         return np.append(channels[:-1], np.unwrap([before[-1], channels[-1]])[1])
 
-    def _force(self, values: Array, c: int, zero: Array) -> Array:
+    def _force(self, values: Signals, c: int) -> Array | float:
         if (Kind.FORCE_PIN, c) in self._where:
-            return values[..., self._where[Kind.FORCE_PIN, c]]
+            return values[self._where[Kind.FORCE_PIN, c]]
         if (Kind.HEAD_PRESSURE, c) not in self._where:
-            return zero
-        head = values[..., self._where[Kind.HEAD_PRESSURE, c]]
-        rod = self._value(values, Kind.ROD_PRESSURE, c, zero + self.machine.cylinders[c].rod_pressure)
+            return 0.0
+        head = values[self._where[Kind.HEAD_PRESSURE, c]]
+        rod = self._value(values, Kind.ROD_PRESSURE, c, self.machine.cylinders[c].rod_pressure)
         return self.machine.cylinder_force(c, head, rod)
 
     def between(self, four: Array) -> Moved:
@@ -121,7 +126,9 @@ class Channels:
         attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
         found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., self.forces], attitude, geometry)
         good = self.usable(found)
-        lever, speed = np.where(good[..., None], found.lever, 0.0), np.where(good, found.speed, 0.0)
+        lever, speed = found.lever, found.speed
+        if not good.all():
+            lever, speed = np.where(good[..., None], lever, 0.0), np.where(good, speed, 0.0)
         return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
 
     @cached_property

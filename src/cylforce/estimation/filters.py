@@ -48,11 +48,17 @@ class Filter:
         """(New state, output) after one sample x; the operations are in the order of `run`, so that both round
         alike."""
         y = state[0] + self.b[0] * x
-        new = np.empty_like(state)
-        for k in range(1, len(self.b) - 1):
-            new[k - 1] = state[k] + x * self.b[k] - y * self.a[k]
-        new[-1] = x * self.b[-1] - y * self.a[-1]
+        later, fed_back = self._later[np.ndim(x)]
+        new = later * x
+        new[:-1] += state[1:]
+        new -= fed_back * y
         return new, y
+
+    @cached_property
+    def _later(self) -> list[tuple[Array, Array]]:
+        """The coefficients b and a after the first ones, (order, 1, ...) by the number of axes of a sample."""
+        shapes = [(-1, *[1] * axes) for axes in range(4)]
+        return [(np.reshape(self.b[1:], shape), np.reshape(self.a[1:], shape)) for shape in shapes]
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
         """(State after it, output (T, *shape)) for a recording x (T, *shape)."""

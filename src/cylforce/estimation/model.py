@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.effects.effect import Effect, Parameter
 from cylforce.effects.fault import ForceLaw
@@ -142,17 +143,17 @@ class Model:
         """The conversion of signals to motion."""
         return Channels(self.machine, self.filters)
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The P parameters of the empty machine."""
         return self.empty.parameters
 
-    @property
+    @cached_property
     def tool(self) -> slice:
         """The columns of the tool's force and moment."""
         return slice(len(self.parameters), len(self.parameters) + 3)
 
-    @property
+    @cached_property
     def at_rest(self) -> slice:
         """The columns of the unknown friction at rest."""
         first = len(self.parameters) + 3
@@ -165,7 +166,7 @@ class Model:
         lever = np.abs(columns[..., self.coulomb]).sum(axis=-1)
         return np.asarray(unknown / np.maximum(lever + unknown, 1e-12))
 
-    @property
+    @cached_property
     def zero(self) -> slice:
         """The columns of the pressures' zero errors."""
         return slice(len(self.parameters) + 3 + len(self.machine.cylinders), None)
@@ -189,6 +190,12 @@ class Model:
     def changing_friction(self) -> list[int]:
         """Numbers of the columns whose friction changes with temperature and wear: Coulomb and viscous."""
         return [k for k, p in enumerate(self.parameters) if p.name.endswith((".coulomb", ".viscous"))]
+
+    @cached_property
+    def changing(self) -> NDArray[np.intp]:
+        """Numbers (D,) of the columns of what changes in service: that friction, then the pressures' zero errors."""
+        first = self.zero.start
+        return np.array([*self.changing_friction, *range(first, first + len(self.machine.cylinders))])
 
     @cached_property
     def coulomb(self) -> list[int]:

@@ -5,6 +5,7 @@ grows without bound. Without forgetting the result equals batch least squares wi
 additional rows, to rounding (mechanics/README.md, section 10).
 """
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -38,8 +39,14 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
     stacked = np.empty((size + weight.size, size + 1))
     stacked[:size, :size], stacked[:size, size] = root.factor, root.right
     stacked[size:, :size], stacked[size:, size] = columns * weight[:, None], observed * weight
-    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
-    return Root(triangle[:size, :size], triangle[:size, size])
+    reflected = np.linalg.qr(stacked, mode="raw")[0].T  # below the diagonal: the vectors of the reflections
+    return Root(reflected[:size, :size] * _upper(size), reflected[:size, size].copy())
+
+
+@cache
+def _upper(size: int) -> Array:
+    """(P, P), 1 on and above the diagonal, else 0."""
+    return np.triu(np.ones((size, size)))
 
 
 def forget(root: Root, columns: Array, keep: float) -> Root:

@@ -187,11 +187,11 @@ class Machine:
             theta[..., j] -= (s.length - wanted) / s.gradient[..., j]
         return theta[..., j]
 
-    def cylinder_force(self, c: int, head: ArrayLike, rod: ArrayLike) -> Array:
+    def cylinder_force(self, c: int, head: Array | float, rod: Array | float) -> Array | float:
         """F = p_head A_head - p_rod A_rod (...,) [N] of cylinder `c`, positive when it pushes, from pressures [Pa]
         (mechanics/README.md, section 2)."""
         cylinder = self.cylinders[c]
-        return np.asarray(head) * cylinder.area_head - np.asarray(rod) * cylinder.area_rod
+        return head * cylinder.area_head - rod * cylinder.area_rod
 
 
 TABLE = 1025  # points of each of `Machine.tables`; chosen: fine enough for the Newton steps below

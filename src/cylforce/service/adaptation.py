@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
@@ -34,7 +33,8 @@ class Drift(NamedTuple):
     """State of the adaptation: `values` (D,) to be added to the tares (Coulomb and viscous friction, then pressure
     zeros) with `covariance` (D, D); information `root` about the load that remains in the bucket (4) and the drift (D);
     `waited`: steps since the last update; `mass` [kg] that the empty bucket would show without the adaptation;
-    `following`: whether this instant was usable, else nothing changes."""
+    `following`: whether this instant was usable, else nothing changes; `seen`: whether the information is in part about
+    what remains in the bucket now."""
 
     root: Root
     values: Array
@@ -42,6 +42,7 @@ class Drift(NamedTuple):
     waited: int
     mass: float
     following: bool
+    seen: bool
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,9 @@ class Adapter:
         """The state without drift, with the prior standard errors above."""
         spread = np.concatenate([self._remainder, self._spread])
         drift = np.zeros_like(self._spread)
-        return Drift(known(np.zeros_like(spread), spread), drift, np.diag(self._spread**2), 0, 0.0, False)
+        return Drift(
+            known(np.zeros_like(spread), spread), drift, np.diag(self._spread**2), 0, 0.0, following=False, seen=False
+        )
 
     @cached_property
     def _remainder(self) -> Array:
@@ -85,20 +88,16 @@ class Adapter:
 
         The triangle of the root lists the load first, so that its lower part is the information about the drift that is
         left when the load is unknown."""
+        if not drift.seen:
+            return drift._replace(following=False) if drift.following else drift
         factor, right = np.zeros_like(drift.root.factor), np.zeros_like(drift.root.right)
         factor[LOAD:, LOAD:], right[LOAD:] = drift.root.factor[LOAD:, LOAD:], drift.root.right[LOAD:]
         factor[:LOAD, :LOAD] = np.diag(1.0 / self._remainder)
-        return drift._replace(root=Root(factor, right), following=False)
+        return drift._replace(root=Root(factor, right), following=False, seen=False)
 
     def columns(self, rows: Rows) -> Array:
         """Columns (R, D) of the adapted parameters."""
-        return np.asarray(rows.columns[..., self._places])
-
-    @cached_property
-    def _places(self) -> NDArray[np.intp]:
-        """Numbers (D,) of the adapted parameters' columns."""
-        first = self.model.zero.start
-        return np.array([*self.model.changing_friction, *range(first, first + len(self.model.machine.cylinders))])
+        return np.asarray(rows.columns[..., self.model.changing])
 
     def step(self, drift: Drift, rows: Rows, torque: Array, variance: Array) -> Drift:
         """The drift after one instant with residual `torque` (R,) [N m], from which the drift so far is already
@@ -124,7 +123,9 @@ class Adapter:
         if np.any(limited != both[LOAD:]):
             root = Root(root.factor, root.factor @ np.append(both[:LOAD], limited))
         shown = self._mass(drift, drifting @ limited, rows)
-        return Drift(root, limited, self._believed(limited, covariance[LOAD:, LOAD:]), 0, shown, True)
+        return Drift(
+            root, limited, self._believed(limited, covariance[LOAD:, LOAD:]), 0, shown, following=True, seen=True
+        )
 
     def _believed(self, values: Array, covariance: Array) -> Array:
         """The covariance (D, D) of the drift, with the spread that this machine shows instead of the prior's, for

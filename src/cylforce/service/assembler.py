@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.mechanics.installation import Service
 from cylforce.signals.codec import Decoder, Slot, decoders
-from cylforce.signals.estimate import Array, Reason, Sample
+from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
 
@@ -73,6 +73,15 @@ class Assembler:
         size = {f.signal: f.scale for n in self.service.nodes for p in n.pdos for f in p.fields if f.code != "f"}
         return tuple(size.get(s.name, 0.0) for s in self.service.machine.signals)
 
+    @cached_property
+    def _hold_us(self) -> float:
+        return 1e6 * self.service.health.hold_s
+
+    @cached_property
+    def _fastest(self) -> tuple[float, ...]:
+        """Per signal the fastest plausible change [SI/s]."""
+        return tuple(FASTEST.get(s.kind, inf) for s in self.service.machine.signals)
+
     def begin(self) -> Inputs:
         """The state before any frame."""
         empty = Channel(float("nan"), NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
@@ -112,12 +121,12 @@ class Assembler:
         )
 
     def _judge(self, old: Channel, slot: Slot, value: float, t_us: int, moving: bool) -> Channel:
-        hold_us = 1e6 * self.service.health.hold_s
+        hold_us = self._hold_us
         if not isfinite(value):
             return old._replace(reason=Reason.NOT_A_NUMBER, seen_us=t_us, good=0)
         if not slot.low <= value <= slot.high:
             return old._replace(reason=Reason.OUT_OF_RANGE, seen_us=t_us, good=0)
-        if old.jumps < JUMPS_BELIEVED and abs(value - old.value) > self._room(old, slot, t_us):
+        if old.jumps < JUMPS_BELIEVED and self._jumps(old, slot, value, t_us):
             return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, seen_us=t_us, good=0, jumps=old.jumps + 1)
         equal = 0 if value != old.value else old.equal + moving
         if equal >= self.service.health.frozen_samples and self._noisy(slot.signal):
@@ -127,15 +136,17 @@ class Assembler:
             return Channel(value, t_us, t_us, Reason.NONE, good, equal, 0)
         return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0)
 
-    def _room(self, old: Channel, slot: Slot, t_us: int) -> float:
-        """Largest plausible difference [SI] between the next value and the last one: FASTEST times the time between
-        them, and the noise. Time during which values jumped or were not yet accepted does not count, because the joint
+    def _jumps(self, old: Channel, slot: Slot, value: float, t_us: int) -> bool:
+        """Whether the value differs from the last one by more than is plausible: FASTEST times the time between them,
+        and the noise. Time during which values jumped or were not yet accepted does not count, because the joint
         need not have moved then."""
-        signal = self.service.machine.signals[slot.signal]
-        proving = t_us - old.t_us > 1e6 * self.service.health.hold_s and old.good > 0
+        signal, fastest = self.service.machine.signals[slot.signal], self._fastest[slot.signal]
+        if fastest == inf:
+            return False
+        proving = t_us - old.t_us > self._hold_us and old.good > 0
         since_us = old.seen_us if old.jumps or proving else old.t_us
-        room = FASTEST.get(signal.kind, inf) * max((t_us - since_us) * 1e-6, signal.period_s)
-        return room + 6.0 * signal.standard_error + 2.0 * slot.scale
+        room = fastest * max((t_us - since_us) * 1e-6, signal.period_s)
+        return abs(value - old.value) > room + 6.0 * signal.standard_error + 2.0 * slot.scale
 
     def _noisy(self, k: int) -> bool:
         """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
@@ -152,7 +163,7 @@ class Assembler:
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
         the signal is invalid."""
-        hold_us = 1e6 * self.service.health.hold_s
+        hold_us = self._hold_us
         reasons: list[Reason] = []
         late = Reason.NONE
         for channel, signal in zip(inputs.channels, self.service.machine.signals, strict=True):
@@ -164,11 +175,11 @@ class Assembler:
             if channel.reason is not Reason.NONE or age > 1.5e6 * signal.period_s:
                 late = Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason
         values = np.array([c.value for c in inputs.channels])
-        return Sample(t_us, values, tuple(reasons), late, self._ages(inputs, t_us))
+        return Sample(t_us, values, tuple(reasons), late)
 
-    def _ages(self, inputs: Inputs, t_us: int) -> Array:
-        """Age (S,) [s] of each value at a tick."""
-        return np.array([1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in inputs.channels])
+    def ages(self, inputs: Inputs, t_us: int) -> tuple[float, ...]:
+        """Age (S,) [s] of each value at a time; infinite where there never was one."""
+        return tuple(1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in inputs.channels)
 
 
 JUMPS_BELIEVED = 100  # implausible values in a row after which the new level is accepted as real; chosen

@@ -48,8 +48,10 @@ class ForceSensor:
     def solve(self, columns: Array, torque: Array, noise: Array, usable: Array) -> Solved:
         """The force that explains `torque` (R,) [N m] with covariance `noise` (R, R) and that of the tares, from all
         `columns` (R, P) of the rows marked in `usable` (R,)."""
-        tool, own = columns[usable, self.model.tool][:, : len(self._prior)], columns[usable, : len(self.tares.values)]
-        noise = noise[usable][:, usable] + own @ self.tares.covariance @ own.T
+        tool, own = columns[:, self.model.tool][:, : len(self._prior)], columns[:, : len(self.tares.values)]
+        if not all(usable.tolist()):
+            tool, own, noise = tool[usable], own[usable], noise[usable][:, usable]
+        noise = noise + own @ self.tares.covariance @ own.T
         weighted = np.linalg.solve(noise, tool).T
         spread = np.asarray(np.linalg.inv(weighted @ tool + self._prior), dtype=np.float64)
         gain = np.zeros((2, len(usable)))
@@ -69,12 +71,13 @@ class ForceSensor:
         across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
         certain = size > CLEAR * across_error
         along_error = along_error if certain else hypot(along_error, across_error)
-        x_part, z_part, whole = (
-            self._touching(self._bounded(*value), contact)
-            for value in ((x, sqrt(xx)), (z, sqrt(zz)), (size, along_error))
+        return Force(
+            self._bounded(x, sqrt(xx), contact),
+            self._bounded(z, sqrt(zz), contact),
+            self._bounded(size, along_error, contact),
+            self._direction(certain, contact, atan2(z, x), across_error / (size + 1e-9)),
+            (xx, xz, zz),
         )
-        direction = self._direction(certain, contact, atan2(z, x), across_error / (size + 1e-9))
-        return Force(x_part, z_part, whole, direction, (xx, xz, zz))
 
     def _direction(self, certain: bool, contact: bool, angle: float, error: float) -> Quantity:
         """Direction [rad]: there is none of a force that is not there, and none of one that is not certain."""
@@ -82,20 +85,18 @@ class ForceSensor:
             return invalid(Reason.UNCERTAIN if contact else Reason.NO_CONTACT)
         return self._quantity(angle, error)
 
-    def _touching(self, q: Quantity, contact: bool) -> Quantity:
-        """The quantity; without contact NO_CONTACT is the reason why it is nearly zero."""
-        return q if contact or q.status is not Status.OK else q._replace(reason=Reason.NO_CONTACT)
-
-    def _bounded(self, value: float, error: float) -> Quantity:
+    def _bounded(self, value: float, error: float, contact: bool) -> Quantity:
+        """A component or the magnitude; without contact NO_CONTACT is the reason why it is nearly zero."""
         if not error <= BLIND * self.rated_force:
             return invalid(Reason.SINGULAR)
         if not abs(value) <= self.rated_force:  # also true for NaN, to which absurd parameters may lead
             return invalid(Reason.OUT_OF_DECLARED_RANGE)
-        return self._quantity(value, error)
+        return self._quantity(value, error, Reason.NONE if contact else Reason.NO_CONTACT)
 
-    def _quantity(self, value: float, error: float) -> Quantity:
+    def _quantity(self, value: float, error: float, fine: Reason = Reason.NONE) -> Quantity:
+        """The value with its status; where that is OK, the reason is `fine`."""
         if not self.tares.identified:
             return Quantity(value, error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
         if error > POOR * self.rated_force:
             return Quantity(value, error, Status.DEGRADED, Reason.UNCERTAIN)
-        return Quantity(value, error, Status.OK, Reason.NONE)
+        return Quantity(value, error, Status.OK, fine)

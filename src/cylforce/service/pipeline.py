@@ -68,4 +68,5 @@ class Pipeline:
         return self.model.fast.step(fast, momentum, static[..., :-1], moved.motion, forces)
 
     def _rows_usable(self, moved: Moved) -> Array:
-        return np.array([all(moved.usable[c] for c in acting) for acting in self.model.acting])
+        usable = moved.usable.tolist()
+        return np.array([all(usable[c] for c in acting) for acting in self.model.acting])

@@ -80,7 +80,7 @@ class Recognizer:
     def step(self, state: Recognition, rows: Rows, left: Residual, usable: Array) -> Recognition:
         """Take one instant in; `usable` (R,) rows."""
         telling = np.logical_and(usable, left.rest < left.variance)
-        if telling.any():
+        if any(telling.tolist()):
             state = self._gathered(state, rows, left, telling)
         state = state._replace(steps=state.steps + 1)
         if state.steps < BLOCK_SECONDS * self.model.filters.rate_hz:
@@ -93,13 +93,13 @@ class Recognizer:
         return _left(state.sum) / state.weight
 
     def _gathered(self, state: Recognition, rows: Rows, left: Residual, telling: Array) -> Recognition:
-        columns = left.columns[telling]
-        unsure = np.sum((columns @ self.tares.covariance) * columns, axis=1)
-        drift = np.concatenate(
-            [columns[:, self.model.changing_friction], rows.columns[telling, self.model.zero]], axis=1
-        )
-        each = np.concatenate([columns @ self.model.load, drift * self._spread, left.torque[telling, None]], axis=1)
-        each /= np.sqrt((left.variance + left.rest)[telling] + unsure)[:, None]
+        changing = rows.columns[:, self.model.changing]
+        left = left.only(telling)
+        changing = changing if len(left.torque) == telling.size else changing[telling]
+        columns = left.columns
+        unsure = ((columns @ self.tares.covariance) * columns).sum(axis=1)
+        each = np.concatenate([columns @ self.model.load, changing * self._spread, left.torque[:, None]], axis=1)
+        each /= np.sqrt(left.variance + left.rest + unsure)[:, None]
         return state._replace(gram=state.gram + each.T @ each / self._memory, rows=state.rows + len(columns))
 
     def _judged(self, state: Recognition) -> Recognition:

@@ -92,7 +92,17 @@ class Core:
         """The declared range of every published value."""
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
 
-    @property
+    @cached_property
+    def tilts(self) -> tuple[int, ...]:
+        """Numbers of the signals that measure the tilt of the chassis."""
+        return tuple(k for k, s in enumerate(self.service.machine.signals) if s.kind in (Kind.PITCH, Kind.ROLL))
+
+    @cached_property
+    def moved_by(self) -> tuple[int | None, ...]:
+        """Per signal the number of the cylinder whose motion changes it; None: that of any cylinder."""
+        return tuple(s.index if s.kind in PRESSURES else None for s in self.service.machine.signals)
+
+    @cached_property
     def adapts(self) -> bool:
         """Whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow their
         errors."""
@@ -103,7 +113,7 @@ class Core:
         """Largest time between two ticks [periods]; after a longer one the filters start again."""
         return self.service.health.max_step_s * self.service.filters.rate_hz + TICK_SLACK
 
-    @property
+    @cached_property
     def period_us(self) -> int:
         """The fixed step [us]."""
         return round(1e6 / self.service.filters.rate_hz)
@@ -167,9 +177,10 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
         return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
     pipe, rows, instant = core.pipeline.advance(state.pipe, channels, round(periods))
-    state = state._replace(pipe=pipe, sampled_us=t_us, moving=_moving(core, pipe))
+    moving = _moving(core, pipe)
     if pipe.steps <= core.model.settle_steps:
-        return state._replace(estimate=_nothing(state, t_us, Reason.STARTING))
+        nothing = _nothing(state, t_us, Reason.STARTING)
+        return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
@@ -180,7 +191,15 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drift = _drift(core, state.drift, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
-    state = state._replace(weighing=weighing, drift=drift, recognition=recognition, interaction=interaction)
+    state = state._replace(
+        pipe=pipe,
+        sampled_us=t_us,
+        moving=moving,
+        weighing=weighing,
+        drift=drift,
+        recognition=recognition,
+        interaction=interaction,
+    )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 
@@ -249,7 +268,7 @@ def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
     cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
     moves = (np.abs(pipe.speed) > MOVING).tolist()
     shaken = any(moves)
-    return tuple(moves[s.index] if s.kind in PRESSURES else shaken for s in core.service.machine.signals)
+    return tuple([shaken if c is None else moves[c] for c in core.moved_by])
 
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
@@ -257,11 +276,7 @@ PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
 def _tilted(core: Core, sample: Sample) -> bool:
     limit = core.service.health.max_tilt
-    return any(
-        abs(sample.values[k]) > limit
-        for k, s in enumerate(core.service.machine.signals)
-        if s.kind in (Kind.PITCH, Kind.ROLL)
-    )
+    return any(abs(sample.values[k]) > limit for k in core.tilts)
 
 
 def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:

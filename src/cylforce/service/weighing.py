@@ -3,6 +3,7 @@ tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,10 @@ FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; 
 LATER_S = (
     0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
 )
+
+
+def _mean(values: Array) -> float:
+    return float(values.sum()) / values.size
 
 
 class Lift(NamedTuple):
@@ -165,18 +170,19 @@ class Weigher:
         variance = unsure + left.variance + BREAK_AWAY**2 * left.rest
         torque = left.torque + known_drift
         innovation = (left.torque - expected) ** 2 / variance
-        if not usable.any() or innovation[usable].mean() > GATE:
+        if not any(usable.tolist()) or _mean(innovation[usable]) > GATE:
             return lift._replace(refused=lift.refused + 1)
         at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
         rested = np.where(at_rest, lift.rested + 1, 0)
         informative = np.logical_and(usable, rested <= patience)
-        variance = (self._memory * left.variance + patience * left.rest)[informative]
-        used = columns[informative]
+        variance, used = self._memory * left.variance + patience * left.rest, columns
+        others = np.concatenate([left.columns, drifting], axis=1)
+        if not all(informative.tolist()):
+            variance, used, torque, others = (x[informative] for x in (variance, used, torque, others))
         root, gram = self._faded(lift, used)
-        root = update(root, used, torque[informative], variance)
-        others = np.concatenate([left.columns, drifting], axis=1)[informative]
+        root = update(root, used, torque, variance)
         gram = gram + (used / variance[:, None]).T @ others
-        moving = lift.moving + bool(np.logical_and(usable, ~at_rest).any())
+        moving = lift.moving + any(np.logical_and(usable, ~at_rest).tolist())
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
         now = Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed)
@@ -220,9 +226,9 @@ class Weigher:
         scale = mass if abs(mass) > 1.0 else 1.0
         centre = complex(load[1], load[2]) / scale
         along = np.array([[-centre.real, 1.0, 0.0, 0.0], [-centre.imag, 0.0, 1.0, 0.0]]) / scale
-        error_x, error_z = np.sqrt(np.sum((along @ lift.covariance) * along, axis=1))
+        error_x, error_z = np.sqrt(((along @ lift.covariance) * along).sum(axis=1))
         moments = lift.covariance[1:3] @ lift.gram[:, len(self.model.parameters) :]
-        drifted = float(np.sqrt(np.sum((moments @ drift.covariance) * moments)))
+        drifted = sqrt(((moments @ drift.covariance) * moments).sum())
         return Weight(mass, wrong, centre, (float(error_x), float(error_z)), drifted)
 
     def _plausible(self, weight: Weight) -> bool:

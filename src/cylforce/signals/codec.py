@@ -47,12 +47,12 @@ def _decoder(pdo: Pdo, signals: Mapping[str, int]) -> Decoder:
 
 
 def _struct(pdo: Pdo) -> Struct:
-    return _little_endian("".join([field.code for field in pdo.fields]))
+    return _little_endian(*[field.code for field in pdo.fields])
 
 
 @cache
-def _little_endian(codes: str) -> Struct:
-    return Struct("<" + codes)
+def _little_endian(*codes: str) -> Struct:
+    return Struct("<" + "".join(codes))
 
 
 def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
@@ -74,7 +74,7 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
 
 
 def _raw(field: Field, value: float) -> int | float:
-    if not isfinite(value) or not field.low <= value <= field.high:
+    if not field.low <= value <= field.high or not isfinite(value):
         return not_available(field.code)
     if field.code == "f":
         return (value - field.offset) / field.scale

@@ -58,13 +58,12 @@ class Reason(IntEnum):
 class Sample(NamedTuple):
     """The signals at a tick: SI `values` (S,) in the order of the machine's signals; per signal the reason why it is
     not usable (NONE: usable); `late`: the reason why at least one value is not fresh but repeated from before (NONE:
-    all are fresh); `age` (S,) [s] of each value at the tick, infinite where there never was one."""
+    all are fresh)."""
 
     t_us: int
     values: Array
     reasons: tuple[Reason, ...]
     late: Reason
-    age: Array
 
 
 class Quantity(NamedTuple):

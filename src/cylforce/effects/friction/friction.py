@@ -16,7 +16,7 @@ NEVER = np.zeros(())  # s: the time argument, which the laws of a model do not u
 
 def _columns(law: Array, lever: Array) -> Halves:
     """Static columns (..., N, C) of a force law (..., C) that acts on levers (..., C, N) [m/rad]."""
-    return Halves(None, np.swapaxes(law[..., None] * lever, -1, -2))
+    return Halves(None, (law[..., None] * lever).swapaxes(-1, -2))
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,14 +31,15 @@ class Slew:
         n, lengths, turn = machine.size, machine.lengths, np.exp(1j * moving.a)
         rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
         # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has the columns Re(u) and -Im(u)
-        pair = machine.reach * turn.imag[..., :, None] * turn[..., None, :]
-        diagonal = np.arange(n)
-        pair[..., diagonal, diagonal] = -1j * rho * turn
+        pair = np.empty((*turn.shape, n), dtype=np.complex128)
+        np.multiply(machine.reach * turn.imag[..., :, None], turn[..., None, :], out=pair)
+        pair.reshape(*turn.shape[:-1], n * n)[..., :: n + 1] = -1j * rho * turn
         double = turn * turn
         columns = np.zeros((*pair.shape, 5))
         columns[..., 1], columns[..., 2] = pair.real, -pair.imag
-        columns[..., diagonal, diagonal, 0] = columns[..., diagonal, diagonal, 3] = double.imag / 2.0
-        columns[..., diagonal, diagonal, 4] = double.real
+        own = columns.reshape(*turn.shape[:-1], n * n, 5)[..., :: n + 1, :]  # the diagonal
+        own[..., 0] = own[..., 3] = double.imag / 2.0
+        own[..., 4] = double.real
         rows = machine.sum_outward @ columns.reshape(*pair.shape[:-1], 5 * n)
         return Halves(None, (moving.slew**2)[..., None, None] * rows)
 

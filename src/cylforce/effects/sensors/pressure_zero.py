@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from cylforce.effects.effect import Halves, Parameter
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
@@ -19,4 +17,4 @@ class PressureZero:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Static columns (..., N, C): the levers."""
-        return Halves(None, np.swapaxes(moving.lever, -1, -2))
+        return Halves(None, moving.lever.swapaxes(-1, -2))

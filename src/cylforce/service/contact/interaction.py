@@ -83,7 +83,7 @@ class Interactor:
     ) -> tuple[Interaction, Forces]:
         """The state and the forces after one instant: its rows, the torque of the adapted friction and zeros `drift`
         (R,) [N m], `usable` (R,) rows, weighing and load of the same step, time [us]."""
-        if not usable.any():
+        if not any(usable.tolist()):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
@@ -117,7 +117,8 @@ class Interactor:
         return self._carrier.step(state.carried, lift, state.contact.touching, 1.0 / self.model.filters.rate_hz)
 
     def _moves(self, instant: Instant) -> Array:
-        return np.array([np.abs(instant.speed[list(acting)]).max() > STILL for acting in self.model.acting])
+        fast = (np.abs(instant.speed) > STILL).tolist()
+        return np.array([any(fast[c] for c in acting) for acting in self.model.acting])
 
     def _soil(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Force:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
