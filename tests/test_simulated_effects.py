@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.effects.fault import places
+from cylforce.effects.fault import BEYOND, places
 from cylforce.effects.imposed import imposed, units
 from cylforce.effects.library import SIMULATED
 from cylforce.mechanics.motion import joint_torque
@@ -230,3 +230,15 @@ def test_more_than_there_is_cannot_fall_out():
     spill = imposed(MACHINE, "payload_spill", MACHINE.links[-1].name, [-900.0, 0.0, 0.0], begin=5.0, end=inf)
     with pytest.raises(ValueError, match="more falls out of the bucket"):
         simulated(spill)
+
+
+@pytest.mark.parametrize("group", SIMULATED, ids=lambda group: group[0].about.name)
+def test_what_can_be_found_can_be_simulated(group):
+    """The diagnosis finds sizes up to the end of its range; what it cannot simulate there it would refute."""
+    about = group[0].about
+    size = BEYOND * about.high * (about.sign or 1)
+    at = places(MACHINE, about.place)[-1][0]
+    wanted = [1.0] + [0.0] * (len(units(group)) - 1)
+    assert imposed(MACHINE, about.name, at, [0.999 * size * w for w in wanted], library=(group,))
+    with pytest.raises(ValueError, match="plausible is up to"):
+        imposed(MACHINE, about.name, at, [1.001 * size * w for w in wanted], library=(group,))

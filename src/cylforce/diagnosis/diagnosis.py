@@ -13,14 +13,14 @@ from cylforce.diagnosis.correction import Applied, bends, without
 from cylforce.diagnosis.discrepancy import Moments, Scatter
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
-from cylforce.diagnosis.numbers import BEYOND, EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
+from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.rows import Recorded, Viewer
 from cylforce.diagnosis.sizes import Column
 from cylforce.diagnosis.unknown import NAME, UNKNOWN_TORQUES
 from cylforce.diagnosis.working import Blocks, Work
-from cylforce.effects.fault import SHAPES, Distortion, Place, TimeCourse
+from cylforce.effects.fault import BEYOND, SHAPES, Distortion, Place, TimeCourse
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array

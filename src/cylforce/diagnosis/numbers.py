@@ -12,9 +12,6 @@ TAIL = 0.03  # that a joint's discrepancy is nothing that machines in order show
 LEVEL_CHANGE = 2.0  # times: level of the smooth discrepancy
 SCALE_CHANGE = 1.4  # times: scale of the noise
 
-# Sizes: log-uniform over what is plausible; conventions.
-BEYOND = 1.3  # of the largest plausible size: the end of the range
-
 # Everyday differences from one recording to another, of an effect's least plausible size.
 USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (measured, see the chapter)
 AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generators (`tools/accuracy decisions --learn`)

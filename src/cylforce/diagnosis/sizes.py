@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from cylforce.diagnosis.numbers import BEYOND
+from cylforce.effects.fault import BEYOND
 from cylforce.signals.estimate import Array
 
 FEWEST = 8  # draws that must be plausible for a mean of them

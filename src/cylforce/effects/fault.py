@@ -228,6 +228,7 @@ def rubbing(share: Share, where: int, cylinders: int) -> range:
 
 # Columns of incidents: an additional load in the bucket; a delay of all pressures by one second; and, over each block
 # with the course of each of SHAPES polynomials, a force at the teeth and a square of the slew rate of 1 rad^2/s^2.
+BEYOND = 1.3  # of the largest plausible size: what is larger is neither found nor simulated; convention
 SHAPES = 6  # Legendre polynomials of degree 0 to 5, each of mean square one over the block; number chosen
 INCIDENTAL = (
     *("load.mass", "load.X", "load.Z", "load.J", "clock"),

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.effects.fault import (
+    BEYOND,
     PRESSURES,
     Alteration,
     BaseMotion,
@@ -134,7 +135,7 @@ def _check(found: Imposed) -> None:
         raise ValueError(f"effect {name!r} from {found.begin:g} s until {found.end:g} s: it must begin before it ends")
     if len(sizes) != len(wanted):
         raise ValueError(f"effect {name!r} wants {len(wanted)} value(s) ({', '.join(wanted)}), not {len(sizes)}")
-    if not hypot(*sizes[: about.axes]) <= about.high:
+    if not hypot(*sizes[: about.axes]) <= BEYOND * about.high:
         raise ValueError(f"effect {name!r} of {sizes[0]:g} {about.unit}: plausible is up to {about.high:g}")
     if about.sign * sizes[0] < 0.0:
         raise ValueError(f"effect {name!r} of {sizes[0]:g} {about.unit}: only the other sign can be")
