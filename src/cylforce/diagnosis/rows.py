@@ -53,12 +53,13 @@ CENTRE = (300.0, 300.0, 600.0)  # kg m, kg m, kg m^2: how little is known of a l
 
 class Recorded(NamedTuple):
     """A gapless recording: its `name`, samples `values` (T, S) at the service's rate, the known `load` [kg] in the
-    bucket (0: empty), the time [s] at which it `begins`."""
+    bucket (0: empty), the time [s] at which it `begins`; which of its rows (T',) count, None: all."""
 
     name: str
     values: Array
     load: float
     begins: float = 0.0
+    counts: NDArray[np.bool_] | None = None
 
 
 class RecordedRun(NamedTuple):
@@ -189,6 +190,8 @@ class Viewer:
         loaded = RecordedRun(recorded, tares, self._sensitivity(values, tares), turning)
         parts = [self._columns(p, e, loaded, base, forces) for p, e in lasting]
         effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
+        if recorded.counts is not None:
+            left[late][~recorded.counts[: len(t[late])]] = np.nan
         m = moved.motion
         posture = np.diff(m.a, axis=1, prepend=0.0)
         return GapRows(

@@ -11,6 +11,7 @@ from cylforce.diagnosis.clocks import Slip, slips
 from cylforce.diagnosis.diagnosis import examined
 from cylforce.diagnosis.floor import fitted_tares
 from cylforce.diagnosis.forward import forward
+from cylforce.diagnosis.idle import idle
 from cylforce.diagnosis.residuals import contributed, ends
 from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
 from cylforce.diagnosis.shaking import shaking
@@ -75,6 +76,7 @@ def diagnose(
     late = _late(loaded, [*clean, *faulty], library)
     if late and not _tells(late, clean):
         return _off_clock(late)
+    clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
     viewer, known = _viewer(loaded, question, clean)
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)

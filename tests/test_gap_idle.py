@@ -1,0 +1,41 @@
+"""Recordings of a machine in order that was at work: blocks with a load or with contact do not count."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cylforce.diagnosis.idle import LOADS, TIPS, _at_rest
+from cylforce.diagnosis.rows import BLOCK
+from cylforce.effects.fault import INCIDENTAL
+
+OWN, ROWS, COUNT = 6, 3, 40
+
+
+def _made(rng: np.random.Generator, load: float, force: float) -> tuple[Any, "np.ndarray[Any, Any]"]:
+    """A problem, and blocks of three joints: in the second quarter a load hangs, in the third a force acts."""
+    usual = np.ones(len(INCIDENTAL))
+    usual[list(LOADS)], usual[list(TIPS)] = (500.0, 300.0, 300.0), 8e3
+    problem = SimpleNamespace(lasting=OWN, spread=np.ones(OWN), unusual=usual)
+    blocks = np.zeros((COUNT, BLOCK, ROWS, OWN + len(INCIDENTAL) + 1))
+    blocks[..., :OWN] = 500.0 * rng.standard_normal((COUNT, BLOCK, ROWS, OWN))
+    lever = np.array([7.0, 4.0, 1.2]) * (1.0 + 0.2 * rng.standard_normal((COUNT, BLOCK, 1)))
+    blocks[..., OWN + LOADS[0]], blocks[..., OWN + TIPS[0]] = 9.81 * lever, lever
+    left = blocks[..., :OWN] @ rng.standard_normal(OWN) + 200.0 * rng.standard_normal((COUNT, BLOCK, ROWS))
+    left[COUNT // 4 : COUNT // 2] += load * blocks[COUNT // 4 : COUNT // 2, ..., OWN + LOADS[0]]
+    left[COUNT // 2 : 3 * COUNT // 4] += force * blocks[COUNT // 2 : 3 * COUNT // 4, ..., OWN + TIPS[0]]
+    blocks[..., -1] = left
+    return problem, blocks
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_blocks_at_work_do_not_count(seed: int) -> None:
+    kept = _at_rest(*_made(np.random.default_rng(seed), 900.0, 2e4))
+    work = np.arange(COUNT) // (COUNT // 4)
+    assert np.array_equal(kept, (work == 0) | (work == 3))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_all_blocks_count_of_a_machine_that_does_not_work(seed: int) -> None:
+    assert np.all(_at_rest(*_made(np.random.default_rng(seed), 0.0, 0.0)))
