@@ -190,7 +190,7 @@ def _show(console: Console, loaded: Loaded, weights: list[CycleScore], force: Fo
             continue
         error = w.estimated_kg - w.true_kg
         numbers = (w.true_kg, w.estimated_kg, w.standard_error_kg, error)
-        table.add_row(str(k), *(f"{x:.1f}" for x in numbers), f"{100 * error / rated:.2f}")
+        table.add_row(str(k), *(f"{x:z.1f}" for x in numbers), f"{100 * error / rated:z.2f}")
     console.print(table)
     console.print(
         f"tip force while digging, above 10 kN ({force.samples} samples, {100 * force.published:.1f} % published): "
