@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.recursive import known, update
-from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled
+from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled, unseen
 from cylforce.service.spill import change, information
 from weighing.score import class_y_b, inside
 
@@ -75,6 +75,29 @@ def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
     books = after(spilled(books), weight(860.0, moving=50), weight(860.0, moving=80), weight(300.0, moving=90))
     books = after(parted(books), weight(10.0), weight(10.0))
     assert books.booking.mass == 860.0
+
+
+def test_after_an_outage_the_load_before_it_is_told_and_not_booked():
+    """It is not known whether it was dumped, or what hangs now is still the same."""
+    books = unseen(after(Books(), weight(900.0), weight(900.0)))
+    assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, True)
+    assert after(books, weight(10.0), weight(10.0)).booking is None
+    books = after(parted(after(books, weight(600.0), weight(600.0))), weight(10.0), weight(10.0))
+    assert (books.booking.number, books.booking.mass, books.missed.number) == (1, 600.0, 1)
+    assert unseen(books).missed.number == 1
+
+
+def test_a_load_that_follows_an_unclear_return_replaces_the_one_before_and_this_is_told():
+    unclear = weight(10.0, noise=RATED)
+    books = after(Books(), weight(900.0), weight(900.0))
+    books = parted(noted(parted(books), unclear, RATED, 1, tares(), STILL))
+    shaky = SimpleNamespace(values=np.zeros(2), covariance=np.diag([900.0, 900.0]))
+    drifted = weight(10.0, drifted=(1.0, 0.0))
+    for _ in range(2):
+        books = noted(books, drifted, RATED, 2, tares(), shaky)
+    books = after(parted(books), weight(600.0), weight(600.0))
+    assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, False)
+    assert books.candidate.mass == 600.0
 
 
 def test_a_change_of_the_load_is_found_within_its_error():

@@ -11,6 +11,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -21,11 +22,12 @@ from cylforce.records.export import export, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import bookings, totals
 from cylforce.records.recorder import Recorder
-from cylforce.records.schema import VERSION, open_labels, open_reading
+from cylforce.records.schema import MIGRATIONS, VERSION, open_labels, open_reading
 from cylforce.records.ticket import ticket
 from cylforce.records.writing import BookedBucket, Change, Start
+from cylforce.service.booking import Weighed
 from cylforce.service.loading.cycle import LastBucket
-from cylforce.service.loading.truck import Truck, judged, loaded, next_truck
+from cylforce.service.loading.truck import Truck, judged, loaded, next_truck, refined
 from cylforce.service.state import Memory, Scale
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
@@ -132,10 +134,68 @@ def test_a_booking_that_becomes_more_precise_is_handed_over_once():
     ledger = Ledger(put, put, state.memory)
     for error in (3.0, 2.0, 1.0):
         made = Booking(1, 5, 900.0, error, 10.0, error, 890.0, error)
-        books = state.weighing.books._replace(booking=made)
+        books = state.weighing.books._replace(booking=made, dumped=Weighed(900.0, 1.0, np.zeros(1), np.zeros(1), 100))
         state = state._replace(weighing=state.weighing._replace(books=books))
         ledger.look(state)
     assert [change.booked.booking.standard_error for change in put.changes] == [3.0]
+
+
+def test_when_the_bucket_has_returned_the_last_weight_is_handed_over():
+    loaded_file = load(EXCAVATOR)
+    state, put = Core(loaded_file.service, model_of(loaded_file).data_sheet).begin(), Put()
+    ledger, lifted = Ledger(put, put, state.memory), Weighed(900.0, 1.0, np.zeros(1), np.zeros(1), 100)
+    for mass, dumped in ((890.0, lifted), (892.0, lifted), (893.0, lifted), (893.0, None), (893.0, None)):
+        made = Booking(1, 5, 900.0, 3.0, 900.0 - mass, 1.0, mass, 2.0)
+        made = made if state.weighing.books.booking != made else state.weighing.books.booking
+        books = state.weighing.books._replace(booking=made, dumped=dumped)
+        state = state._replace(weighing=state.weighing._replace(books=books))
+        ledger.look(state)
+    assert [change.final and change.final.dumped for change in put.changes] == [None, 893.0]
+
+
+def test_the_final_weight_counts_in_totals_and_truck(path):
+    """Whether accepted or cancelled; written twice it counts once."""
+    kept = shift(path, 2, Memory(Scale(2.0, 10.0)))
+    recorder = Recorder(path, START)
+    for mass in (500.0, 600.0):
+        kept = (change := booked(kept, mass)).kept
+        recorder.put(change)
+        final = change.booked.booking._replace(carry_back=8.0, dumped=mass + 4.0, dumped_error=3.0)
+        kept = kept._replace(truck=refined(kept.truck, final.number, 4.0), booking=final)
+        if mass == 600.0:
+            kept = kept._replace(truck=judged(kept.truck, final.number, False).truck)
+        for _ in range(2):
+            recorder.put(Change(2, kept, None, "", final))
+    recorder.close()
+    with closing(open_reading(path)) as found:
+        rows = bookings(found)
+        assert [(row["mass"], row["standard_error"], row["carry_back"], row["final"]) for row in rows[2:]] == [
+            (494.0, 3.0, 6.0, 1),
+            (594.0, 3.0, 6.0, 1),
+        ]
+        assert [row["final"] for row in rows[:2]] == [0, 0]
+        [total] = totals(found)
+        assert (total.loads, total.mass) == (3, pytest.approx(90.0 + 91.0 + 494.0))
+    again = Recorder(path, START)
+    again.close()
+    assert again.kept.truck == kept.truck
+    assert kept.truck.total == pytest.approx(total.mass)
+
+
+def test_records_of_the_first_version_are_kept(path):
+    with closing(sqlite3.connect(path)) as old:
+        old.executescript(f"{MIGRATIONS[0]} PRAGMA user_version = 1;")
+        old.execute("INSERT INTO starts VALUES (1, 1, 2, 'stopped', '0.1.0', 'Excavator')")
+        old.execute(
+            "INSERT INTO bookings (start, number, t_us, truck, product, mass, standard_error, gross, carry_back, "
+            "cycle, contact, peak, zero, tare, attachment, drift, status) "
+            "VALUES (1, 1, 1, 1, 0, 700.0, 4.0, 712.0, 12.0, 18.0, 6.0, 8e4, 0.0, 0.0, 'standard', 0.0, 'OK')"
+        )
+        old.commit()
+    shift(path, 1)
+    with closing(open_reading(path)) as found:
+        assert [(row["mass"], row["final"]) for row in bookings(found)] == [(700.0, 0), (100.0, 0)]
+        assert totals(found)[0].mass == 800.0
 
 
 def test_a_start_without_an_end_is_interrupted(path):

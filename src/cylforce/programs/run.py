@@ -22,6 +22,7 @@ from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, open_recorder
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
+from cylforce.service.booking import Missed
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
@@ -30,6 +31,8 @@ from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Statu
 MISSING = 0x8250  # a sensor's PDOs stopped
 
 OnEstimate = Callable[[Estimate], None]
+NOT_MEASURED = "the measurement was interrupted before the bucket was seen empty"
+NOT_SEEN_EMPTY = "the bucket was not seen empty clearly enough before the next load"
 
 
 class LastLogged(NamedTuple):
@@ -38,6 +41,7 @@ class LastLogged(NamedTuple):
     reason: Reason
     status: Status
     booked: int
+    missed: int = 0
 
 
 class Daemon(Station[State]):
@@ -84,11 +88,14 @@ class Daemon(Station[State]):
         lost = self.state.pipe is None
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
-        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked)
+        missed = self.state.weighing.books.missed.number
+        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed)
         if now[:2] != self._logged[:2]:
             self._say_measurement(reason)
         if estimate.booking is not None and now.booked != self._logged.booked:
             self._say_booking(estimate.booking)
+        if now.missed != self._logged.missed:
+            self._say_missed(self.state.weighing.books.missed)
         self._logged = now
 
     def _say_measurement(self, reason: Reason) -> None:
@@ -106,6 +113,10 @@ class Daemon(Station[State]):
         kg = {"mass_kg": round(booking.mass, 1), "standard_error_kg": round(booking.standard_error, 1)}
         drift = {"drift_kg": round(self.state.drift.mass, 1)} if self.core.adapts else {}
         self._tell.info("booked", number=booking.number, **kg, **drift)
+
+    def _say_missed(self, missed: Missed) -> None:
+        why = NOT_MEASURED if missed.interrupted else NOT_SEEN_EMPTY
+        self._tell.warning("not booked", mass_kg=round(missed.mass, 1), why=why)
 
 
 def _ignore(estimate: Estimate) -> None:

@@ -31,6 +31,7 @@ COLUMNS = {
     "drift_kg": "drift",
     "status": "status",
     "accepted": "accepted",
+    "final": "final",
     "customer": "customer",
     "job": "job",
     "operator": "operator",
@@ -47,7 +48,7 @@ def iso(t_us: int) -> str:
 def row_of(booking: sqlite3.Row) -> dict[str, Any]:
     """A booking with the columns' names."""
     row = {name: booking[column] for name, column in COLUMNS.items()}
-    return row | {"time": iso(booking["t_us"]), "accepted": bool(booking["accepted"])}
+    return row | {"time": iso(booking["t_us"]), "accepted": bool(booking["accepted"]), "final": bool(booking["final"])}
 
 
 def export(connection: sqlite3.Connection, path: Path, since_us: int = 0) -> int:

@@ -37,6 +37,12 @@ MIGRATIONS = (
     CREATE TABLE changes (id INTEGER PRIMARY KEY, start INTEGER NOT NULL, t_us INTEGER NOT NULL, words TEXT NOT NULL)
         STRICT;
     """,
+    # `final`: the bucket has returned; what remained in it is known as well as it will be.
+    """
+    ALTER TABLE bookings ADD COLUMN final INTEGER NOT NULL DEFAULT 0;
+    CREATE TRIGGER refined AFTER UPDATE OF mass ON bookings WHEN new.accepted AND new.mass <> old.mass BEGIN
+        UPDATE totals SET mass = mass + new.mass - old.mass WHERE product = new.product; END;
+    """,
 )
 VERSION = len(MIGRATIONS)
 BUSY_S = 10.0  # how long the writer waits for another program that writes labels

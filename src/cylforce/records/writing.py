@@ -30,12 +30,14 @@ class BookedBucket(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What the service remembers since `t_us` [us], with the booking that changed it, or words on what did."""
+    """What the service remembers since `t_us` [us], with the booking that changed it, or words on what did. `final` is
+    the last booking as it is when the bucket has returned."""
 
     t_us: int
     kept: Memory
     booked: BookedBucket | None
     words: str
+    final: Booking | None = None
 
 
 def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
@@ -91,6 +93,8 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
     )
     if change.booked is not None:
         _book(connection, start, change.kept, change.booked)
+    if change.final is not None:
+        _finish(connection, start, change.final)
     for bucket in truck.buckets:
         connection.execute(
             "UPDATE bookings SET accepted = ? WHERE truck = ? AND number = ? AND accepted <> ?",
@@ -114,6 +118,16 @@ def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: Book
         "cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
         "?, ?, ?, ?)",
         (*place, *weights, *rest),
+    )
+
+
+def _finish(connection: sqlite3.Connection, start: int, booking: Booking) -> None:
+    """The weights of a booking as they are at last, with the zero and the tare of its time; once."""
+    values = (booking.dumped, booking.dumped_error, booking.mass, booking.carry_back, start, booking.number)
+    connection.execute(
+        "UPDATE bookings SET mass = ? - tare, standard_error = ?, gross = ?, carry_back = ? - zero, final = 1 "
+        "WHERE start = ? AND number = ? AND NOT final",
+        values,
     )
 
 

@@ -30,15 +30,28 @@ class Weighed(NamedTuple):
     moving: int
 
 
+class Missed(NamedTuple):
+    """A load that was lifted and will not be booked: how many there were, its mass [kg], and whether the measurement
+    was interrupted; else the empty bucket was not seen clearly enough before the next load."""
+
+    number: int
+    mass: float
+    interrupted: bool
+
+
+NONE_MISSED = Missed(0, 0.0, interrupted=False)
+
+
 class Books(NamedTuple):
     """State of the booking: the newest weight of the present lift, which becomes the `candidate` of a loaded bucket, or
     the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last,
-    while the bucket returns (`dumped`); the last booking."""
+    while the bucket returns (`dumped`); the last booking; the last load that is not booked."""
 
     newest: Weighed | None = None
     candidate: Weighed | None = None
     dumped: Weighed | None = None
     booking: Booking | None = None
+    missed: Missed = NONE_MISSED
 
 
 def corrected(weight: Weighed, drift: Drift) -> float:
@@ -71,7 +84,8 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
     if settled is None or settled.noise > enough**2:
         return books
     if corrected(settled, drift) >= SMALLEST * rated:
-        return books._replace(candidate=_better(books.candidate, settled, tares, drift), dumped=None)
+        better = _better(books.candidate, settled, tares, drift)
+        return _passed(books, settled, tares, drift)._replace(candidate=better, dumped=None)
     lifted = books.candidate or books.dumped
     if lifted is None or max(error(w, tares, drift) for w in (settled, lifted)) > enough:
         return books._replace(candidate=books.candidate and books.candidate._replace(moving=GONE))
@@ -86,7 +100,30 @@ def parted(books: Books) -> Books:
 def spilled(books: Books) -> Books:
     """The state when the load has changed while it hung: any later weight of it is better."""
     before = books.candidate
-    return Books(None, None if before is None else before._replace(moving=0), None, books.booking)
+    return books._replace(newest=None, candidate=before and before._replace(moving=0), dumped=None)
+
+
+def unseen(books: Books) -> Books:
+    """The state after a time in which the bucket may have been emptied and filled again: it is not known when, and
+    whether, the load that hung left it."""
+    missed = books.missed if books.candidate is None else _missed(books, books.candidate.mass, interrupted=True)
+    return Books(booking=books.booking, missed=missed)
+
+
+def _missed(books: Books, mass: float, *, interrupted: bool) -> Missed:
+    return Missed(books.missed.number + 1, mass, interrupted)
+
+
+def _passed(books: Books, now: Weighed, tares: Tares, drift: Drift) -> Books:
+    """The state with a load told as missed that another one follows, the bucket having been seen empty between them,
+    but not clearly."""
+    before = books.candidate
+    if before is None or before.moving != GONE:
+        return books
+    apart = abs(corrected(now, drift) - corrected(before, drift))
+    if apart <= AGREES * difference_error(now, before, tares, drift):
+        return books
+    return books._replace(missed=_missed(books, corrected(before, drift), interrupted=False))
 
 
 def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) -> Weighed:
@@ -122,4 +159,4 @@ def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Ta
         mass - remains,
         difference_error(lifted, left, tares, drift),
     )
-    return Books(books.newest, None, lifted, booking)
+    return books._replace(candidate=None, dumped=lifted, booking=booking)

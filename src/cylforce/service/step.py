@@ -15,7 +15,7 @@ from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Forces, Interactor
 from cylforce.service.loading.cycle import Cycle, advanced
-from cylforce.service.loading.truck import loaded
+from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe, Pipeline
 from cylforce.service.publication import GROSS, MAGNITUDE, frames
 from cylforce.service.recognition import Recognizer
@@ -204,10 +204,14 @@ def _tick(core: Core, state: State, t_us: int) -> State:
 
 
 def _booked(state: State, before: Booking | None) -> State:
-    """The state with the working cycle advanced; with a new booking it ends, and the truck has one more bucket."""
+    """The state with the working cycle advanced; with a new booking it ends, and the truck has one more bucket, whose
+    mass follows the booking while that becomes more precise."""
     cycle, booking = advanced(state.cycle, state.estimate), state.weighing.books.booking
-    if booking is None or not is_new(booking, before):
+    if booking is None or booking is before:
         return state._replace(cycle=cycle)
+    if before is not None and not is_new(booking, before):
+        truck = refined(state.truck, booking.number, booking.dumped - before.dumped)
+        return state._replace(cycle=cycle, truck=truck)
     truck = loaded(state.truck, booking, state.scale.tare)
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
@@ -224,11 +228,15 @@ def _channels(core: Core, sample: Sample) -> Array | Reason:
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
-    """The state after an interruption: filters and lift start again, no value is shown."""
+    """The state after an interruption: filters and lift start again, no value is shown. At an end stop the bucket is
+    still watched."""
+    weighing = core.weigher.interrupt(state.weighing)
+    if reason is Reason.END_STOP:
+        weighing = weighing._replace(seen_us=t_us)
     return state._replace(
         pipe=None,
         moving=(False,) * len(state.moving),
-        weighing=core.weigher.interrupt(state.weighing),
+        weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
         estimate=_nothing(state, t_us, reason),

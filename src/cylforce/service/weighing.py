@@ -21,7 +21,7 @@ from cylforce.estimation.residual import (
     load_spread,
 )
 from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled
+from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled, unseen
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, invalid, invalid_load
 
@@ -33,6 +33,7 @@ PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chose
 EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
 FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; chosen
+REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
 LATER_S = (
     0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
 )
@@ -73,10 +74,12 @@ class Weight(NamedTuple):
 
 
 class Weighing(NamedTuple):
-    """State of the weighing: the present lift, and what is to be booked or was booked last."""
+    """State of the weighing: the present lift, what is to be booked or was booked last, and when something was measured
+    last [us] (None: not yet)."""
 
     lift: Lift
     books: Books
+    seen_us: int | None = None
 
 
 @dataclass(frozen=True)
@@ -129,8 +132,9 @@ class Weigher:
         return Weighing(self._fresh, Books())
 
     def interrupt(self, state: Weighing) -> Weighing:
-        """The state after an interruption of the measurement: a new lift; candidate and booking remain."""
-        return Weighing(self._fresh, parted(state.books))
+        """The state after an interruption of the measurement: a new lift. The candidate remains if the interruption
+        proves to be a short one."""
+        return state._replace(lift=self._fresh, books=parted(state.books))
 
     def step(
         self,
@@ -144,6 +148,8 @@ class Weigher:
         """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
         [us]; the `drift`, which is already subtracted from the residual, and its columns `drifting` (R, D). Without
         them friction and zeros are those of the tares."""
+        if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
+            state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
         columns = np.zeros((len(left.torque), len(drift.values))) if drifting is None else drifting
         lift = self._advance(state.lift, left, usable, drift, columns)
@@ -153,7 +159,7 @@ class Weigher:
         elif not lift.taken and state.lift.taken:
             state = state._replace(books=spilled(state.books))
         weight = self._conclude(lift, drift)
-        state = self._note(state._replace(lift=lift), weight, t_us, drift)
+        state = self._note(state._replace(lift=lift, seen_us=t_us), weight, t_us, drift)
         return state, self._judge(lift, weight)
 
     def is_empty(self, load: Load) -> bool:

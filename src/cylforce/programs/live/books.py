@@ -25,7 +25,7 @@ from cylforce.service.loading.cycle import ended
 from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, State
 from cylforce.settings.machine_file import Loaded
-from cylforce.signals.estimate import is_new
+from cylforce.signals.estimate import Booking, is_new
 
 OFTEN = 10  # steps between two looks at the writing thread
 
@@ -35,20 +35,31 @@ class Ledger:
 
     def __init__(self, node: Node, recorder: Recorder | None, kept: Memory) -> None:
         self._node, self._recorder, self._kept, self._steps = node, recorder, kept, 0
+        self._written = kept.booking
         self._show(kept)
 
     def look(self, state: State) -> None:
         """Hand over what changed; show it."""
-        if _changed(self._kept, state.memory):
-            self._change(state, state.memory)
+        kept, books = state.memory, state.weighing.books
+        if is_new(kept.booking, self._kept.booking):
+            self._change(state, kept, None)
+        elif books.dumped is None and books.booking is not self._written:
+            self._change(state, kept, books.booking)
+        elif _changed(self._kept, kept):
+            self._change(state, kept, None)
         self._steps += 1
         if self._steps % OFTEN == 0:
             self._show_records()
 
-    def _change(self, state: State, kept: Memory) -> None:
+    def _change(self, state: State, kept: Memory, final: Booking | None) -> None:
+        """Hand over what changed; `final`: a booking whose bucket has returned."""
+        booked = _booked(state, self._kept)
         if self._recorder is not None:
-            self._recorder.put(Change(state.estimate.t_us, kept, _booked(state, self._kept), words(self._kept, kept)))
+            said = words(self._kept, kept)
+            self._recorder.put(Change(state.estimate.t_us, kept, booked, said, final))
         self._kept = kept
+        if booked is not None or final is not None:
+            self._written = kept.booking
         self._show(kept)
 
     def _show(self, kept: Memory) -> None:
@@ -70,8 +81,13 @@ class Ledger:
 
 
 def _changed(before: Memory, after: Memory) -> bool:
-    """Whether there is something to keep. A booking that only becomes more precise is kept as it was first."""
-    return after.scale is not before.scale or after.truck is not before.truck or is_new(after.booking, before.booking)
+    """Whether the operator changed something. Masses that become more precise are kept when they are final."""
+    return after.scale is not before.scale or _decided(after.truck) != _decided(before.truck)
+
+
+def _decided(truck: Truck) -> tuple[object, ...]:
+    """What the operator has decided about a truck."""
+    return truck.number, truck.target, truck.product, tuple((b.number, b.accepted) for b in truck.buckets)
 
 
 def _booked(state: State, before: Memory) -> BookedBucket | None:
@@ -89,7 +105,7 @@ def words(before: Memory, after: Memory) -> str:
         said.append(f"zero {after.scale.zero:.1f} kg, tare {after.scale.tare:.1f} kg")
     if after.truck.number != before.truck.number:
         said.append(f"truck {after.truck.number} opened")
-    elif not is_new(after.booking, before.booking) and after.truck is not before.truck:
+    elif not is_new(after.booking, before.booking) and _decided(after.truck) != _decided(before.truck):
         said.append(_truck_words(after.truck))
     return "; ".join(said)
 

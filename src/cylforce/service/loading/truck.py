@@ -51,6 +51,15 @@ def loaded(truck: Truck, booking: Booking, tare: float) -> Truck:
     return truck._replace(total=truck.total + mass, filled=truck.filled + 1, buckets=buckets)
 
 
+def refined(truck: Truck, number: int, change: float) -> Truck:
+    """The truck when bucket `number` is known to have brought `change` [kg] more."""
+    found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
+    if found is None:
+        return truck
+    buckets = tuple(b._replace(mass=b.mass + change) if b is found else b for b in truck.buckets)
+    return truck._replace(total=truck.total + found.accepted * change, buckets=buckets)
+
+
 def aimed(truck: Truck, target: float) -> Ruling:
     """Another target [kg]; 0: none."""
     if not 0.0 <= target <= LARGEST_TARGET:
