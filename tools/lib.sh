@@ -68,7 +68,8 @@ use_venv() {
   say "installing cylforce${extra:+[$extra]} into .venv"
   venv_is_usable || { make_venv; echo "$root" >"$venv/made-for"; }
   local pip=("$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check -c "$root/requirements.lock")
-  "${pip[@]}" hatchling
+  # Some dependencies come as source only; without isolation their build needs setuptools and wheel here.
+  "${pip[@]}" hatchling setuptools wheel
   "${pip[@]}" --no-build-isolation -e "$root${extra:+[$extra]}"
   echo "$stamp" >"$venv/installed-${extra:-base}"
   say "installed in $((SECONDS - start)) s"
