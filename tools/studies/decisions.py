@@ -22,8 +22,9 @@ from rich.table import Table
 from cylforce.diagnosis.asking import Asking, noisy
 from cylforce.diagnosis.diagnosis import asked, examined
 from cylforce.diagnosis.discrepancy import Sums
-from cylforce.diagnosis.floor import fitted_tares, noise_floor
+from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import InOrder
+from cylforce.diagnosis.idle import idle
 from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.diagnosis.posterior import (
     NOTHING,
@@ -37,15 +38,17 @@ from cylforce.diagnosis.posterior import (
 )
 from cylforce.diagnosis.problem import Problem, looked_at
 from cylforce.diagnosis.rows import Viewer
-from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import chosen
+from cylforce.programs.gap import ALWAYS, Question, viewed_by
 from cylforce.settings.machine_file import Loaded, load
+from cylforce.signals.estimate import Array
 from layers.everyday import learnt
 from layers.intervals import wilson
 from layers.logistic import fitted
 from trial.cases import simulated, write
 from trial.field import Site
-from trial.judged import CERTAIN, VISIBLE
+from trial.judged import CERTAIN, DIGGING, VISIBLE
 from trial.orders import PER_MACHINE, order
 from trial.repertoire import PLAIN
 from trial.run import Truth
@@ -56,7 +59,8 @@ SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
 POWERS = tuple(float(x) for x in np.geomspace(1e-3, 1.0, 31))  # of the calibration, that are tried
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
-FOREIGN, REFERENCE = "foreign", "reference"
+FOREIGN, REFERENCE, RANDOM = "foreign", "reference", "random"  # sources
+REPERTOIRES = {REFERENCE: PLAIN, RANDOM: None}  # of reference machines: ample recordings, or drawn for each machine
 
 
 class Truthful(NamedTuple):
@@ -103,24 +107,26 @@ def _of_labelled(each: Labelled) -> Truthful:
     return Truthful(effects, each.nameable, each.over_floor >= VISIBLE, work)
 
 
-def cases_reference(place: int, cache: Path) -> list[Case]:
-    """Cases of one reference machine of the trial's development generator, those with enough motion; simulated once."""
-    own = cache / REFERENCE / f"machine_{place}"
+def cases_reference(work: tuple[str, int, Path]) -> list[Case]:
+    """Cases of one reference machine of the trial's development generator, those with enough motion; simulated once.
+    Its source says whether references, motions, noise and forms are those of every machine or drawn at random."""
+    source, place, cache = work
+    own = cache / source / f"machine_{place}"
     if not (own / "labels.json").exists():
-        _simulate(place, own)
+        _simulate(source, place, own)
     labels, found = read_labels(own), []
     for name, truth in labels.items():
         inputs = json.loads((own / name / "case.json").read_text())
         field, clean = (tuple(own / name / file for file in inputs[k]) for k in ("field", "reference"))
         file = own / name / "machine.toml"
-        found.append(Case(REFERENCE, own.name, name, file, field, clean, inputs["loads_kg"], truth))
+        found.append(Case(source, own.name, name, file, field, clean, inputs["loads_kg"], truth))
     return found
 
 
-def _simulate(place: int, own: Path) -> None:
+def _simulate(source: str, place: int, own: Path) -> None:
     numbers, labels = range(PER_MACHINE * place, PER_MACHINE * (place + 1)), {}
     orders = [o for n in numbers if not (o := order(SEED, n, development=True)).poor and not o.two_links]
-    site = Site(orders[0].machine, orders[0].friction, repertoire=PLAIN)
+    site = Site(orders[0].machine, orders[0].friction, repertoire=REPERTOIRES[source])
     for each in orders:
         case, twin = simulated(site, each)
         folder = own / f"case_{each.number}"
@@ -132,7 +138,8 @@ def _simulate(place: int, own: Path) -> None:
 def _of_trial(label: dict[str, Any]) -> Truthful:
     effects = tuple((e["name"], e["at"]) for e in label["effects"])
     sizes = [e.get("sigmas", label.get("sigmas", 0.0)) or 0.0 for e in label["effects"]]
-    return Truthful(effects, label["kind"] != "foreign", bool(sizes) and min(sizes) >= CERTAIN, work=False)
+    work = label.get("scenario") == DIGGING
+    return Truthful(effects, label["kind"] != "foreign", bool(sizes) and min(sizes) >= CERTAIN, work)
 
 
 def _write_labels(own: Path, labels: dict[str, Truthful]) -> None:
@@ -145,11 +152,11 @@ def read_labels(own: Path) -> dict[str, Truthful]:
     return {k: Truthful(tuple((n, a) for n, a in v.pop("effects")), **v) for k, v in found.items()}
 
 
-def viewed(loaded: Loaded, case: Case) -> tuple[Viewer, list[Any], list[Any]]:
-    """Model and tares from the references; these and the field."""
+def viewed(loaded: Loaded, case: Case) -> tuple[Viewer, Array | None, list[Any], list[Any]]:
+    """Model and tares as `cylforce gap` takes them, how well these are known, references and field."""
     clean, faulty = (chosen(loaded, paths, case.loads).stretches for paths in (case.reference, case.field))
-    model = Model(loaded.service.machine, loaded.service.filters, FRICTION)
-    return Viewer(model, fitted_tares(model, clean)), clean, faulty
+    clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
+    return *viewed_by(loaded, Question(case.field, case.reference), clean), clean, faulty
 
 
 def in_order(work: tuple[Case, Path]) -> tuple[InOrder, Sums]:
@@ -157,9 +164,9 @@ def in_order(work: tuple[Case, Path]) -> tuple[InOrder, Sums]:
     case, cache = work
     file = cache / "order" / f"{case.source}_{case.machine}_{case.name}.pickle"
     if not file.exists():
-        viewer, clean, faulty = viewed(load(case.file), case)
+        viewer, known, clean, faulty = viewed(load(case.file), case)
         wanted = asked(viewer.model.machine)
-        known = np.sqrt(np.diag(viewer.model.prior.covariance))
+        known = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
         seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
         problem = Problem(viewer.model, known, wanted, seen[0], seen[1], tares=viewer.tares)
         floor = noise_floor(problem)
@@ -194,8 +201,8 @@ def searched(work: tuple[Case, dict[str, float], Path]) -> Row:
     case, everyday, cache = work
     file = cache / "asked" / f"{case.source}_{case.machine}_{case.name}.pickle"
     if not file.exists():
-        viewer, clean, faulty = viewed(load(case.file), case)
-        found = examined(viewer, faulty, clean, np.random.default_rng(1), everyday=everyday)
+        viewer, known, clean, faulty = viewed(load(case.file), case)
+        found = examined(viewer, faulty, clean, np.random.default_rng(1), known=known, everyday=everyday)
         _pickled(file, (found.asked, found.working))
     return Row(case, *pickle.loads(file.read_bytes()))
 
@@ -313,6 +320,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="accuracy decisions", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="labelled machines (labels.json)")
     parser.add_argument("--reference-machines", type=int, default=6)
+    parser.add_argument("--random-machines", type=int, default=0, help="with references, motions, noise at random")
     parser.add_argument("--air", action="store_true", help="only recordings in the air")
     parser.add_argument("--learn", action="store_true", help="learn everyday differences from the other source")
     parser.add_argument("--cache", type=Path, default=CACHE)
@@ -325,12 +333,15 @@ def main() -> int:
     except (OSError, ValueError, KeyError) as error:
         print(f"accuracy decisions: {options.folder}: needs labels.json and its recordings: {error}", file=sys.stderr)
         return 2
-    cases += [c for place in range(options.reference_machines) for c in cases_reference(place, options.cache)]
+    counts = ((REFERENCE, options.reference_machines), (RANDOM, options.random_machines))
+    wanted = [(source, place, options.cache) for source, count in counts for place in range(count)]
+    with ProcessPoolExecutor(options.processes) as pool:
+        cases += [case for each in pool.map(cases_reference, wanted) for case in each]
     cases = [c for c in cases if not (options.air and c.truth.work)]
     plain = [c for c in cases if not c.truth.effects and not c.truth.work]
     cache = options.cache / ("learnt" if options.learn else "usual")
     with ProcessPoolExecutor(options.processes) as pool:
-        usual = dict[str, dict[str, float]]({FOREIGN: EVERYDAY, REFERENCE: EVERYDAY})
+        usual = dict[str, dict[str, float]](dict.fromkeys((FOREIGN, REFERENCE, RANDOM), EVERYDAY))
         if options.learn:
             told = pool.map(in_order, [(c, options.cache) for c in plain])
             pairs = list(zip(plain, told, strict=True))
@@ -340,7 +351,7 @@ def main() -> int:
     answers = layers(rows)
     report = {
         source: {name: figures([s for s in all_of if s.row.case.source == source]) for name, all_of in answers.items()}
-        for source in (FOREIGN, REFERENCE)
+        for source in dict.fromkeys(c.source for c in cases)
     }
     show(report, Console(highlight=False))
     if options.write:

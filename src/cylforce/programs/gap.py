@@ -77,7 +77,7 @@ def diagnose(
     if late and not _tells(late, clean):
         return _off_clock(late)
     clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
-    viewer, known = _viewer(loaded, question, clean)
+    viewer, known = viewed_by(loaded, question, clean)
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
     watch("causes", None)
@@ -186,7 +186,7 @@ def _not_known(name: str, library: tuple[Group, ...]) -> str:
     return f"effect {name!r} is not known: choose one of {known}"
 
 
-def _viewer(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:
+def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:
     """Model and tares: identified ones, else those of the clean recordings, else the data sheet, without friction."""
     service = loaded.service
     if question.identified is None and not clean:
