@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 from cylforce.diagnosis.diagnosis import settled
 from cylforce.diagnosis.discrepancy import DECAY, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.hypotheses import Inference, InOrder
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Calibration, believed, calibrated
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, believed, calibrated
 from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.statistics import SMOOTH, Statistics
 from layers.everyday import learnt
@@ -162,16 +162,30 @@ def test_sensor_noise_in_both_is_taken_off():
     assert found.common(noise) == pytest.approx([30.0])
 
 
-def test_a_calibration_says_how_often_the_first_is_right():
+def test_a_calibration_says_how_often_each_outcome_is_true():
     rng = np.random.default_rng(0)
-    features, right = rng.standard_normal((400, 2)), rng.uniform(size=400) < 0.7
-    by = Calibration(fitted(features, right), 0.1)
-    said = {("one", "a"): 1.0 - 1e-9, NOTHING: 1e-9, UNKNOWN: 1e-12}
+    outcome = rng.choice(4, 800, p=[0.1, 0.6, 0.1, 0.2])
+    by = fitted(rng.standard_normal((800, 2)), outcome, np.ones(800), 0.5)
+    said = {("one", "a"): 1.0 - 1e-4, ("two", "a"): 9e-5, ("three", "a"): 1e-5, NOTHING: 1e-9, UNKNOWN: 1e-12}
     belief = calibrated(Belief(said, (0.0, 0.0)), by)
-    flat = {k: p**0.1 for k, p in said.items()}
-    assert belief.probability == pytest.approx(0.7 + 0.3 * flat["one", "a"] / sum(flat.values()), abs=0.08)
-    assert sorted(belief.of, key=belief.of.get) == sorted(said, key=said.get)
+    assert belief.of["one", "a"] == pytest.approx(0.6, abs=0.06)
+    assert belief.of[NOTHING] == pytest.approx(0.1, abs=0.04)
+    assert belief.of["two", "a"] / belief.of["three", "a"] == pytest.approx(3.0)
     assert sum(belief.of.values()) == pytest.approx(1.0)
+
+
+def test_a_calibration_learns_from_what_tells():
+    rng = np.random.default_rng(1)
+    outcome = rng.choice(4, 400)
+    features = np.eye(4)[outcome] + 0.1 * rng.standard_normal((400, 4))
+    by = fitted(features, outcome, np.ones(400), 0.5)
+    assert all(by(row)[k] > 0.9 for k, row in enumerate(np.eye(4)))
+
+
+def test_without_any_effect_there_is_nothing_to_calibrate():
+    by = fitted(np.zeros((4, 2)), np.arange(4), np.ones(4), 0.5)
+    belief = Belief({NOTHING: 0.7, UNKNOWN: 0.3}, (0.0, 0.0))
+    assert calibrated(belief, by) == belief
 
 
 def test_intervals_are_wilsons():

@@ -11,7 +11,7 @@ import pickle
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from cylforce.diagnosis.posterior import (
     UNKNOWN,
     Asked,
     Belief,
-    Calibration,
+    Outcomes,
     believed,
     calibrated,
     largest_evidence,
@@ -57,6 +57,8 @@ from trial.source import Labelled, labelled, references
 CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
+ODD_ONE = 2  # the outcome "nothing of the library"
+LEFT_OUT = 0.25  # how often a case counts without its own effect: as probable as numbers.ODD is against an effect
 POWERS = tuple(float(x) for x in np.geomspace(1e-3, 1.0, 31))  # of the calibration, that are tried
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
 FOREIGN, REFERENCE, RANDOM = "foreign", "reference", "random"  # sources
@@ -288,31 +290,75 @@ def layers(rows: Sequence[Row]) -> dict[str, list[Scored]]:
     return found | {"with calibration": again}
 
 
-def calibration(rows: Sequence[Row]) -> Calibration:
-    """Fitted on all cases in the air: whether the model is right, then the power with the best log score."""
-    air = [Scored(r, believed(r.asked)) for r in rows if not r.truth.work]
-    right = fitted(np.array([c.answer.features for c in air]), np.array([c.right for c in air]))
+def without_their_effect(rows: Sequence[Row]) -> list[Scored]:
+    """Visible single effects, each asked as if it were not in the library, with the calibration of other machines."""
+    each = [r for r in rows if r.truth.visible and len(r.truth.effects) == 1 and not r.truth.work]
+    found = []
+    for place in dict.fromkeys(r.case.place for r in each):
+        by = calibration([r for r in rows if r.case.place != place])
+        own = [r for r in map(left_out, (r for r in each if r.case.place == place)) if r]
+        found += [Scored(r, calibrated(believed(r.asked), by)) for r in own]
+    return found
+
+
+def calibration(rows: Sequence[Row]) -> Outcomes:
+    """Fitted on all cases in the air that are in order or visible, and, ODD times, on the visible ones without their
+    own effect's hypotheses; then the power with the best log score."""
+    air = [r for r in rows if not r.truth.work and (r.truth.visible or not r.truth.effects)]
+    cases = [Scored(r, believed(r.asked)) for r in air]
+    less = [Scored(r, believed(r.asked)) for r in map(left_out, air) if r]
+    told = [_outcome(c) for c in cases] + [ODD_ONE] * len(less)
+    weight = np.concatenate([np.ones(len(cases)), np.full(len(less), LEFT_OUT)])
+    features = np.array([c.answer.features for c in (*cases, *less)])
+
+    def by(power: float) -> Outcomes:
+        return plain._replace(tempered=power)
+
+    plain = fitted(features, np.array(told), weight, 1.0)
 
     def score(power: float) -> float:
-        each = [Scored(c.row, calibrated(c.answer, Calibration(right, power))).probability for c in air]
+        each = [Scored(c.row, calibrated(c.answer, by(power))).probability for c in cases]
         return float(np.sum(np.log(np.maximum(each, LEAST))))
 
-    return Calibration(right, max(POWERS, key=score))
+    return by(max(POWERS, key=score))
+
+
+def _outcome(case: Scored) -> int:
+    """Which of the calibration's outcomes is true: no gap, the first effect, nothing of the library, another effect."""
+    effects = [k for k in case.answer.of if k not in (NOTHING, UNKNOWN)]
+    first = max(effects, key=lambda k: case.answer.of[k])
+    if not case.row.truth.effects:
+        return 0
+    if first in case.row.truth.effects:
+        return 1
+    return 3 if case.row.truth.nameable else ODD_ONE
+
+
+def left_out(row: Row) -> Row | None:
+    """A case as if its effects were not in the library: without their hypotheses. None where that is no question."""
+    names, told = {name for name, _ in row.truth.effects}, row.asked
+    if not names or not row.truth.nameable:
+        return None
+    kept = tuple(h for h in told.hypotheses if not names & {told.forms[p].name for p in h.which})
+    happened = tuple(h for h in told.happened if h.key[0] not in names)
+    truth = row.truth._replace(nameable=False)
+    found = Row(row.case._replace(truth=truth), replace(told, hypotheses=kept, happened=happened), row.working)
+    return found if any(h.which for h in kept) else None
 
 
 HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
 
-from cylforce.diagnosis.posterior import Calibration, Logistic
+from cylforce.diagnosis.posterior import Outcomes
 
 '''
 
 
-def written(by: Calibration) -> str:
+def written(by: Outcomes) -> str:
     """The module that the diagnosis reads."""
-    told = [tuple(round(x, 4) for x in each) for each in by.right]
-    rows = "".join(f"        {each},\n" for each in told)
-    own = f"    Logistic(\n{rows}    ),\n    {by.tempered:.4g},\n)\n"
-    return HEAD + "CALIBRATION: Calibration | None = Calibration(\n" + own
+    weights = "".join(f"        {tuple(round(x, 3) for x in each)},\n" for each in by.weights)
+    scales = "".join(f"    {tuple(round(x, 3) for x in each)},\n" for each in (by.mean, by.scale))
+    own = f"{scales}    (\n{weights}    ),\n    {by.tempered:.4g},\n)\n"
+    return HEAD + "CALIBRATION: Outcomes | None = Outcomes(\n" + own
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ from cylforce.diagnosis.evidence import Blocks, Evidence, Term
 from cylforce.diagnosis.hypotheses import Hypothesis
 from cylforce.diagnosis.learnt import CALIBRATION
 from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Calibration, Key, believed, calibrated
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
 from cylforce.diagnosis.problem import GROWTH_S, Problem
 from cylforce.diagnosis.rows import Viewer
 from cylforce.diagnosis.whitening import Floor
@@ -122,7 +122,7 @@ class Judged(NamedTuple):
     explained: float
 
 
-def searched(found: Found, by: Calibration | None = CALIBRATION) -> Search:
+def searched(found: Found, by: Outcomes | None = CALIBRATION) -> Search:
     """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
     belief = believed(found.asked)
     belief = calibrated(belief, by) if by else belief
