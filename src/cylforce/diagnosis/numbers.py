@@ -26,6 +26,9 @@ IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmet
 # the power; twice would tell a sensor that is only worse than its data sheet).
 SHAKES = 3.0
 
+# Rate of jumps of a reading, log-uniform: once a day (a plug that ages) to every other second (a loose contact): physics.
+GLITCHES_PER_S = (1.0 / 86400.0, 0.5)
+
 # The answer: conventions.
 SIGMAS = 5.0  # standard errors from which on an effect is detectable
 MASS = 0.9  # probability that the set of causes holds
