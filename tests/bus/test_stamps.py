@@ -29,18 +29,17 @@ def test_without_a_stamp_a_frame_has_just_come():
 
 def test_frames_of_one_burst_have_their_own_times():
     sender, receiver = open_bus("socketcan:vcan0"), open_bus("socketcan:vcan0")
-    got = []
+    got, done = [], asyncio.Event()
 
     async def main():
-        receiver.attach(asyncio.get_running_loop(), got.append)
+        receiver.attach(asyncio.get_running_loop(), lambda frame: got.append(frame) or len(got) < 3 or done.set())
         sent = []
         for k in range(3):
             before = now_us()
             assert sender.send(0x181, bytes([k]))
             sent.append((before, now_us()))
             time.sleep(0.02)  # noqa: ASYNC251  # the loop is busy
-        while len(got) < 3:
-            await asyncio.sleep(0.01)
+        await done.wait()
         return sent
 
     try:
