@@ -33,14 +33,14 @@ def test_every_effect_at_every_place_is_shown_whole(path):
     assert max(len(name) for name, _ in pairs) > 20
     for name, at in pairs:
         text = shown(80, lambda console, name=name, at=at: show_effects([effect(name, at)], console))
-        assert {name, at, "-0.01235", "confidence"} <= set(text.split())
+        assert {f"{name}@{at}", "-0.01235", "files"} <= set(text.split())
         assert "…" not in text
         assert max(map(len, text.splitlines())) <= 80
 
 
 def test_a_console_too_narrow_gets_a_wider_table():
     text = shown(30, lambda console: show_effects([effect("linkage_geometry", "bucket")], console))
-    assert {"linkage_geometry", "confidence", "-0.01235"} <= set(text.split())
+    assert {"linkage_geometry@bucket", "files", "-0.01235"} <= set(text.split())
 
 
 def test_the_consoles_width_is_given_back():

@@ -54,4 +54,4 @@ def gap(
         found = diagnose(loaded, question, watch=watch)
         report = None if html is None else gap_report(loaded, question, found, watch)
     write_all(found, report, Outputs(output, patch, html, residuals))
-    show(found, Console(highlight=False))
+    show(found, loaded.service.machine, Console(highlight=False))
