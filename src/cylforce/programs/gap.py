@@ -27,6 +27,7 @@ from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
+from cylforce.programs.experiments.separation import planned, said
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
@@ -92,7 +93,9 @@ def diagnose(
     verdict, size, refuted = tried(found, verdict, rng)
     whole = answer(found, verdict, size, ends(found), where(found, size.nominal, rng), forward(found, size))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
-    whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
+    watch("what to record next", None)
+    motions = said(planned(everything, found))
+    whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     noisy = shaking(loaded.service.machine, faulty, clean)
     warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "", noisy)
