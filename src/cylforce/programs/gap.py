@@ -27,6 +27,7 @@ from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
+from cylforce.programs.common.row_cache import KeepingViewer, RowCache
 from cylforce.programs.experiments.separation import planned, said
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
@@ -63,9 +64,14 @@ class Diagnosed(NamedTuple):
 
 
 def diagnose(
-    loaded: Loaded, question: Question, library: tuple[Group, ...] = LIBRARY, watch: Watch = silent
+    loaded: Loaded,
+    question: Question,
+    library: tuple[Group, ...] = LIBRARY,
+    watch: Watch = silent,
+    kept: RowCache | None = None,
 ) -> Diagnosed:
-    """The diagnosis of recordings. Raises RecordingError or ValueError, in a sentence."""
+    """The diagnosis of recordings; `kept`: where references' rows are kept for the next one. Raises RecordingError or
+    ValueError, in a sentence."""
     _check_recordings(question)
     library = _left(library, question.without)
     reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
@@ -79,6 +85,9 @@ def diagnose(
         return _off_clock(late)
     clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
     viewer, known = _viewer(loaded, question, clean)
+    if kept is not None:
+        names = frozenset(path.name for path in question.reference)
+        viewer = KeepingViewer(viewer.model, viewer.tares, kept, names, loaded.sha256)
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
     watch("causes", None)
