@@ -15,7 +15,7 @@ from cylforce.effects.library import LIBRARY
 from cylforce.files.tables import Table, read_table, write_table
 from cylforce.programs import cli
 from cylforce.programs.common.play import read_effects
-from cylforce.programs.gap import Question, diagnose
+from cylforce.programs.gap import STEPS, Question, diagnose
 from cylforce.programs.reports import report
 from cylforce.programs.reports.plain import NEXT, plain
 from cylforce.programs.reports.units import SHOWN, interval, shown
@@ -215,7 +215,9 @@ def test_the_text_says_verdict_effect_and_next_step(capsys, files, made):
 def test_an_effect_left_out_of_the_library_is_not_named(files):
     """Nor listed anywhere; with an empty list the library is whole."""
     words = (files / "field.csv",), (files / "order.csv",)
-    whole = diagnose(LOADED, Question(*words)).answer
+    done = []
+    whole = diagnose(LOADED, Question(*words), watch=lambda doing, _: done.append(doing)).answer
+    assert len(dict.fromkeys(done)) == 2 + STEPS
     assert {each["name"] for each in whole["effects"]} == {"angle_offset"}
     part = diagnose(LOADED, Question(*words, without=("angle_offset",))).answer
     assert '"angle_offset"' not in json.dumps(part)

@@ -39,6 +39,7 @@ ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 EXAMPLE = "field.log=1000"
 CLOCKS = ClockFault().about.name
+STEPS = 8  # of a diagnosis after reading its recordings, each of which is one more
 SEED = 1  # of the permutations and of the bootstrap
 
 

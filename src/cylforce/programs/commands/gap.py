@@ -43,7 +43,7 @@ def gap(
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.common.row_cache import RowCache, cache_folder
-    from cylforce.programs.gap import Question, diagnose, known_loads
+    from cylforce.programs.gap import STEPS, Question, diagnose, known_loads
     from cylforce.programs.gap_output import Outputs, show, write_all
     from cylforce.programs.reports.report import check_extra, gap_report
 
@@ -55,7 +55,7 @@ def gap(
     question = Question(tuple(field), tuple(reference or ()), identified, loads, only, tuple(without or ()))
     loaded, folder = load_machine(machine), cache_folder() if cache else None
     kept = RowCache(folder) if folder else None
-    with progress_bar() as watch:
+    with progress_bar(len(question.field) + len(question.reference) + STEPS + (html is not None)) as watch:
         found = diagnose(loaded, question, watch=watch, kept=kept)
         report = None if html is None else gap_report(loaded, question, found, watch)
     write_all(found, report, Outputs(output, patch, html, residuals))

@@ -92,7 +92,7 @@ class KeepingViewer(Viewer):
         key = self._key(recorded, wanted)
         found = self.kept.get(key)
         if found is None:
-            found = super().rows(recorded, wanted)
+            found = super().rows(recorded, wanted).slim
             self.kept.put(key, found)
         return found
 

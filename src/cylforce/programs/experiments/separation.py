@@ -16,7 +16,7 @@ import numpy as np
 from cylforce.diagnosis.diagnosis import Found
 from cylforce.diagnosis.discrepancy import sums
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Key
-from cylforce.diagnosis.rows import CENTRE, RATE_HZ, GapRows, Recorded
+from cylforce.diagnosis.rows import CENTRE, RATE_HZ, Columns, GapRows, Recorded
 from cylforce.diagnosis.statistics import statistics, white
 from cylforce.diagnosis.verdict import Search
 from cylforce.effects.library import Proposal
@@ -121,7 +121,7 @@ class Separation:
         """A machine as the file has it."""
         return draw_truth(self.found.question.viewer.model.machine, np.random.default_rng(0), 0.0)._replace(roll=0.0)
 
-    def _told(self, rows: GapRows, effects: Array, load: float) -> tuple[Array, Array]:
+    def _told(self, rows: GapRows, effects: Columns, load: float) -> tuple[Array, Array]:
         """Information (N, N) on parameters, load and candidates' sizes in a recording, in units of their spread; the
         prior precision of the load (3,)."""
         model, question = self.found.question.viewer.model, self.found.question
