@@ -209,7 +209,7 @@ def _shrinks(answer: dict[str, Any]) -> Lines:
 
 def _closed(closed: dict[str, float]) -> str:
     value, low, high = (f"{100 * closed[key]:.0f}" for key in ("value", "low", "high"))
-    return f"In all, {value} % of the difference (mean square) is explained (90 % sure: {low} to {high} %)."
+    return f"In all, {value} % of the difference is explained (90 % sure: {low} to {high} %)."
 
 
 def _next(answer: dict[str, Any]) -> Lines:
