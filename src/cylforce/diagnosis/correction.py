@@ -64,7 +64,7 @@ def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded,
         here = [place - problem.first for place in problem.places[problem.proposals.index(proposal)]]
         effects[..., here] = new.effects[..., k : k + len(here)]
         k += len(here)
-    return new._replace(effects=effects)
+    return new._replace(effects=effects).slim
 
 
 def _altered(machine: Machine, applied: Applied) -> Machine:
