@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cylforce.diagnosis.closure import WIDEST
+from cylforce.diagnosis.numbers import WIDEST
 from cylforce.diagnosis.where import REGIMES
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY
@@ -130,7 +130,6 @@ KEYS = {
     "effects": [EFFECT],
     "explained": N,
     "end_quantities": {"payload_kg": {"before": N, "after": N}, "tip_force_n": {"before": N, "after": N}},
-    "forward": {"horizon_s": N, "before_deg": N, "after_deg": N},
     "next_experiment": ["str"],
     "evidence": [{**PLACE, "nats": N, "probability": N}],
     "probabilities": {"no_gap": N, "unknown": N, "effects": [{**PLACE, "probability": N}]},
@@ -144,7 +143,7 @@ def test_the_answer_has_the_documented_keys_and_types(made):
     answer = made[0]
     plain = [{key: effect[key] for key in effect if key != "closure"} for effect in answer["effects"]]
     assert {key: shape((answer | {"effects": plain})[key]) for key in KEYS} == KEYS
-    assert set(answer) - set(KEYS) == {"not_observable", "baselines", "unknown", "small"}
+    assert set(answer) - set(KEYS) == {"not_observable", "unknown", "small"}
     assert shape(answer["small"]) in ([], [{**PLACE, "of_least_plausible": N, "evidence_nats": N}])
     assert answer["verdict"] in VERDICTS
     assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
@@ -157,6 +156,11 @@ def test_a_share_is_told_with_its_interval_or_not_at_all(made):
         assert {value, low, high} == {None} or low <= value <= high <= low + WIDEST
 
 
+def test_refitting_never_makes_the_gap_larger(made):
+    gap = made[0]["gap"]
+    assert 0.0 < gap["refit"] <= gap["fixed"]
+
+
 def test_what_nothing_explains_is_null_or_has_a_shape(made):
     shape_of = made[0]["unknown"]
     assert (shape_of is None) == (made[0]["verdict"] not in ("unknown", "partly_explained"))
@@ -165,9 +169,9 @@ def test_what_nothing_explains_is_null_or_has_a_shape(made):
 
 def test_the_verdict_says_of_what_it_is_a_function():
     size = {"fixed": 900.0, "floor": 100.0}
-    told = {"at": "stick", "of": "periodic", "detail": "16 a turn", "share": 0.62, "alternatives": []}
+    told = {"at": "stick", "of": "load", "detail": "force of the boom cylinder", "share": 0.62, "alternatives": []}
     said = sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": told})
-    assert "at the stick, mostly periodic in the joint's angle (16 a turn): 62 % of its energy" in said
+    assert "at the stick, mostly a function of load (force of the boom cylinder): 62 % of its energy" in said
     assert "what is left" not in sentence({"verdict": "unknown", "gap": size, "effects": [], "unknown": None})
 
 

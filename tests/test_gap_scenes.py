@@ -6,9 +6,8 @@ import pytest
 
 from cylforce.diagnosis.diagnosis import examined
 from cylforce.diagnosis.posterior import NOTHING
-from cylforce.diagnosis.residuals import contributed
 from cylforce.diagnosis.shrinkage import tried, written
-from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
+from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed

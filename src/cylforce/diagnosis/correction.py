@@ -50,7 +50,7 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied]) -> Pro
             values = _corrected(viewer, each, seen.recorded._replace(values=values))
         found = seen.recorded._replace(values=values)
         faulty.append(Seen(found, _renewed(problem, other, seen.rows, found, order)))
-    return replace(problem, faulty=tuple(faulty), same=problem.same or problem, base=problem.riding)
+    return replace(problem, faulty=tuple(faulty), base=problem.riding)
 
 
 def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded, applied: Sequence[Applied]) -> GapRows:

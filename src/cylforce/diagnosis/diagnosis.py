@@ -45,14 +45,16 @@ def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Propo
 
 @dataclass(frozen=True)
 class Found:
-    """What was found: the question, the machine, all that was `asked`; of the hypotheses that were looked at again the
-    problem with their effects taken out, and these; in which blocks (B,) something happens at moments, by key; whether
-    the machine was at work; the smallest size of each effect that could be seen, `least`."""
+    """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
+    were looked at again the problem with their effects taken out, and what was then asked; in which blocks (B,)
+    something happens at moments, by key; whether the machine was at work; the smallest size of each effect that could
+    be seen, `least`."""
 
     question: Asking
     machine: InOrder
+    case: Inference
     asked: Asked
-    again: Mapping[tuple[int, ...], tuple[Problem, list[Applied]]]
+    again: Mapping[tuple[int, ...], tuple[Problem, Inference]]
     when: Mapping[Key, Blocks]
     working: bool
     least: dict[Key, float]
@@ -200,7 +202,7 @@ class _Search:
         told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
         self.watch("effects at their sizes")
         told, again = self._again(case, told, blocks)
-        return Found(self._question, self._machine, told, again, when, False, self._least(case, told.none))
+        return Found(self._question, self._machine, case, told, again, when, False, self._least(case, told.none))
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
@@ -251,20 +253,19 @@ class _Search:
 
     def _again(
         self, case: Inference, told: Asked, blocks: Mapping[tuple[int, ...], Blocks]
-    ) -> tuple[Asked, dict[tuple[int, ...], tuple[Problem, list[Applied]]]]:
+    ) -> tuple[Asked, dict[tuple[int, ...], tuple[Problem, Inference]]]:
         """The most probable hypotheses with the columns of their effects as they are at their sizes, and beside the
         first of them one effect more."""
         order = sorted((h for h in told.hypotheses if h.which), key=lambda h: -h.log - told.prior_of(h))
         found, again = {h.which: h for h in told.hypotheses}, {}
-        cases = {}
         # Far from zero, the linear columns of the true effect may fit worse than a sum of wrong ones.
         alone = [h for h in order if len(h.which) == 1]
         for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
             if any(bends(self._question.forms[p][0]) for p in h.which):
-                found[h.which], again[h.which], cases[h.which] = self._at_sizes(case, h, blocks.get(h.which))
+                found[h.which], again[h.which] = self._at_sizes(case, h, blocks.get(h.which))
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))
-        if best.which in cases and len(best.which) == 1:
-            own = cases[best.which]
+        if best.which in again and len(best.which) == 1:
+            own = again[best.which][1]
             for p in own.screened(best, self._wanted)[:AGAIN]:
                 which = tuple(sorted((*best.which, p)))
                 more = own.hypothesis(which, best.noise)
@@ -274,7 +275,7 @@ class _Search:
 
     def _at_sizes(
         self, case: Inference, h: Hypothesis, kept: Blocks | None
-    ) -> tuple[Hypothesis, tuple[Problem, list[Applied]], Inference]:
+    ) -> tuple[Hypothesis, tuple[Problem, Inference]]:
         """A hypothesis with its effects taken out of the recordings at their sizes, until these stay."""
         original, case = (
             self._question.problem,
@@ -282,7 +283,7 @@ class _Search:
         )
         rows = float(np.sum(case.sums.rows))
         apart = h.log - case.hypothesis(h.which, h.noise).log  # what the blocks that are left out tell
-        best: tuple[Hypothesis, tuple[Problem, list[Applied]], Inference] = (h, (original, []), case)
+        best: tuple[Hypothesis, tuple[Problem, Inference]] = (h, (original, case))
         for _ in range(ROUNDS):
             now = best[0]
             applied = self._applied(now, case)
@@ -295,7 +296,7 @@ class _Search:
             taken = {p: a.sizes / case.scene.spread[list(case.scene.forms[p].columns)] for p, a in applied}
             again = replace(again, taken=taken, told=case.told, apart=apart)
             found = again.hypothesis(now.which, now.noise)
-            best = (found, (problem, [a for _, a in applied]), again)
+            best = (found, (problem, again))
             if np.linalg.norm(found.sizes - now.sizes) < STILL * np.linalg.norm(found.sizes):
                 break
         return best

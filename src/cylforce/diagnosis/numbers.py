@@ -34,6 +34,11 @@ SLIGHT = 0.3  # of the gap's energy: what is named must take away that much when
 SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, and no effect of its own
 GAP = 2.0  # times the floor, rms: a gap that is never called none
 
+# The share of the gap's energy that goes, once simulated.
+RATIO = 0.1  # of the floor's energy: a smaller gap has no meaningful share (GAP.md; convention)
+WIDEST = 0.2  # an interval wider than that says nothing: no share is given (convention)
+UNTOLD = (0.03, 0.01)  # by which it lies lower, higher than drawn blocks tell (fit: trial, development machines)
+
 # Costs of an answer, in units of a wrong name (conventions): naming alone pays from a probability of 0.8 on.
 MISSED = 0.5  # "no gap" where there is one
 UNSAID = 0.25  # "unknown" where the cause could have been named

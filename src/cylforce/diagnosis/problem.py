@@ -9,11 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.evidence import Blocks, Evidence, grams
 from cylforce.diagnosis.returns import Returns
 from cylforce.diagnosis.riding import Riding, riding
 from cylforce.diagnosis.rows import BLOCK, CENTRE, ROCKER, GapRows, Recorded, Viewer
-from cylforce.diagnosis.whitening import Floor
 from cylforce.effects.fault import (
     INCIDENTAL,
     SHAPES,
@@ -64,7 +62,6 @@ class Problem:
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
     tares: Array | None = None  # (P,) values of the model's parameters, if it was identified
-    same: "Problem | None" = None  # another one with the same clean recordings, whose Gram matrices both share
     base: Riding | None = None  # how the base moves, if it is known already
 
     @property
@@ -77,17 +74,13 @@ class Problem:
         place = self._loaded.index(self._recording(seen)) if seen.recorded.load else None
         return None if place is None else len(self.model.parameters) + len(CENTRE) * place
 
-    def fixed(self, blocks: Blocks, fitted: Array) -> Array:
-        """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang, and how
-        a base that always moved goes (clean ones, on another slope, tell little of that); `fitted` (N+H,) tells both
-        best: there the causes are taken out."""
-        weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
-        values = Evidence(blocks, weight=weight).fitted
-        loads = [self.of_load(seen) for seen in self.faulty]
-        own = [k + i for k in dict.fromkeys(loads) if k is not None for i in range(len(CENTRE))]
-        own += range(self.first - len(self._ridden), self.first) if not self.riding.more else ()
-        values[own] = fitted[own]
-        return values
+    @property
+    def of_the_field(self) -> list[int]:
+        """The columns that only the field tells: where its loads hang, and how a base that always moved goes (clean
+        recordings, on another slope, tell little of that)."""
+        loads = dict.fromkeys(place for seen in self.faulty if (place := self.of_load(seen)) is not None)
+        rides = range(self.first - len(self._ridden), self.first) if self.riding.always and not self.riding.more else ()
+        return [*(place + i for place in loads for i in range(len(CENTRE))), *rides]
 
     @cached_property
     def _ridden(self) -> list[tuple[int, float]]:
@@ -215,33 +208,6 @@ class Problem:
     def returns(self) -> Returns:
         """What return pressures say."""
         return Returns(self.model.machine, self.clean, self.faulty, self.model.filters.rate_hz)
-
-    @cached_property
-    def _made(self) -> list[tuple[Floor, Blocks]]:
-        return []
-
-    def blocks(self, floor: Floor) -> Blocks:
-        """All recordings as blocks, made once; with clean ones, the library itself is part of what the machine always
-        was."""
-        if not any(floor is known for known, _ in self._made):
-            self._made[:] = [(floor, self._blocks(floor))]
-        return self._made[0][1]
-
-    def _blocks(self, floor: Floor) -> Blocks:
-        shared = self.lasting if self.clean else self.first
-        if self.same is None:
-            a, m = self._grams(self.clean, floor)
-        else:
-            a, m = (getattr(self.same.blocks(floor), name) for name in ("clean", "clean_rows"))
-        b, n = self._grams(self.faulty, floor)
-        return Blocks(a, b, m, n, self.spread, self.always, tuple(range(shared)))
-
-    def _grams(self, group: Sequence[Seen], floor: Floor) -> tuple[Array, Array]:
-        ends, size = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in group]).tolist(), len(self.spread) + 1
-        found, rows = np.zeros((ends[-1], size, size)), np.zeros(ends[-1])
-        for seen, (first, last) in zip(group, pairwise(ends), strict=True):
-            found[first:last], rows[first:last] = grams(self.columns(seen), floor)
-        return found, rows
 
     @cached_property
     def spans(self) -> list[tuple[int, int]]:

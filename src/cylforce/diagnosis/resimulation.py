@@ -24,11 +24,11 @@ from cylforce.effects.imposed import (
     altered,
     changed_load,
     contact_force,
-    distorted,
     excess_force,
     excess_torque,
     friction_level,
     imposed,
+    undistorted,
     unseen_slew,
 )
 from cylforce.effects.library import LIBRARY, Group
@@ -63,14 +63,6 @@ def read_blocks(
 def known(problem: Problem) -> tuple[Group, ...]:
     """The library of a problem."""
     return tuple(proposal.group for proposal in problem.proposals)
-
-
-def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Signals (T, S) without the sensors' errors: the error is that of the true values, so once more from values that
-    are nearly true."""
-    against = [each._replace(sizes=tuple(-size for size in each.sizes)) for each in reversed(effects)]
-    first = distorted(machine, against, values, t)
-    return first + values - distorted(machine, effects, first, t)
 
 
 @dataclass(frozen=True)

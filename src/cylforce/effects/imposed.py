@@ -269,6 +269,14 @@ def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Ar
     return values
 
 
+def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
+    """Signals (T, S) without the sensors' errors: the error is that of the true values, so once more from values that
+    are nearly true."""
+    against = [each._replace(sizes=tuple(-size for size in each.sizes)) for each in reversed(effects)]
+    first = distorted(machine, against, values, t)
+    return first + values - distorted(machine, effects, first, t)
+
+
 def _late(machine: Machine, values: Array, t: Array, each: Imposed) -> Array:
     """Signals (T, S) in which all pressures are late by sizes[0] + sizes[1] (t - begin) [s]."""
     found, late = values.copy(), each.sizes[0] + each.sizes[1] * np.maximum(t - each.begin, 0.0)

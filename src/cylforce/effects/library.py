@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cylforce.effects.fault import About, Fault, Incident, TimeCourse, places
 from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
@@ -108,6 +108,18 @@ class Proposal(NamedTuple):
     def name(self) -> str:
         """The effect's name."""
         return self.about.name
+
+    @property
+    def shape(self) -> dict[str, Any]:
+        """Numbers that the form of the effect has besides its size, by name."""
+        effect: Any = self.group[0]
+        return {name: getattr(effect, name) for name in getattr(effect, "__dataclass_fields__", {})}
+
+    @property
+    def incidents(self) -> tuple[str, ...]:
+        """Names of the columns of what begins at some instant (see `INCIDENTAL`); none of what lasts."""
+        effect = self.group[0]
+        return effect.columns if isinstance(effect, Incident) else ()
 
     @property
     def course(self) -> TimeCourse | None:

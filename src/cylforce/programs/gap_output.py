@@ -19,15 +19,10 @@ from cylforce.signals.estimate import Array
 
 MOSTLY = 0.5  # of what is left
 SHAPES = {
-    "constant": "constant",
     "speed": "a function of the cylinder's speed",
     "position": "a function of the joint's angle",
     "load": "a function of load",
-    "turning": "a function of how fast the base turns",
     "time": "a function of time since the start",
-    "reversal": "a function of time since the motion turned back",
-    "periodic": "periodic in the joint's angle",
-    "swinging": "oscillating in time",
     "moments": "within a tenth of the time",
 }
 MOST_OF = 0.9  # of a recording: where less was examined, a line says so

@@ -62,10 +62,6 @@ def cards(answer: dict[str, Any]) -> tuple[Card, ...]:
     for title, key, unit in (("Weight error", "payload_kg", "kg"), ("Force error", "tip_force_n", "N")):
         before, after = (ends[key][k] for k in ("before", "after"))
         found.append(Card(title, shown(after, unit), f"before: {shown(before, unit)}", after <= before))
-    ahead = answer["forward"]
-    if ahead["after_deg"] is not None and ahead["before_deg"] is not None:
-        title, note = f"{ahead['horizon_s']:.0f} s ahead", f"before: {ahead['before_deg']:.2f}°, rms"
-        found.append(Card(title, f"{ahead['after_deg']:.2f}°", note, ahead["after_deg"] <= ahead["before_deg"]))
     return tuple(found)
 
 
