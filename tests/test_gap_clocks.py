@@ -9,8 +9,8 @@ from cylforce.diagnosis.rows import Recorded
 from cylforce.effects.fault import Place, places
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
+from cylforce.programs.common.gap_answer import off_clock
 from cylforce.programs.common.play import prepare
-from cylforce.programs.reports.gap_answer import off_clock
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors

@@ -118,7 +118,7 @@ def test_an_effect_finds_itself(reference, name):
         return
     kind = effect.group[0]
     sizes, errors = (leading(cause, x) for x in (cause.sizes, cause.errors))
-    if cause.free:
+    if not cause.lasts:
         sizes, errors = (inside(found, cause, effect.begin, effect.end, x) for x in (sizes, errors))
         assert len(sizes) >= 3
     truth = np.array(effect.sizes)[: sizes.shape[1]]

@@ -11,7 +11,7 @@ from cylforce.diagnosis.resimulation import Resimulation, read_blocks
 from cylforce.diagnosis.rows import Recorded, Viewer
 from cylforce.effects.imposed import distorted, undistorted
 from cylforce.estimation.model import FRICTION, Model
-from cylforce.programs.reports.gap_answer import bars, measured
+from cylforce.programs.common.gap_answer import bars, measured
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.asking import Asking, Step, noisy
-from cylforce.diagnosis.correction import Applied, bends, without
+from cylforce.diagnosis.correction import Applied, without
 from cylforce.diagnosis.discrepancy import Moments, Scatter
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
@@ -18,10 +18,10 @@ from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.rows import Recorded, Viewer
 from cylforce.diagnosis.sizes import Column
-from cylforce.diagnosis.unknown import NAME, UNKNOWN_TORQUES
 from cylforce.diagnosis.working import Blocks, Work
-from cylforce.effects.fault import BEYOND, SHAPES, Distortion, Place, TimeCourse
+from cylforce.effects.fault import BEYOND, SHAPES, Place, TimeCourse
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
+from cylforce.effects.unknown import NAME, UNKNOWN_TORQUES
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
@@ -124,10 +124,9 @@ class _Search:
 
         def support(form: int, sizes: Array) -> float:
             proposal = question.forms[form][0]
-            effect = proposal.group[0]
-            if proposal.about.place is not Place.PRESSURE or not isinstance(effect, Distortion):
+            if proposal.about.place is not Place.PRESSURE:
                 return 0.0
-            return problem.returns.support(effect, proposal.where, float(sizes[0]))
+            return problem.returns.support(proposal.group, proposal.where, float(sizes[0]))
 
         return support
 
@@ -261,7 +260,7 @@ class _Search:
         # Far from zero, the linear columns of the true effect may fit worse than a sum of wrong ones.
         alone = [h for h in order if len(h.which) == 1]
         for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
-            if any(bends(self._question.forms[p][0]) for p in h.which):
+            if any(self._question.forms[p][0].bends for p in h.which):
                 found[h.which], again[h.which] = self._at_sizes(case, h, blocks.get(h.which))
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))
         if best.which in again and len(best.which) == 1:
@@ -308,7 +307,7 @@ class _Search:
             column, proposal = case.scene.forms[p], self._question.forms[p][0]
             sizes = h.sizes[k : k + len(column.columns)] * case.scene.spread[list(column.columns)]
             k += len(column.columns)
-            if bends(proposal):
+            if proposal.bends:
                 found.append((p, Applied(proposal, sizes)))
         return found
 

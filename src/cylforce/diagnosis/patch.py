@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cylforce.diagnosis.problem import GROWTH_S, Problem
-from cylforce.diagnosis.residuals import clean, residuals
+from cylforce.diagnosis.residuals import clean
 from cylforce.diagnosis.resimulation import known, read_blocks
 from cylforce.diagnosis.rows import BLOCK, RATE_HZ, shapes
 from cylforce.diagnosis.verdict import Cause, Search
@@ -66,11 +66,13 @@ def _window(search: Search, cause: Cause, sizes: Array, block: int) -> Iterator[
 def _times(search: Search, cause: Cause) -> dict[str, float]:
     """From when on [s] a load is another one: where, in the block in which that happens or its neighbours, it fits best
     that nothing was there before, and afterwards as much as later; until its recording ends."""
-    after = np.flatnonzero(cause.course[0])
+    after = np.flatnonzero(cause.course[0] > 0.0)
     problem = search.fit.question.problem
     number, (first, _) = next((n, s) for n, s in enumerate(problem.spans) if s[0] <= after[0] < s[1])
     seen, near = problem.faulty[number], slice(max(after[0] - first - 2, 0) * BLOCK, (after[0] - first + 1) * BLOCK)
-    left = residuals(problem, clean(search.question).values)[number][near]
+    values = search.at_rest(search.causes, search.fit.whole, clean(search.question).values)
+    others = [c for c in search.causes if c.key != cause.key]
+    left = search.without(others, search.fit.whole, values)[number][near]
     own = problem.columns(seen)[near][..., list(cause.columns)] @ cause.sizes[0]
     gain = np.where(np.isfinite(left), left**2 - (left - own) ** 2, 0.0) @ search.question.floor.rms**-2.0
     begins = int(np.argmax(np.cumsum(gain[::-1])[::-1]))  # what goes if it begins with each row

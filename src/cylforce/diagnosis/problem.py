@@ -12,21 +12,7 @@ import numpy as np
 from cylforce.diagnosis.returns import Returns
 from cylforce.diagnosis.riding import Riding, riding
 from cylforce.diagnosis.rows import BLOCK, CENTRE, ROCKER, GapRows, Recorded, Viewer
-from cylforce.effects.fault import (
-    INCIDENTAL,
-    SHAPES,
-    TORQUES,
-    Alteration,
-    BaseMotion,
-    Distortion,
-    Fault,
-    ForceLaw,
-    GrowingMass,
-    Incident,
-    JointLaw,
-    MassChange,
-    PartOfFriction,
-)
+from cylforce.effects.fault import INCIDENTAL, SHAPES, TORQUES
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.estimation.model import Model
@@ -36,7 +22,6 @@ WAVES = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)  # usual level, slope, bend, ... of wha
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(w * x for w in WAVES for x in (8e3, 8e3, 0.3)))  # usual sizes of those
 TORQUE = 5e3  # N m, the same of a torque of which nothing is known
 SHEET = 0.01  # of that, where only a data sheet is known: beyond it, its errors count as effects
-STILL = 1e-4  # of a usual motion of the base, of a least plausible size: none
 GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
 
 
@@ -85,8 +70,8 @@ class Problem:
     @cached_property
     def _ridden(self) -> list[tuple[int, float]]:
         """The columns of motions of the base, counted from the first effect's, and their usual sizes."""
-        each = [(e, s) for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
-        return [(k, size) for k, (effect, size) in enumerate(each) if isinstance(effect, BaseMotion)]
+        each = [(p.rides, size) for p in self.proposals for size in p.usual]
+        return [(k, size) for k, (rides, size) in enumerate(each) if rides]
 
     @cached_property
     def riding(self) -> Riding:
@@ -112,7 +97,7 @@ class Problem:
     @cached_property
     def spread(self) -> Array:
         """Standard errors (K,) of all columns' sizes beforehand."""
-        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
+        effects = [size for p in self.proposals for size in p.usual]
         return np.concatenate([self.known, self._own, effects, self.unusual])
 
     @cached_property
@@ -125,7 +110,7 @@ class Problem:
     @cached_property
     def always(self) -> Array:
         """The same of what the machine always was: of effects, what goes unnoticed."""
-        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _small(e)]
+        effects = [size for p in self.proposals for size in p.unnoticed]
         return np.concatenate([self.known, self._own, effects, self.unusual])
 
     @cached_property
@@ -145,13 +130,10 @@ class Problem:
         nearly."""
         seen, found, k = set[tuple[str, str]](), [*range(self.first)], self.first
         for p in self.proposals:
-            if isinstance(p.group[0], Incident):
-                continue
-            m = sum(len(_sizes(e)) for e in p.group)
-            if isinstance(p.group[0], ForceLaw) and (p.name, p.at) not in seen:
+            if p.rubs and (p.name, p.at) not in seen:
                 seen.add((p.name, p.at))
-                found += range(k, k + m)
-            k += m
+                found += range(k, k + len(p.usual))
+            k += len(p.usual)
         return found
 
     @property
@@ -170,19 +152,15 @@ class Problem:
         """The columns of every proposal."""
         found, k = [], self.first
         for p in self.proposals:
-            if isinstance(p.group[0], Incident):
-                found.append(self._incidental(p.group[0], p.where))
-                continue
-            m = sum(len(_sizes(e)) for e in p.group)
-            found.append(tuple(range(k, k + m)))
-            k += m
+            found.append(self._incidental(p) if p.course else tuple(range(k, k + len(p.usual))))
+            k += len(p.usual)
         return tuple(found)
 
-    def _incidental(self, effect: Incident, where: int) -> tuple[int, ...]:
-        if effect.columns == TORQUES:
-            first = self.lasting + len(INCIDENTAL) + SHAPES * self.model.machine.rows.index(where)
+    def _incidental(self, p: Proposal) -> tuple[int, ...]:
+        if p.incidents == TORQUES:
+            first = self.lasting + len(INCIDENTAL) + SHAPES * self.model.machine.rows.index(p.where)
             return tuple(range(first, first + SHAPES))
-        return tuple(self.lasting + INCIDENTAL.index(name) for name in effect.columns)
+        return tuple(self.lasting + INCIDENTAL.index(name) for name in p.incidents)
 
     def columns(self, seen: Seen) -> Array:
         """[base | loads | bars | base's motion | effects | incidents | left] (T, R, K+1) of a recording; a known load
@@ -222,12 +200,8 @@ class Problem:
 
     def largest(self, proposal: Proposal) -> float:
         """The largest plausible size of an effect on this machine."""
-        effect, high = proposal.group[0], proposal.about.high
-        return (
-            min(effect.of_dry * self._dry[proposal.where], high)
-            if isinstance(effect, PartOfFriction) and self._dry
-            else high
-        )
+        high, share = proposal.about.high, proposal.of_dry
+        return min(share * self._dry[proposal.where], high) if share and self._dry else high
 
     @cached_property
     def _dry(self) -> tuple[float, ...]:
@@ -241,24 +215,5 @@ class Problem:
         return tuple(max(force, 0.0) for force in dry)
 
 
-def _sizes(effect: Fault) -> tuple[float, ...]:
-    """Usual sizes of an effect's columns."""
-    if isinstance(effect, MassChange | BaseMotion):
-        return effect.typical
-    return (effect.about.high / 2.0,)
-
-
 def _half(t: Array) -> float:
     return float(t[1] - t[0]) * BLOCK / 2.0 if len(t) > 1 else 0.0
-
-
-def _small(effect: Fault) -> tuple[float, ...]:
-    """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
-    proportion; friction is never quite of the model's form; how a base always moved has columns of its own; what grows
-    does so on no machine in order."""
-    about = effect.about
-    if isinstance(effect, BaseMotion | GrowingMass):
-        return tuple(STILL * size for size in effect.typical)
-    if isinstance(effect, MassChange):
-        return tuple(size * about.low / effect.typical[0] for size in effect.typical)
-    return (about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else _sizes(effect)

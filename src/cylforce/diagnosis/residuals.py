@@ -16,7 +16,7 @@ from cylforce.diagnosis.floor import normal, ridge
 from cylforce.diagnosis.hypotheses import Inference
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.rows import BLOCK
-from cylforce.diagnosis.whitening import ORDER
+from cylforce.diagnosis.whitening import ORDER, Floor
 from cylforce.effects.fault import INCIDENTAL, SHAPES
 from cylforce.signals.estimate import Array
 
@@ -162,17 +162,16 @@ def refitted(question: Asking, nominal: Sequence[Array]) -> tuple[list[Array], A
     return [e - x @ values for x, e in zip(columns, nominal, strict=True)], values[:count] / known[:count]
 
 
-def hung(question: Asking, problem: Problem, left: Sequence[Array]) -> Array:
+def hung(problem: Problem, floor: Floor, left: Sequence[Array]) -> Array:
     """Values (K,) of where the field's loads hang, and how a base that always moved goes, by least squares of what is
-    left (T, R) of its recordings."""
+    left (T, R) of its recordings, rows weighed by the floor."""
     own, found = problem.of_the_field, np.zeros(problem.lasting)
-    if not own:
-        return found
     normal, score = np.diag(problem.spread[own] ** -2.0), np.zeros(len(own))
     for seen, e in zip(problem.faulty, left, strict=True):
-        x, good = problem.columns(seen)[..., own] / question.floor.rms[:, None], np.isfinite(e)
-        normal += x[good].T @ x[good]
-        score += x[good].T @ (e / question.floor.rms)[good]
+        good = np.isfinite(e)
+        part = (problem.columns(seen)[..., own] / floor.rms[:, None])[good]
+        normal += part.T @ part
+        score += part.T @ (e / floor.rms)[good]
     found[own] = np.linalg.solve(normal, score)
     return found
 

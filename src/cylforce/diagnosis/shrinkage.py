@@ -11,7 +11,7 @@ from cylforce.diagnosis.closure import blockwise, closure
 from cylforce.diagnosis.numbers import HALF, SLIGHT, WIDEST
 from cylforce.diagnosis.patch import patch
 from cylforce.diagnosis.problem import Seen
-from cylforce.diagnosis.residuals import SPAN, Told, added, chosen, clean, hung, refitted, residuals, rms
+from cylforce.diagnosis.residuals import SPAN, Told, chosen, clean, refitted, residuals, rms
 from cylforce.diagnosis.resimulation import Resimulation, known, read_blocks
 from cylforce.diagnosis.verdict import Cause, Judged, Search, Verdict
 from cylforce.effects.imposed import Imposed
@@ -119,30 +119,20 @@ class Simulation:
     def left(self, causes: Sequence[Cause]) -> list[Array]:
         """Residuals (T, R) [N m] of the faulty recordings with some of the causes switched on, each stretch with sizes
         that were fitted without it. What happens for a moment has sizes that no other stretch knows."""
-        problem = self.search.original
+        search, problem = self.search, self.search.original
         if not causes:
-            return residuals(problem, self._values(self._fit.whole))
+            return residuals(problem, search.at_rest(self.causes, self._fit.whole, self.clean.values))
         if any(not c.lasts for c in causes):
             return self._left(causes, self._fit.whole)
         fold = (np.arange(len(problem.times)) // SPAN) % 2
         each = [self._left(causes, self._fit.told(fold != k)) for k in (0, 1)]
         return chosen(each[0], each[1], problem, fold == 1)
 
-    def _values(self, told: Told) -> Array:
-        """Values (K,) of the machine as it was, loads where they hang beside the causes."""
-        problem = self.search.fit.question.problem
-        left = residuals(problem, self.clean.values)
-        for c in self.causes:
-            sizes = c.sizes if c.form is None else told.more[c.form].reshape(c.sizes.shape)
-            own = added(problem, c.columns, sizes, c.course)
-            left = [e - x for e, x in zip(left, own, strict=True)]
-        return self.clean.values + hung(self.search.question, problem, left)
-
     def _left(self, causes: Sequence[Cause], told: Told) -> list[Array]:
         """What causes leave with the sizes that were fitted together."""
         search, problem = self.search, self.search.original
         now = [c._replace(sizes=c.sizes + _told(c, told) - _told(c, search.fit.whole)) for c in causes]
-        values = self._values(told)
+        values = search.at_rest(self.causes, told, self.clean.values)
         if not problem.clean:  # parameters that are known as well as they were identified give way to effects
             values[: problem.first] = told.own
         effects = read_blocks(problem.model.machine, patch(search, now), known(problem))

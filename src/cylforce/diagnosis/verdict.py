@@ -14,7 +14,7 @@ from cylforce.diagnosis.learnt import CALIBRATION
 from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Calibration, Key, believed, calibrated
 from cylforce.diagnosis.problem import GROWTH_S, Problem
-from cylforce.diagnosis.residuals import Fit, added, rms
+from cylforce.diagnosis.residuals import Fit, Told, added, hung, residuals, rms
 from cylforce.diagnosis.rows import Viewer
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
@@ -35,7 +35,8 @@ class Verdict(StrEnum):
 class Cause(NamedTuple):
     """An effect that was found: the proposal, its course in words, which `form` of the question it is (None of what
     happens at moments), its columns, sizes (W, M) of these and their standard errors (W, M), each row of them with its
-    `course` (W, B) over the faulty blocks, the `probability` of it, `nats` of evidence against its absence."""
+    `course` (W, B) over the faulty blocks, NaN where it begins, the `probability` of it, `nats` of evidence against its
+    absence."""
 
     proposal: Proposal
     when: str
@@ -105,6 +106,21 @@ class Search(NamedTuple):
     def original(self) -> Problem:
         """The recordings as they are."""
         return self.question.problem
+
+    def without(self, causes: Sequence[Cause], told: Told, values: Array) -> list[Array]:
+        """What is left (T, R) [N m] by values (K,) of the columns that last and by some causes of a fit, `told`, of the
+        recordings from which is taken out what bends."""
+        problem = self.fit.question.problem
+        left = residuals(problem, values)
+        for c in causes:
+            sizes = c.sizes if c.form is None else told.more[c.form].reshape(c.sizes.shape)
+            left = [e - x for e, x in zip(left, added(problem, c.columns, sizes, c.course), strict=True)]
+        return left
+
+    def at_rest(self, causes: Sequence[Cause], told: Told, values: Array) -> Array:
+        """Values (K,) of the machine as it was, `values`, with where the field's loads hang beside some causes."""
+        left = self.without(causes, told, values)
+        return values + hung(self.fit.question.problem, self.question.floor, left)
 
     @property
     def viewer(self) -> Viewer:
@@ -182,7 +198,7 @@ def _cause(found: Found, form: int, told: tuple[Array, Array], probability: floa
         course, rows = np.stack([course[0], problem.times / GROWTH_S]), 2
     elif proposal.course is TimeCourse.AFTER and found.question.step:
         first, last = found.question.step
-        course[0] = (number > first) & (number < last)
+        course[0] = np.where(number == first, np.nan, (number > first) & (number < last))
         when = f"from {problem.times[first]:.0f} s on"
     places = problem.places[problem.proposals.index(proposal)]
     shaped, uncertain = (x.reshape(rows, -1) for x in (sizes, errors))

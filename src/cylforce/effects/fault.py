@@ -226,6 +226,27 @@ def rubbing(share: Share, where: int, cylinders: int) -> range:
     return range(where, where + 1) if share.about.place is Place.CYLINDER else range(cylinders)
 
 
+STILL = 1e-4  # of a usual size: none
+
+
+def usual_sizes(effect: Fault) -> tuple[float, ...]:
+    """Usual sizes of an effect's columns, where it is."""
+    if isinstance(effect, MassChange | BaseMotion):
+        return effect.typical
+    return (effect.about.high / 2.0,)
+
+
+def unnoticed_sizes(effect: Fault) -> tuple[float, ...]:
+    """Sizes of an effect's columns on a machine in order: of sensors and linkages the least plausible one, masses in
+    proportion; friction is never quite of the model's form; what grows, or moves the base, is on no machine in
+    order."""
+    if isinstance(effect, BaseMotion | GrowingMass):
+        return tuple(STILL * size for size in effect.typical)
+    if isinstance(effect, MassChange):
+        return tuple(size * effect.about.low / effect.typical[0] for size in effect.typical)
+    return (effect.about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else usual_sizes(effect)
+
+
 # Columns of incidents: an additional load in the bucket; a delay of all pressures by one second; and, over each block
 # with the course of each of SHAPES polynomials, a force at the teeth and a square of the slew rate of 1 rad^2/s^2.
 BEYOND = 1.3  # of the largest plausible size: what is larger is neither found nor simulated; convention
