@@ -11,13 +11,14 @@ from typer.testing import CliRunner
 from cylforce.diagnosis.numbers import WIDEST
 from cylforce.diagnosis.where import REGIMES
 from cylforce.effects.imposed import imposed
-from cylforce.effects.library import LIBRARY
+from cylforce.effects.library import LIBRARY, proposals
 from cylforce.files.tables import Table, read_table, write_table
 from cylforce.programs import cli
 from cylforce.programs.common.play import read_effects
 from cylforce.programs.gap import Question, diagnose
 from cylforce.programs.gap_output import sentence
 from cylforce.programs.reports import report
+from cylforce.programs.reports.gap_shown import acts_on
 from cylforce.programs.reports.units import SHOWN, interval, shown
 from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
@@ -207,6 +208,22 @@ def test_the_page_has_every_section_and_figure_and_loads_nothing(made):
     assert f"Confidence: {100 * answer['effects'][0]['confidence']:.0f} %" in page.text["verdict"]
     assert f"{answer['gap']['fixed']:.0f} N m" in page.text["verdict"]
     assert answer["next_experiment"][0] in page.text["next"]
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "joints"),
+    [
+        ("coulomb_friction", "stick", ["stick"]),
+        ("pressure_offset", "bucket_rod_pressure", ["bucket"]),
+        ("angle_offset", "stick_angle", ["stick"]),
+        ("compliance", "bucket", ["bucket"]),
+        ("tilt_ignored", "machine", ["stick", "bucket"]),
+    ],
+)
+def test_the_page_draws_the_torque_of_the_joint_that_the_cause_acts_on(name, at, joints):
+    machine = LOADED.service.machine
+    proposal = next(p for p in proposals(machine) if (p.name, p.at) == (name, at))
+    assert [machine.links[machine.rows[r]].name for r in acts_on(machine, proposal)] == joints
 
 
 def test_units_of_the_reader():

@@ -57,6 +57,7 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(reference)
     assert (after, doubt) == (verdict, "")
     before, left = (rms[1] ** 2 - size.floor[1] ** 2 for rms in (size.fixed, size.after))
     assert 1.0 - left / before > 0.8
+    assert np.sum(size.refit**2) <= np.sum(size.fixed**2)
     (named,) = verdict.named
     wrong = verdict._replace(named=(named._replace(cause=named.cause._replace(sizes=-named.cause.sizes)),))
     after, size, doubt = tried(found, wrong, np.random.default_rng(1))

@@ -39,6 +39,14 @@ RATIO = 0.1  # of the floor's energy: a smaller gap has no meaningful share (GAP
 WIDEST = 0.2  # an interval wider than that says nothing: no share is given (convention)
 UNTOLD = (0.03, 0.01)  # by which it lies lower, higher than drawn blocks tell (fit: trial, development machines)
 
+# Where the gap is: conventions.
+FALSE = 0.05  # share of false discoveries
+MARGIN = 2.0  # times the energy, by which the same machine may differ from itself: conditions of two days are not one's
+
+# A base that moves, by its tilt sensor.
+STANDING = 5e-4  # rad/s, rms: what stands turns as fast (physics: noise of such sensors, filtered)
+MORE = 3.5  # times as fast as in the references turns a base that is said to move (convention)
+
 # Costs of an answer, in units of a wrong name (conventions): naming alone pays from a probability of 0.8 on.
 MISSED = 0.5  # "no gap" where there is one
 UNSAID = 0.25  # "unknown" where the cause could have been named

@@ -26,7 +26,7 @@ Blocks = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fitting:
     """A hypothesis, the forms `which` under a `noise`, that is put to all faulty blocks or to some of them."""
 
     question: Asking

@@ -18,7 +18,7 @@ MOVING = 0.01  # m/s, where a cylinder is half certain of its direction
 TENTH = 10  # in one of so many blocks is what is there in few moments
 
 
-class Quantity(NamedTuple):
+class Abscissa(NamedTuple):
     """Something (T,) of all faulty rows that a torque may go with, `of` which kind, in words `detail`."""
 
     of: str
@@ -26,15 +26,15 @@ class Quantity(NamedTuple):
     values: Array
 
 
-def quantities(problem: Problem, row: int) -> tuple[list[Quantity], Array]:
+def quantities(problem: Problem, row: int) -> tuple[list[Abscissa], Array]:
     """Those of a measured joint, and its cylinder's direction (T,) -1..1."""
     machine, own, rows = problem.model.machine, problem.model.acting[row][0], [s.rows for s in problem.faulty]
     speed, force = (np.concatenate([getattr(r, name) for r in rows]) for name in ("speed", "force"))
     position = np.concatenate([r.posture[:, machine.rows[row]] for r in rows])
     loads = sorted(range(len(machine.cylinders)), key=lambda c: c != own)
-    found = [Quantity("position", "", position), Quantity("speed", "", np.arcsinh(speed[:, own] / MOVING))]
-    found += [Quantity("load", f"force of the {machine.cylinders[c].name} cylinder", force[:, c]) for c in loads]
-    return [*found, Quantity("time", "", np.concatenate([r.t for r in rows]))], np.tanh(speed[:, own] / MOVING)
+    found = [Abscissa("position", "", position), Abscissa("speed", "", np.arcsinh(speed[:, own] / MOVING))]
+    found += [Abscissa("load", f"force of the {machine.cylinders[c].name} cylinder", force[:, c]) for c in loads]
+    return [*found, Abscissa("time", "", np.concatenate([r.t for r in rows]))], np.tanh(speed[:, own] / MOVING)
 
 
 def unexplained(problem: Problem, left: Sequence[Array], floor: Array) -> dict[str, Any]:

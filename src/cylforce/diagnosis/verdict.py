@@ -14,7 +14,7 @@ from cylforce.diagnosis.learnt import CALIBRATION
 from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Calibration, Key, believed, calibrated
 from cylforce.diagnosis.problem import GROWTH_S, Problem
-from cylforce.diagnosis.residuals import Fit, Told, added, hung, residuals, rms
+from cylforce.diagnosis.residuals import Fitting, Told, added, hung, residuals, rms
 from cylforce.diagnosis.rows import Viewer
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
@@ -97,7 +97,7 @@ class Search(NamedTuple):
     question: Asking
     causes: tuple[Cause, ...]
     first: tuple[Suspect, ...]
-    fit: Fit
+    fit: Fitting
     belief: Belief
     working: bool
     least: dict[Key, float]
@@ -163,7 +163,7 @@ def _best(found: Found, belief: Belief) -> Hypothesis | None:
     return max(own, key=lambda h: h.log + told.prior_of(h)) if own else None
 
 
-def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[tuple[Cause, ...], Fit]:
+def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[tuple[Cause, ...], Fitting]:
     """The effects of a hypothesis, the main one first, and its fit."""
     told, causes, k = found.asked, [], 0
     for p in h.which:
@@ -176,7 +176,7 @@ def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[tuple[Cause, .
         p_of = belief.of.get(told.key(p), 0.0) if told.key(p) == told.main(h) else _included(found, told.key(p))
         causes.append(_cause(found, p, sizes, p_of, nats))
     problem, case = found.again.get(h.which, (found.question.problem, found.case))
-    fit = Fit(replace(found.question, problem=problem), case, h.which, h.noise)
+    fit = Fitting(replace(found.question, problem=problem), case, h.which, h.noise)
     return tuple(sorted(causes, key=lambda c: c.key != told.main(h))), fit
 
 
@@ -205,13 +205,13 @@ def _cause(found: Found, form: int, told: tuple[Array, Array], probability: floa
     return Cause(proposal, when, form, places, course, shaped, uncertain, probability, nats)
 
 
-def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[tuple[Cause, ...], Fit]:
+def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[tuple[Cause, ...], Fitting]:
     """What happens at moments, if that is the likeliest effect: sizes of its own in every block; and the fit."""
     question, case = found.question, found.case
     key = next((c.key for c in candidates), NOTHING)
     where = found.when.get(key, np.zeros(len(question.problem.times), dtype=np.bool_))
     if key in (NOTHING, UNKNOWN) or not np.any(where) or belief.of.get(key, 0.0) <= 0.0:
-        return (), Fit(question, case, (), found.asked.none.noise)
+        return (), Fitting(question, case, (), found.asked.none.noise)
     k = next(k for k, p in enumerate(question.problem.proposals) if (p.name, p.at) == key)
     proposal, places = question.problem.proposals[k], question.problem.places[k]
     moments = question.moments(question.problem.faulty, proposal.incidents).only(where)
@@ -222,7 +222,7 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tu
     nats = next(h.log for h in found.asked.happened if h.key == key) - found.asked.none.log
     course, words = np.eye(len(where))[where], f"{np.count_nonzero(where)} times"
     cause = Cause(proposal, words, None, places, course, sizes, errors, belief.of[key], nats)
-    return (cause,), Fit(question, case, (), h.noise)
+    return (cause,), Fitting(question, case, (), h.noise)
 
 
 def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.diagnosis.numbers import FALSE, MARGIN
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.residuals import SPAN as BLOCKS
 from cylforce.diagnosis.residuals import rms
@@ -21,9 +22,7 @@ SLOW, FAST = 0.03, 0.10  # m/s
 SPAN = BLOCKS * BLOCK  # rows that are exchanged together: fifteen seconds
 ROWS = 20  # of a regime that a span needs
 LEAST = 2  # spans, of faulty and of clean recordings
-MARGIN = 2.0  # times the energy, by which the same machine may differ from itself: conditions of two days are not one's
 EXCHANGES = 1999
-FALSE = 0.05  # share of false discoveries
 Regime = Callable[[Seen, int, int], NDArray[np.bool_]]  # of a recording: cylinder and joint to the rows (T,) in it
 
 

@@ -5,7 +5,6 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cylforce.effects.effect import Halves
 from cylforce.mechanics.machine import Machine
@@ -98,15 +97,6 @@ class Distortion(Fault, Protocol):
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """Values (T, S) of all signals as measured with an error of `size` at times t (T,) [s], from the `values`
         without it; `where`: number of the signal, link or cylinder that has the error (see `places`)."""
-        ...
-
-
-@runtime_checkable
-class Sudden(Distortion, Protocol):
-    """A sensor error that jumps at instants which are known only roughly."""
-
-    def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
-        """Whether the error may jump at each sample (T,) of the values (T, S)."""
         ...
 
 

@@ -193,6 +193,12 @@ def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: st
     return level
 
 
+def changed_laws(effects: Sequence[Imposed]) -> tuple[str, ...]:
+    """Names of the laws of friction whose identified coefficients change."""
+    shares = [share for each in effects for share in each.group if isinstance(share, Share)]
+    return tuple(dict.fromkeys(law for share in shares for law in share.laws))
+
+
 def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> Array:
     """Additional base parameters (J, X, Z) of the links (T, N, 3) [kg m^2, kg m, kg m] at times t (T,) [s]."""
     found = np.zeros((len(t), machine.size, 3))

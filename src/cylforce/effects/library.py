@@ -1,5 +1,6 @@
 """The library of effects that the diagnosis knows, in the order in which they are tried."""
 
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Any, NamedTuple
@@ -160,7 +161,7 @@ class Proposal(NamedTuple):
     def shape(self) -> dict[str, Any]:
         """Numbers that the form of the effect has besides its size, by name."""
         effect: Any = self.group[0]
-        return {name: getattr(effect, name) for name in getattr(effect, "__dataclass_fields__", {})}
+        return {f.name: getattr(effect, f.name) for f in (fields(effect) if is_dataclass(effect) else ())}
 
     @property
     def incidents(self) -> tuple[str, ...]:
