@@ -4,12 +4,12 @@ that. (Our own simulator; a real machine: test_crane_gap.py.)"""
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.answer import off_clock
 from cylforce.diagnosis.clocks import LATE_S, slips
 from cylforce.diagnosis.rows import Recorded
 from cylforce.effects.fault import Place, places
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
+from cylforce.programs.common.gap_answer import off_clock
 from cylforce.programs.common.play import prepare
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves

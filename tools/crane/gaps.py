@@ -199,7 +199,7 @@ def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
     """The data sheet's parameters with what the causes make of them."""
     found, names = data_sheet(model), [p.name for p in model.parameters]
     rigid = 3 * model.machine.size
-    found[:rigid] += search.evidence.fitted[:rigid]  # within a hundredth of the sheet's tolerance
+    found[:rigid] += search.fit.whole.own[:rigid]  # within a hundredth of the sheet's tolerance
     for cause in causes:
         proposal = cause.proposal
         effect = proposal.group[0]

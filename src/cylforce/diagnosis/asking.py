@@ -146,12 +146,12 @@ class Asking:
 
 
 def _kept(whites: Sequence[White], kept: NDArray[np.bool_]) -> list[White]:
-    """Rows of some blocks (B,) of all recordings; the others are not usable."""
+    """Rows of some blocks (B,) of all recordings."""
     found, first = [], 0
     for each in whites:
         count = -(-len(each.rows) // BLOCK)
         on = np.repeat(kept[first : first + count], BLOCK)[: len(each.rows)]
-        found.append(White(each.rows * on[:, None, None], each.good & on[:, None]))
+        found.append(White(each.rows[on], each.good[on]))
         first += count
     return found
 

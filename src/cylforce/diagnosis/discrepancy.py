@@ -145,6 +145,13 @@ class Moments:
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
         return np.asarray(half.T @ half, dtype=np.float64), cost
 
+    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """Sizes (B, I) of what happens, by what coefficients (K+1,) leave without it, and their standard errors."""
+        across, precision, _ = self.weighed(noise)
+        covariance = np.linalg.inv(precision)
+        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        return sizes, np.sqrt(np.einsum("bii->bi", covariance))
+
     def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
         across, precision, _ = self.weighed(noise)

@@ -25,7 +25,7 @@ def fitted_tares(model: Model, clean: Sequence[Recorded]) -> Array:
     scale, values = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9, mean
     for _ in range(2):
         floor = Floor(scale, np.zeros((len(scale), 1)), scale)
-        gram = np.sum([_normal(c, floor, range(size)) for c in columns], axis=0)
+        gram = np.sum([normal(c, floor, range(size)) for c in columns], axis=0)
         values = np.linalg.solve(gram[:, :-1] + prior, gram[:, -1] + prior @ mean)
         left = np.concatenate([c[..., -1] - c[..., :size] @ values for c in columns])
         scale = np.sqrt(_mean(left**2)) + 1e-9
@@ -44,8 +44,8 @@ def noise_floor(problem: Problem) -> Floor:
     chosen = list(problem.of_the_floor)
     floor = Floor(scale, np.zeros((len(scale), 1)), scale)
     for _ in range(2):
-        whole = np.sum([_normal(c, floor, chosen) for c in columns], axis=0)
-        values = _ridge(problem, whole)
+        whole = np.sum([normal(c, floor, chosen) for c in columns], axis=0)
+        values = ridge(problem, whole)
         left = [c[..., -1] - c[..., chosen] @ values for c in columns]
         if not problem.clean:
             left = [_predicted(problem, c, whole, floor) for c in columns]
@@ -60,7 +60,8 @@ def _mean(x: Array) -> Array:
     return np.asarray(np.where(count > 0, np.sum(np.where(good, x, 0.0), axis=0) / np.maximum(count, 1), 1.0))
 
 
-def _ridge(problem: Problem, gram: Array) -> Array:
+def ridge(problem: Problem, gram: Array) -> Array:
+    """Values of the columns `of_the_floor` that fit normal equations (K, K+1)."""
     prior = np.diag(problem.always[list(problem.of_the_floor)] ** -2.0)
     return np.asarray(np.linalg.solve(gram[:, :-1] + prior, gram[:, -1]))
 
@@ -71,12 +72,13 @@ def _predicted(problem: Problem, columns: Array, whole: Array, floor: Floor) -> 
     part = np.arange(len(columns)) // (5 * BLOCK) % 5
     for k in range(5):
         here = columns[part == k]
-        values = _ridge(problem, whole - _normal(here, floor, chosen))
+        values = ridge(problem, whole - normal(here, floor, chosen))
         found[part == k] = here[..., -1] - here[..., chosen] @ values
     return found
 
 
-def _normal(columns: Array, floor: Floor, chosen: Sequence[int]) -> Array:
+def normal(columns: Array, floor: Floor, chosen: Sequence[int]) -> Array:
+    """Normal equations (K, K+1) of chosen columns (T, R, N), rows weighed by the floor."""
     own = columns[..., [*chosen, -1]]
     found = np.zeros((own.shape[-1], own.shape[-1]))
     for r in range(columns.shape[1]):

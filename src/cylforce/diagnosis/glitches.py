@@ -37,7 +37,9 @@ def glitching(
     return found
 
 
-def repaired(recordings: Sequence[Recorded], sensors: Mapping[tuple[str, int], float], rate_hz: float) -> list[Recorded]:
+def repaired(
+    recordings: Sequence[Recorded], sensors: Mapping[tuple[str, int], float], rate_hz: float
+) -> list[Recorded]:
     """The recordings with the jumps of some sensors replaced by straight lines."""
     found = []
     for recorded in recordings:

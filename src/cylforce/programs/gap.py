@@ -6,18 +6,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer import answer, apart, off_clock, shifted
 from cylforce.diagnosis.clocks import Slip, slips
 from cylforce.diagnosis.diagnosis import examined
 from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.forward import forward
 from cylforce.diagnosis.idle import idle
-from cylforce.diagnosis.residuals import contributed, ends
 from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
 from cylforce.diagnosis.shaking import shaking
-from cylforce.diagnosis.shape import confirm, told, unexplained
+from cylforce.diagnosis.shape import unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
-from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
+from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
 from cylforce.diagnosis.where import where
 from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
@@ -25,6 +22,7 @@ from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
+from cylforce.programs.common.gap_answer import answer, apart, off_clock, shifted
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
@@ -96,16 +94,15 @@ def diagnose(
     verdict = judged(everything, found, contributed(found))
     if late and not _by_clock(verdict):
         return _off_clock(late)
-    seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
+    seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    whole = answer(found, verdict, size, ends(found), where(found, size.nominal, rng), forward(found, size))
-    whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
+    problem = found.original
+    whole = answer(found, verdict, size, where(problem, size, rng), unexplained(problem, size.left, size.floor))
     watch("what to record next", None)
-    motions = said(planned(everything, found))
-    whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
+    whole["next_experiment"] = [*said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     noisy = shaking(loaded.service.machine, faulty, clean)
     warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "", noisy)

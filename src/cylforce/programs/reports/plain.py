@@ -24,15 +24,10 @@ WHEN = {
     "angle high": "at its larger angles",
 }
 SHAPES = {
-    "constant": "it is always the same",
     "speed": "it depends on how fast the cylinder moves",
     "position": "it depends on the joint's angle",
     "load": "it depends on the load",
-    "turning": "it depends on how fast the base turns",
     "time": "it changes with time",
-    "reversal": "it fades after the motion turned back",
-    "periodic": "it comes back in waves along the joint's angle",
-    "swinging": "it swings in time",
     "moments": "it comes for moments only",
 }
 SURE = ((0.95, "Almost certainly"), (0.8, "Very probably"), (0.5, "Probably"), (0.0, "Possibly"))  # convention
