@@ -29,11 +29,12 @@ def values():
     return moved(LOADED, seed=5, seconds=SECONDS)
 
 
-def paired(values, rate, late=0.0):
-    """Beside sample k of the angles stands what the pressures were at rate k - late."""
+def paired(values, rate, late=0.0, only=None):
+    """Beside sample k of the angles stands what the pressures (of the sensors `only`) were at rate k - late."""
     k, found = np.arange(len(values)), values.copy()
-    for _, signal in places(SERVICE.machine, Place.PRESSURE):
-        found[:, signal] = np.interp(rate * k - late * RATE, k, values[:, signal])
+    for name, signal in places(SERVICE.machine, Place.PRESSURE):
+        if only is None or name in only:
+            found[:, signal] = np.interp(rate * k - late * RATE, k, values[:, signal])
     return found
 
 
@@ -54,6 +55,26 @@ def test_a_lag_is_measured_whether_it_grows_or_not(values, rate, late, first, la
     assert slip.closed > 0.9
 
 
+@pytest.mark.parametrize(
+    "only", [("boom_head_pressure",), ("boom_head_pressure", "stick_head_pressure", "stick_rod_pressure")]
+)
+def test_each_sensor_may_have_a_clock_of_its_own(values, only):
+    """As on a scope with two time bases: some pressures at half speed, all else right."""
+    (slip,) = slips(MODEL, [Recorded("field", paired(values, 0.5, only=only), 0.0)])
+    assert slip.sensors == only
+    assert not slip.whole
+    assert slip.last == pytest.approx(45.0, abs=0.5)
+
+
+def test_two_nodes_may_have_two_clocks(values):
+    field = paired(values, 0.5, only=("boom_head_pressure", "boom_rod_pressure"))
+    field = paired(field, 1.0, 0.5, only=("bucket_head_pressure", "bucket_rod_pressure"))
+    first, second = slips(MODEL, [Recorded("field", field, 0.0)])
+    assert first.sensors == ("boom_head_pressure", "boom_rod_pressure")
+    assert second.sensors == ("bucket_head_pressure", "bucket_rod_pressure")
+    assert [second.first, second.last] == pytest.approx([0.5, 0.5], abs=0.1)
+
+
 def test_a_jump_is_measured(values):
     """From one instant on the pressures are those of so much later."""
     jump, k = -0.7, np.arange(len(values))
@@ -69,7 +90,19 @@ def test_it_is_told_by_name_with_its_cure(values):
     assert verdict == answer["verdict"] == "explained"
     (effect,) = answer["effects"]
     assert (effect["name"], effect["at"]) == ("clock_fault", "machine")
+    assert effect["sensors"] == [name for name, _ in places(SERVICE.machine, Place.PRESSURE)]
     assert "pressures and angles are not on one clock in field" in answer["reason"]
+
+
+def test_motion_that_repeats_itself_has_other_lags_that_are_told(values):
+    """The same 20 s again and again: pressures of the next time round fit as well."""
+    again = np.tile(values[: round(20.0 * RATE)], (4, 1))
+    (slip,) = slips(MODEL, [Recorded("field", paired(again, 0.5), 0.0)])
+    lags = [(slip.first, slip.last), *slip.others]
+    assert any(abs(last - 40.0) < 2.0 for _, last in lags)
+    told = off_clock([slip])[1]
+    assert len(told["effects"][0]["alternatives"]) == len(slip.others) > 0
+    assert "repeats itself" in told["reason"]
 
 
 def test_a_smaller_lag_is_left_to_the_search(values):
