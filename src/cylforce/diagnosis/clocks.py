@@ -25,6 +25,7 @@ STEP_S = 0.5  # between lags that are tried; then refined
 JUMP_S = 5.0  # between instants of a jump that are tried; then refined
 REFINED = 10  # rounds
 HILLS = 6  # best lags of all that are refined
+LEAST = 0.3  # of the rows must have a pressure on a clock: beyond the factor FASTEST of rates
 LATE_S = 0.1  # up to which the library's effects, linear in the lag, do as well
 ODDS = (1.0 - IN_ORDER - ODD) / len({group[0].about.name for group in LIBRARY})  # of one effect of the library
 SURE = float(np.log((1.0 - ODDS) / ODDS / UNSAID))  # nats that make a clock sure enough to be named
@@ -68,32 +69,35 @@ Hill = tuple[Clock, float]  # a clock that fits better than those beside it, and
 def slips(model: Model, recordings: Sequence[Recorded]) -> list[Slip]:
     """Pieces of recordings some of whose pressures are not on the clock of the angles, the largest lag first."""
     found = ((recorded, *piece) for recorded in recordings for piece in pieces(model, recorded))
-    return sorted((slip for piece in found for slip in _slips(*piece)), key=lambda s: -abs(s.largest[0]))
+    return sorted((slip for piece in found for slip in of_piece(*piece)), key=lambda s: -abs(s.largest[0]))
 
 
-def _slips(recorded: Recorded, begins: float, joints: Sequence[Joint]) -> Iterator[Slip]:
+def of_piece(recorded: Recorded, begins: float, joints: Sequence[Joint]) -> Iterator[Slip]:
     """The clocks of a piece, the surest first; each joint has one."""
     left = list(joints)
     while left:
         hills = _hills(left)
         chosen = [(joint, *joint.best(hills[0][0])) for joint in left]
         there = [(joint, joint.choices[int(which[0])]) for joint, gain, which in chosen if gain[0] > OWN]
-        if hills[0][1] < SURE or not there:
+        if not there:
             return
         slip = _slip(recorded.name, begins, there, hills)
+        if slip.nats < SURE:
+            return
         if max(abs(slip.first), abs(slip.last)) >= LATE_S and slip.closed > HALF:
-            yield slip._replace(whole=len(slip.sensors) == sum(len(joint.names) for joint in joints))
+            known = [joint for joint in joints if np.isfinite(joint.best(hills[0][0])[0][0])]
+            yield slip._replace(whole=len(slip.sensors) == sum(len(joint.names) for joint in known))
         left = [joint for joint in left if all(joint is not found for found, _ in there)]
 
 
 def _slip(name: str, begins: float, there: Sequence[There], hills: Sequence[Hill]) -> Slip:
     """The best hill in words, with the others that may be it."""
-    clock, nats = hills[0]
+    clock, best = hills[0]
     one, other = np.sum([joint.energy(own, clock) for joint, own in there], axis=0).tolist()
     span = EDGE_S, min(there[0][0].ends - EDGE_S, float((there[0][0].ends - clock.offset[0]) / clock.rate[0]))
     lags = np.array([c.lags(*span)[0] for c, _ in hills])
     near = np.max(np.abs(lags - lags[0]), axis=1) <= OFFSET_S
-    likely = np.array([height > nats - OWN for _, height in hills])
+    likely = np.array([height > best - OWN for _, height in hills])
     return Slip(
         name,
         begins + span[0],
@@ -104,7 +108,7 @@ def _slip(name: str, begins: float, there: Sequence[There], hills: Sequence[Hill
         1.0 - other / one,
         tuple(joint.names[s] for joint, own in there for s in own),
         others=tuple((float(a), float(b)) for a, b in lags[likely & ~near]),
-        nats=nats,
+        nats=float(np.sum([joint.gains(own, clock) for joint, own in there])),
     )
 
 
@@ -123,8 +127,11 @@ def _hills(joints: Sequence[Joint]) -> list[Hill]:
 
 
 def _height(joints: Sequence[Joint], clock: Clock) -> Array:
-    """Evidence (K,) for each clock: that of the joints that are on it."""
-    return np.asarray(np.sum([np.maximum(joint.best(clock)[0], 0.0) for joint in joints], axis=0))
+    """Evidence (K,) for each clock, that of the joints that are on it; as if all rows had a pressure on it, so that
+    clocks compare that have different rows."""
+    found = np.sum([np.maximum(joint.best(clock)[0], 0.0) for joint in joints], axis=0)
+    share = np.sum([joint.rows(clock) for joint in joints], axis=0) / sum(len(joint.t) for joint in joints)
+    return np.asarray(np.where(share > LEAST, found / np.maximum(share, LEAST), 0.0))
 
 
 def _lattices(ends: float) -> tuple[Clock, Clock]:

@@ -27,7 +27,6 @@ EVERY_S = 0.4  # a row: the period of the lowest low-pass of a service, 2.5 Hz
 BLOCK_S = BLOCK / RATE_HZ  # of motion say one thing: within them errors are alike
 MOVING = 0.9  # of the friction's direction must be known
 ENOUGH_S = 10.0  # of motion of a joint: twice as many rows as parameters
-LEAST = 0.3  # of the rows must have a pressure
 ROUNDS = 15  # of reweighting
 SLICE = 500  # clocks at once
 
@@ -72,10 +71,9 @@ class Joint:
         """The last time [s] with a pressure."""
         return (len(self.pressures) - 1) * self.every
 
-    @property
-    def blocks(self) -> float:
-        """How many blocks it moves."""
-        return len(self.t) * EVERY_S / BLOCK_S
+    def rows(self, clock: Clock) -> NDArray[np.intp]:
+        """The number (K,) of rows, from the first on, that have a pressure on each clock."""
+        return np.searchsorted(self.t, (self.ends - clock.offset) / clock.rate, side="right")
 
     @cached_property
     def choices(self) -> tuple[tuple[int, ...], ...]:
@@ -133,12 +131,12 @@ class Joint:
 
     def _gains(self, own: Sequence[int], clock: Clock) -> Array:
         columns, covariance, left = self._one
-        rows = np.searchsorted(self.t, (self.ends - clock.offset) / clock.rate, side="right")
+        rows = self.rows(clock)
         wanted = self.wanted(own, clock) / self.noise * (np.arange(len(self.t)) < rows[:, None])
         score = wanted @ columns
         squares = np.sum(wanted**2, axis=1) - np.einsum("kp,kpq,kq->k", score, covariance[rows], score)
-        gain = -0.5 * self.blocks * np.log(np.maximum(squares, 1e-9) / np.maximum(left[rows], 1e-9))
-        return np.where(rows > LEAST * len(self.t), gain, -np.inf)
+        gain = -0.5 * rows * EVERY_S / BLOCK_S * np.log(np.maximum(squares, 1e-9) / np.maximum(left[rows], 1e-9))
+        return np.where(rows * EVERY_S > ENOUGH_S, gain, -np.inf)
 
     def best(self, clock: Clock) -> tuple[Array, NDArray[np.intp]]:
         """Of each clock the evidence (K,) of the sensors that fit it best, and which these are."""
@@ -147,7 +145,7 @@ class Joint:
 
     def energy(self, own: Sequence[int], clock: Clock) -> tuple[float, float]:
         """Squares [N^2 m^2] that are left of all rows with a pressure, on one clock and on the other."""
-        count = int(np.searchsorted(self.t, (self.ends - clock.offset[0]) / clock.rate[0], side="right"))
+        count = int(self.rows(clock)[0])
         columns, found = self.columns[:count], []
         for wanted in ((self._alone - self.knows)[:count], self.wanted(own, clock)[0, :count]):
             scale = float(np.median(self.noise))
