@@ -14,7 +14,7 @@ from cylforce.diagnosis.forward import forward
 from cylforce.diagnosis.idle import idle
 from cylforce.diagnosis.residuals import contributed, ends
 from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
-from cylforce.diagnosis.shaking import shaking
+from cylforce.diagnosis.shaking import noises, shaking
 from cylforce.diagnosis.shape import confirm, told, unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
 from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
@@ -73,9 +73,10 @@ def diagnose(
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     only = _only(library, question.only, loaded.service.machine)
     watch("clocks", None)
-    late = _late(loaded, [*clean, *faulty], library)
-    if late and not _tells(late, clean):
-        return _off_clock(late)
+    late, odd = (_late(loaded, group, library) for group in (faulty, clean))
+    clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
+    if late and not clean:
+        return _off_clock([*late, *odd])
     clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
     viewer, known = _viewer(loaded, question, clean)
     rng = np.random.default_rng(SEED)
@@ -90,12 +91,22 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    whole = answer(found, verdict, size, ends(found), where(found, size.nominal, rng), forward(found, size))
+    spots = where(found, size.nominal, rng)
+    if verdict.verdict is Verdict.NO_GAP and any(spot.found for spot in spots):
+        verdict = verdict._replace(verdict=Verdict.UNKNOWN)
+    whole = answer(found, verdict, size, ends(found), spots, forward(found, size))
     whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
     whole["next_experiment"] = [*confirm(whole["unknown"]), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    noisy = shaking(loaded.service.machine, faulty, clean)
-    warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "", noisy)
+    noise = noises(loaded.service.machine, faulty, clean)
+    whole["noise"] = [each._asdict() for each in noise]
+    warnings = (
+        _left_out(odd, bool(clean)),
+        refuted,
+        shifted(whole, verdict) if not clean else "",
+        apart(late) if late else "",
+        shaking(noise),
+    )
     whole["warnings"] = [text for text in warnings if text]
     return Diagnosed(found, verdict, size, whole)
 
@@ -112,10 +123,11 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
     return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
 
 
-def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
-    """Whether the clean recordings are on one clock, so that they show what the faulty ones are like without the
-    delay."""
-    return bool(clean) and {slip.name for slip in late}.isdisjoint(each.name for each in clean)
+def _left_out(odd: Sequence[Slip], others: bool) -> str:
+    """The sentence that names references whose clocks are apart."""
+    names = ", ".join(dict.fromkeys(slip.name for slip in odd))
+    compared = "the other references" if others else "the model alone"
+    return f"{names} is no reference: {apart(odd)}; the diagnosis compares with {compared}" if odd else ""
 
 
 def _by_clock(judged: Judged) -> bool:
