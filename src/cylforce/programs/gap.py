@@ -17,6 +17,7 @@ from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
 from cylforce.diagnosis.shaking import noises, shaking
 from cylforce.diagnosis.shape import confirm, told, unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
+from cylforce.diagnosis.strangers import frozen, strange
 from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.where import where
 from cylforce.effects.fault import places
@@ -77,7 +78,11 @@ def diagnose(
     clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
     if late and not clean:
         return _off_clock([*late, *odd])
-    clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
+    model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
+    if stuck := frozen(model, faulty):
+        return _nothing("; ".join(stuck))
+    clean, unlike = _alike(model, clean)
+    clean = idle(model, clean)
     viewer, known = _viewer(loaded, question, clean)
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
@@ -102,6 +107,7 @@ def diagnose(
     whole["noise"] = [each._asdict() for each in noise]
     warnings = (
         _left_out(odd, bool(clean)),
+        *unlike,
         refuted,
         shifted(whole, verdict) if not clean else "",
         apart(late) if late else "",
@@ -121,6 +127,22 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
     if all(group[0].about.name != CLOCKS for group in library):
         return ()
     return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
+
+
+def _alike(model: Model, clean: Sequence[Recorded]) -> tuple[list[Recorded], list[str]]:
+    """The references that are alike, and sentences about the others. Raises RecordingError for those of another
+    machine."""
+    stuck = frozen(model, clean)
+    dead = {each.name for each in clean if any(f" in {each.name} while" in sentence for sentence in stuck)}
+    kept = [each for each in clean if each.name not in dead]
+    other, unlike = strange(model, kept)
+    if other:
+        raise RecordingError(
+            f"{', '.join(other)}: is of another machine than the machine file: a constant torque explains it better"
+        )
+    said = [f"{sentence}; it is left out of the references" for sentence in stuck]
+    said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
+    return [each for each in kept if each.name not in unlike], said
 
 
 def _left_out(odd: Sequence[Slip], others: bool) -> str:
