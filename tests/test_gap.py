@@ -136,6 +136,7 @@ KEYS = {
     "probabilities": {"no_gap": N, "unknown": N, "effects": [{**PLACE, "probability": N}]},
     "set": [PLACE],
     "looked_at": [{"name": "str", "seconds": N, "of_seconds": N, "stretches": N}],
+    "noise": [{"sensor": "str", "seen": N, "declared": N, "before": N, "shakes": "bool"}],
     "warnings": [],
 }
 

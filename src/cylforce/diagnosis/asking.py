@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cylforce.diagnosis.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.hypotheses import InOrder
-from cylforce.diagnosis.numbers import EXPECTED
+from cylforce.diagnosis.numbers import EXPECTED, GAP
 from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.rows import BLOCK, Viewer
 from cylforce.diagnosis.sizes import Column, Terms
@@ -136,6 +136,18 @@ class Asking:
         first = self.problem.lasting + len(INCIDENTAL) + shapes * row
         within = list(range(first, first + shapes))
         return moments(self.whites(group), self.own, self.scene.spread, within, self.problem.spread[within])
+
+    @property
+    def believed(self) -> "Asking":
+        """The same without the noise that columns and what is left share, if taking it off leaves GAP times as much of
+        the references as plain least squares (rms): then the sensors' noise is not what they declare, not white, or
+        not what limits the floor, as on a slow machine with better sensors than its file says."""
+        if not self.problem.clean:
+            return self
+        nothing = Noisy(*(tuple(np.zeros_like(each) for each in group) for group in self.noisy))
+        plain = replace(self, noisy=nothing)
+        corrected, least = (asking.machine({}).left for asking in (self, plain))
+        return plain if np.any(corrected > GAP * np.maximum(least, 1.0)) else self
 
     def machine(self, everyday: dict[str, float]) -> InOrder:
         """The machine as its references show it."""

@@ -100,7 +100,7 @@ def examined(
     problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares)
     floor = noise_floor(problem)
     watch("noise of the columns")
-    question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng))
+    question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
     return _Search(question, dict(everyday), only, watch).found()
 
 

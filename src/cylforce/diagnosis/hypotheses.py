@@ -103,6 +103,13 @@ class InOrder:
         """Of all columns (K, K), as the references tell them."""
         return self._fit[2]
 
+    @property
+    def left(self) -> Array:
+        """What the fit leaves of the references at each joint (R,), of the floor (rms)."""
+        coefficients = np.append(-self._fit[1], 1.0)
+        energy = np.einsum("i,rij,j->r", coefficients, self._all.whole, coefficients)
+        return np.asarray(np.sqrt(np.maximum(energy, 0.0) / np.maximum(self._all.rows, 1.0)))
+
     @cached_property
     def usual(self) -> Array:
         """Everyday differences (K,), standard deviations in units of the prior spread."""

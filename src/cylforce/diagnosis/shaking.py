@@ -2,6 +2,7 @@
 diagnosis filters it away, so that nothing else here sees it."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,16 +25,42 @@ def white_noise(recordings: Sequence[Recorded]) -> Array:
     return np.asarray(NORMAL * np.nanmedian(np.abs(np.concatenate(each)), axis=0) / SECOND)
 
 
-def shaking(machine: Machine, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> str:
-    """A sentence that names the sensors whose noise is SHAKES times what they declare and what the references show;
-    empty if there are none."""
+class Noise(NamedTuple):
+    """The white noise of a sensor in SI units, standard deviations: in the field, `seen`; as its file says, `declared`;
+    in the references, `before` (None without any); whether it `shakes`: SHAKES times what both say."""
+
+    sensor: str
+    seen: float
+    declared: float
+    before: float | None
+    shakes: bool
+
+
+def noises(machine: Machine, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> list[Noise]:
+    """Of every sensor whose noise can be told, the worst first."""
     seen = white_noise(faulty)
+    before = white_noise(clean) if clean else np.full(len(seen), np.nan)
     declared = np.array([s.standard_error for s in machine.signals])
-    before = np.fmax(declared, white_noise(clean)) if clean else declared
+    usual = np.fmax(declared, before)
+    order = [k for k in np.argsort(-seen / usual).tolist() if np.isfinite(seen[k])]
+    return [
+        Noise(
+            machine.signals[k].name,
+            float(seen[k]),
+            float(declared[k]),
+            float(before[k]) if np.isfinite(before[k]) else None,
+            bool(seen[k] > SHAKES * usual[k]),
+        )
+        for k in order
+    ]
+
+
+def shaking(each: Sequence[Noise]) -> str:
+    """A sentence that names the sensors that shake; empty if there are none."""
     found = [
-        f"{signal.name} {seen[k]:.2g} ({seen[k] / before[k]:.0f} times as much as usual)"
-        for k, signal in enumerate(machine.signals)
-        if seen[k] > SHAKES * before[k]
+        f"{n.sensor} {n.seen:.2g} ({n.seen / max(n.declared, n.before or 0.0):.0f} times as much as usual)"
+        for n in each
+        if n.shakes
     ]
     words = f"noisy sensors, standard deviation in SI units: {', '.join(found)}: check plug, cable, mounting"
     return words if found else ""

@@ -11,9 +11,10 @@ from cylforce.diagnosis.diagnosis import examined
 from cylforce.diagnosis.floor import fitted_tares
 from cylforce.diagnosis.idle import idle
 from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
-from cylforce.diagnosis.shaking import shaking
+from cylforce.diagnosis.shaking import noises, shaking
 from cylforce.diagnosis.shape import unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
+from cylforce.diagnosis.strangers import frozen, strange
 from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
 from cylforce.diagnosis.where import where
 from cylforce.effects.fault import places
@@ -79,10 +80,15 @@ def diagnose(
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     only = _only(library, question.only, loaded.service.machine)
     watch("clocks", None)
-    late = _late(loaded, [*clean, *faulty], library)
-    if late and not _tells(late, clean):
-        return _off_clock(late)
-    clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
+    late, odd = (_late(loaded, group, library) for group in (faulty, clean))
+    clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
+    if late and not clean:
+        return _off_clock([*late, *odd])
+    model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
+    if stuck := frozen(model, faulty):
+        return _nothing("; ".join(stuck))
+    clean, unlike = _alike(model, clean)
+    clean = idle(model, clean)
     viewer, known = viewed_by(loaded, question, clean)
     if kept is not None:
         names = frozenset(path.name for path in question.reference)
@@ -99,13 +105,23 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    problem = found.original
-    whole = answer(found, verdict, size, where(problem, size, rng), unexplained(problem, size.left, size.floor))
+    problem, spots = found.original, where(found.original, size, rng)
+    if verdict.verdict is Verdict.NO_GAP and any(spot.found for spot in spots):
+        verdict = verdict._replace(verdict=Verdict.UNKNOWN)
+    whole = answer(found, verdict, size, spots, unexplained(problem, size.left, size.floor))
     watch("what to record next", None)
     whole["next_experiment"] = [*said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    noisy = shaking(loaded.service.machine, faulty, clean)
-    warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "", noisy)
+    noise = noises(loaded.service.machine, faulty, clean)
+    whole["noise"] = [each._asdict() for each in noise]
+    warnings = (
+        _left_out(odd, bool(clean)),
+        *unlike,
+        refuted,
+        shifted(whole, verdict) if not clean else "",
+        apart(late) if late else "",
+        shaking(noise),
+    )
     whole["warnings"] = [text for text in warnings if text]
     return Diagnosed(found, verdict, size, whole)
 
@@ -122,10 +138,27 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
     return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
 
 
-def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
-    """Whether the clean recordings are on one clock, so that they show what the faulty ones are like without the
-    delay."""
-    return bool(clean) and {slip.name for slip in late}.isdisjoint(each.name for each in clean)
+def _alike(model: Model, clean: Sequence[Recorded]) -> tuple[list[Recorded], list[str]]:
+    """The references that are alike, and sentences about the others. Raises RecordingError for those of another
+    machine."""
+    stuck = frozen(model, clean)
+    dead = {each.name for each in clean if any(f" in {each.name} while" in sentence for sentence in stuck)}
+    kept = [each for each in clean if each.name not in dead]
+    other, unlike = strange(model, kept)
+    if other:
+        raise RecordingError(
+            f"{', '.join(other)}: is of another machine than the machine file: a constant torque explains it better"
+        )
+    said = [f"{sentence}; it is left out of the references" for sentence in stuck]
+    said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
+    return [each for each in kept if each.name not in unlike], said
+
+
+def _left_out(odd: Sequence[Slip], others: bool) -> str:
+    """The sentence that names references whose clocks are apart."""
+    names = ", ".join(dict.fromkeys(slip.name for slip in odd))
+    compared = "the other references" if others else "the model alone"
+    return f"{names} is no reference: {apart(odd)}; the diagnosis compares with {compared}" if odd else ""
 
 
 def _by_clock(judged: Judged) -> bool:

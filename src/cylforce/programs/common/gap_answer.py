@@ -181,7 +181,8 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
     can be concluded from what does not belong together."""
     worst = slips[0]
     verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
-    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(worst)]
+    each = {slip.sensors: slip for slip in reversed(slips)}  # of the same sensors the largest
+    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(slip) for slip in reversed(each.values())]
     cure = [ClockFault().about.confirm]
     return verdict, {"verdict": str(verdict), "effects": effects, "reason": apart(slips), "next_experiment": cure}
 
@@ -189,10 +190,13 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
 def apart(slips: Sequence[Slip]) -> str:
     """The sentence that pressures and angles are not on one clock, the largest lag first."""
     worst, names = slips[0], ", ".join(dict.fromkeys(slip.name for slip in slips))
+    whose = "the pressures" if worst.whole else "of all pressures " + " and ".join(worst.sensors)
+    others = "".join(f", or {_late(a)} and {_late(b)}" for a, b in worst.others)
+    also = f" (as the motion repeats itself, it may also be{others[4:]})" if others else ""
     return (
-        f"pressures and angles are not on one clock in {names}: in {worst.name} the pressures are "
-        f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s. Pair them "
-        "by the time at which they were measured, not by their number, and record again"
+        f"pressures and angles are not on one clock in {names}: in {worst.name} {whose} are "
+        f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s{also}. Pair "
+        "them by the time at which they were measured, not by their number, and record again"
     )
 
 
@@ -207,11 +211,13 @@ def _clock_fault(slip: Slip) -> dict[str, Any]:
     return {
         "name": about.name,
         "at": "machine",
+        "sensors": list(slip.sensors),
         "when": f"{slip.first:.2f} s at {slip.begins:.0f} s, {slip.last:.2f} s at {slip.ends:.0f} s of {slip.name}",
         "parameters": {"size": size},
         "shape": {},
-        "confidence": float(min(slip.closed, SUREST)),
+        "confidence": min(slip.probability, SUREST),
         "confused_with": [],
+        "alternatives": [{"first_s": first, "last_s": last} for first, last in slip.others],
     }
 
 
