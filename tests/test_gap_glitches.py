@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.glitches import glitching, repaired
+from cylforce.diagnosis.glitches import jumping
 from cylforce.diagnosis.rows import Recorded
 from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch
 from machines import excavator
@@ -33,19 +33,20 @@ def recorded(values):
 
 def test_a_machine_in_order_has_none(machine):
     field, reference = recorded(readings(machine, 1)), recorded(readings(machine, 2))
-    assert glitching(machine, [field], [reference], RATE) == {}
+    assert jumping(machine, [field], [reference], RATE) == ()
 
 
-def test_the_sensor_that_jumps_is_found_and_its_reading_repaired(machine):
+def test_the_sensor_that_jumps_is_found_and_what_is_found_takes_the_jumps_out_again(machine):
     plain = readings(machine, 1)
     k = next(k for k, s in enumerate(machine.signals) if "angle" in s.name)
     t = np.arange(len(plain)) / RATE
     values = IntermittentGlitch(every=6.0).distorted(machine, plain, t, k, 0.1)
-    found = glitching(machine, [recorded(values)], [recorded(readings(machine, 2))], RATE)
-    assert list(found) == [(machine.signals[k].name, k)]
-    again = repaired([recorded(values)], found, RATE)[0].values
+    (found,) = jumping(machine, [recorded(values)], [recorded(readings(machine, 2))], RATE)
+    assert (found.proposal.name, found.proposal.where) == ("intermittent_glitch", k)
+    again = found.proposal.group[0].distorted(machine, values, t, k, -0.1)
     width = machine.signals[k].high - machine.signals[k].low
-    assert np.max(np.abs(again - plain)) < 0.01 * width < 0.05 * width < np.max(np.abs(values - plain))
+    assert np.sqrt(np.mean((again - plain) ** 2)) < 0.2 * np.sqrt(np.mean((values - plain) ** 2))
+    assert np.mean(np.abs(again - plain) > 0.01 * width) < 0.1 * np.mean(np.abs(values - plain) > 0.01 * width)
 
 
 def test_one_that_always_jumped_so_often_is_no_news(machine):
@@ -55,8 +56,8 @@ def test_one_that_always_jumped_so_often_is_no_news(machine):
         plain = readings(machine, seed)
         t = np.arange(len(plain)) / RATE
         both.append(recorded(IntermittentGlitch(every=6.0, seed=seed).distorted(machine, plain, t, k, 0.1)))
-    assert glitching(machine, both[:1], both[1:], RATE) == {}
+    assert jumping(machine, both[:1], both[1:], RATE) == ()
 
 
 def test_without_references_nothing_is_concluded(machine):
-    assert glitching(machine, [recorded(readings(machine, 1))], [], RATE) == {}
+    assert jumping(machine, [recorded(readings(machine, 1))], [], RATE) == ()

@@ -12,6 +12,8 @@ from cylforce.diagnosis.asking import Asking, Step, noisy
 from cylforce.diagnosis.correction import Applied, without
 from cylforce.diagnosis.discrepancy import Moments
 from cylforce.diagnosis.floor import noise_floor
+from cylforce.diagnosis.glitches import NAME as GLITCH
+from cylforce.diagnosis.glitches import Jumping, jumping, others
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
@@ -38,9 +40,14 @@ CARRIED = ("load.mass", "load.X", "load.Z")
 Watch = Callable[[str], None]
 
 
-def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
-    """Everything that is asked of the recordings: the library's proposals, and torques of which nothing is known."""
-    return proposals(machine, (*library, *UNKNOWN_TORQUES))
+def asked(
+    machine: Machine, library: tuple[Group, ...] = LIBRARY, jumps: Sequence[Jumping] = ()
+) -> tuple[Proposal, ...]:
+    """Everything that is asked of the recordings: the library's proposals, sensors whose readings were seen to jump,
+    and torques of which nothing is known."""
+    lasting = others(library)
+    seen = [each.proposal for each in jumps] if len(lasting) < len(library) else []
+    return (*proposals(machine, lasting), *seen, *proposals(machine, UNKNOWN_TORQUES))
 
 
 @dataclass(frozen=True)
@@ -93,7 +100,9 @@ def examined(
 ) -> Found:
     """What may explain what the model leaves of the faulty recordings; `known` (P,): standard errors of the viewer's
     tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause."""
-    wanted = asked(viewer.model.machine, library)
+    field, references = ([r.recorded if isinstance(r, Seen) else r for r in group] for group in (faulty, clean))
+    jumps = jumping(viewer.model.machine, field, references, viewer.model.filters.rate_hz)
+    wanted = asked(viewer.model.machine, library, jumps)
     watch("columns of every effect")
     seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
@@ -101,7 +110,7 @@ def examined(
     floor = noise_floor(problem)
     watch("noise of the columns")
     question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
-    return _Search(question, dict(everyday), only, watch).found()
+    return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}).found()
 
 
 @dataclass(frozen=True)
@@ -112,6 +121,7 @@ class _Search:
     everyday: dict[str, float]
     only: tuple[str, str] | None
     watch: Watch
+    jumps: Mapping[int, float]  # evidence [nats] of the number of jumps of a reading, by its signal
 
     @cached_property
     def _machine(self) -> InOrder:
@@ -124,11 +134,13 @@ class _Search:
         return replace(self._machine.asked(recording), told=self._told(self.plain))
 
     def _told(self, question: Asking) -> Callable[[int, Array], float]:
-        """What return pressures say of errors of pressure sensors."""
+        """What return pressures say of errors of pressure sensors, and the number of its jumps of a reading."""
         problem = question.problem
 
         def support(form: int, sizes: Array) -> float:
             proposal = question.forms[form][0]
+            if proposal.name == GLITCH:
+                return self.jumps[proposal.where]
             if proposal.about.place is not Place.PRESSURE:
                 return 0.0
             return problem.returns.support(proposal.group, proposal.where, float(sizes[0]))
@@ -173,6 +185,9 @@ class _Search:
         self.watch("hypotheses")
         case = self._case
         hypotheses = case.searched(self._wanted)
+        known = {h.which for h in hypotheses}
+        jumps = [p for p in self._wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
+        hypotheses += [case.hypothesis((p,), case.usual) for p in jumps if (p,) not in known]
         happened, when = self._happened(case)
         part = self._apart(case, hypotheses, happened)
         if part and part.share > SELDOM:

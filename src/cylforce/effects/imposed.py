@@ -24,7 +24,7 @@ from cylforce.effects.fault import (
     places,
     rubbing,
 )
-from cylforce.effects.library import SIMULATED, Group
+from cylforce.effects.library import LIBRARY, Group
 from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
@@ -72,7 +72,7 @@ def imposed(
     shape: Mapping[str, float] | None = None,
     begin: float = 0.0,
     end: float = inf,
-    library: tuple[Group, ...] = SIMULATED,
+    library: tuple[Group, ...] = LIBRARY,
 ) -> Imposed:
     """The effect `name` of the library at the place `at` of the machine, from `begin` to `end` [s]; `value`: its size
     (SI), or a list where it has several; `shape`: values of the effect's own fields, such as a width, by name.

@@ -101,10 +101,8 @@ LIBRARY: tuple[Group, ...] = (
     (PayloadSpill(),),
     (PayloadShift(),),
     (ClockFault(),),
+    (IntermittentGlitch(),),
 )
-
-# What a simulated machine can have: the library, and what no column of a fixed course can find.
-SIMULATED: tuple[Group, ...] = (*LIBRARY, (IntermittentGlitch(),))
 
 
 class Proposal(NamedTuple):
