@@ -55,4 +55,3 @@ def test_every_sensor_is_told_with_what_it_declares_and_showed_before():
     assert rows[0].seen == pytest.approx(6.0 * rows[0].declared, rel=0.1)
     assert rows[0].before == pytest.approx(rows[0].declared, rel=0.1)
     assert noises(MACHINE, [recorded(shakes, 8)], [])[0].before is None
-
