@@ -90,6 +90,8 @@ def gaps(folder: Path, work: Path, quick: bool = False) -> Gaps:
         asked |= identified_questions(paths, work / "identified.toml")
         march = tuple(sorted(folder.glob(f"Jib*{MARCH}.csv")))
         asked["the jib in March, April as reference"] = Question(march, tuple(paths.values()))
+        run_identify(loaded, list(paths.values()), work / "april.toml")
+        asked["the jib in March, identified in April"] = Question(march, identified=work / "april.toml")
     answers = {name: _answer(diagnose(loaded, question)) for name, question in asked.items()}
     found = Unknown(loaded, paths)
     days = paths | {path.stem: path for path in sorted(folder.glob(f"*{MARCH}.csv"))}

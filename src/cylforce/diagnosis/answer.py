@@ -162,7 +162,7 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
 def apart(slips: Sequence[Slip]) -> str:
     """The sentence that pressures and angles are not on one clock, the largest lag first."""
     worst, names = slips[0], ", ".join(dict.fromkeys(slip.name for slip in slips))
-    whose = "the pressures" if worst.whole else "of all pressures " + " and ".join(worst.sensors)
+    whose = "the pressures" if worst.whole else f"{' and '.join(worst.sensors)}, and no other pressures,"
     others = "".join(f", or {_late(a)} and {_late(b)}" for a, b in worst.others)
     also = f" (as the motion repeats itself, it may also be{others[4:]})" if others else ""
     return (

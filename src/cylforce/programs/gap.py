@@ -81,8 +81,7 @@ def diagnose(
     model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
     if stuck := frozen(model, faulty):
         return _nothing("; ".join(stuck))
-    clean, unlike = _alike(model, clean)
-    clean = idle(model, clean)
+    clean, unlike = _alike(model, idle(model, clean))
     viewer, known = _viewer(loaded, question, clean)
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
@@ -136,10 +135,11 @@ def _alike(model: Model, clean: Sequence[Recorded]) -> tuple[list[Recorded], lis
     dead = {each.name for each in clean if any(f" in {each.name} while" in sentence for sentence in stuck)}
     kept = [each for each in clean if each.name not in dead]
     other, unlike = strange(model, kept)
-    if other:
+    if other and len(other) == len({each.name for each in kept}):
         raise RecordingError(
-            f"{', '.join(other)}: is of another machine than the machine file: a constant torque explains it better"
+            f"{', '.join(other)}: of another machine: no masses near the data sheet explain its torques"
         )
+    unlike = [*other, *unlike]
     said = [f"{sentence}; it is left out of the references" for sentence in stuck]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
     return [each for each in kept if each.name not in unlike], said
