@@ -11,6 +11,7 @@ from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table, write_table
 from cylforce.programs.gap import ALWAYS, Question, diagnose
+from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
 from cylforce.simulation.sensing import run, sensors
@@ -69,28 +70,31 @@ def named(values):
 
 
 def test_references_in_order_are_alike(order):
-    assert strange(MODEL, named(order)) == ([], [])
+    assert strange(MODEL, named(order)) == []
     assert frozen(MODEL, named(order)) == []
 
 
 def test_the_reference_that_is_unlike_the_others_is_named(order):
     faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
-    assert strange(MODEL, named([*order, faulty])) == ([], ["run 4"])
+    assert strange(MODEL, named([*order, faulty])) == ["run 4"]
 
 
 def test_of_two_references_neither_is_called_wrong(order):
     faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
-    assert strange(MODEL, named([order[0], faulty])) == ([], [])
+    assert strange(MODEL, named([order[0], faulty])) == []
 
 
-def test_a_reference_of_another_machine_is_refused(order, folder):
-    """Levers of another sign: no mass makes that torque."""
-    other = order[0].copy()
-    a, b = NAMES.index("stick_head_pressure"), NAMES.index("stick_rod_pressure")
-    other[:, [a, b]] = 4.0 * other[:, [b, a]]
-    paths = [written(folder / "field.csv", order[1]), written(folder / "other.csv", other)]
-    with pytest.raises(RecordingError, match=r"other\.csv: of another machine"):
-        diagnose(LOADED, Question((paths[0],), (paths[1],)))
+def test_a_reference_of_another_machine_is_refused(order, folder, capsys):
+    """Its header names the machine file; a table lacks its signals."""
+    other = CONFIG / "excavator_20t.toml"
+    run_sim(other, scenario="moves", duration=30.0, seed=SEED, log=folder / "other.log")
+    capsys.readouterr()
+    field = written(folder / "field.csv", order[1])
+    with pytest.raises((RecordingError, ValueError), match=r"excavator_20t\.toml"):
+        diagnose(LOADED, Question((field,), (folder / "other.log",)))
+    write_table(folder / "less.csv", Table(np.arange(len(order[0])) / RATE, order[0][:, 1:], NAMES[1:]))
+    with pytest.raises((RecordingError, ValueError), match=r"less\.csv"):
+        diagnose(LOADED, Question((field,), (folder / "less.csv",)))
 
 
 def test_a_frozen_pressure_in_the_field_is_told(order, folder):

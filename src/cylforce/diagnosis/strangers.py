@@ -1,8 +1,5 @@
-"""References that are none: of another machine, with a frozen pressure, or unlike the other references.
-
-A recording is of another machine if masses that explain it are far from the data sheet, and explain it badly all the
-same; machines of one type are not told apart so. References are compared by prediction: each with the parameters of
-the others."""
+"""References that are none: with a frozen pressure, or unlike the other references. They are compared by prediction:
+each with the parameters of the others, the data sheet as prior."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,9 +12,6 @@ from cylforce.effects.fault import Place, places
 from cylforce.estimation.model import Model
 from cylforce.signals.estimate import Array
 
-# As at the commissioning (`commissioning/explained.py`, measured by `tools/accuracy unexplained`).
-LITTLE = 0.98  # share of the torque, beyond a constant one, that is always explained
-FAR = 5.0  # squared distance from the data sheet per base parameter, in its variances
 FEWEST = 3  # references, of which one can be told from the others
 ENOUGH = 200  # rows of a joint, ten seconds, to compare it
 Gram = Array  # (R, P+1, P+1) of a recording's columns and torque [N m]
@@ -43,16 +37,13 @@ def frozen(model: Model, recordings: Sequence[Recorded]) -> list[str]:
     )
 
 
-def strange(model: Model, clean: Sequence[Recorded]) -> tuple[list[str], list[str]]:
-    """Names of references of another machine, and of those unlike the others."""
-    grams = _grams(model, clean)
-    other = [name for name, gram in grams.items() if not _fits(model, gram)]
-    grams = {name: gram for name, gram in grams.items() if name not in other}
-    unlike: list[str] = []
+def strange(model: Model, clean: Sequence[Recorded]) -> list[str]:
+    """Names of references that are unlike the others."""
+    grams, unlike = _grams(model, clean), list[str]()
     while len(grams) >= FEWEST and (worst := _worst(model, grams)):
         unlike.append(worst)
         grams.pop(worst)
-    return other, unlike
+    return unlike
 
 
 def _grams(model: Model, clean: Sequence[Recorded]) -> dict[str, Gram]:
@@ -73,16 +64,6 @@ def _gram(model: Model, seen: Seen) -> Gram:
     columns = np.concatenate([columns, one], axis=-1)
     columns = np.where(np.all(np.isfinite(columns), axis=-1, keepdims=True), columns, 0.0)
     return np.asarray(np.einsum("tri,trj->rij", columns, columns))
-
-
-def _fits(model: Model, gram: Gram) -> bool:
-    """Whether masses near the data sheet explain the torque of every joint, or any masses do."""
-    values, rigid = _values(model, gram), 3 * model.machine.size
-    apart = (values - model.prior.mean)[:rigid]
-    distance = float(apart @ np.linalg.solve(model.prior.covariance[:rigid, :rigid], apart)) / rigid
-    constant = gram[:, -2, -2] - gram[:, -2, -1] ** 2 / np.maximum(gram[:, -1, -1], 1.0)
-    explained = (1.0 - LITTLE) * constant >= _left(gram, values)
-    return distance < FAR or bool(np.all(explained | (gram[:, -1, -1] < ENOUGH)))
 
 
 def _values(model: Model, gram: Gram) -> Array:

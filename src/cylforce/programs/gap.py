@@ -129,17 +129,11 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
 
 
 def _alike(model: Model, clean: Sequence[Recorded]) -> tuple[list[Recorded], list[str]]:
-    """The references that are alike, and sentences about the others. Raises RecordingError for those of another
-    machine."""
+    """The references that are alike, and sentences about the others."""
     stuck = frozen(model, clean)
     dead = {each.name for each in clean if any(f" in {each.name} while" in sentence for sentence in stuck)}
     kept = [each for each in clean if each.name not in dead]
-    other, unlike = strange(model, kept)
-    if other and len(other) == len({each.name for each in kept}):
-        raise RecordingError(
-            f"{', '.join(other)}: of another machine: no masses near the data sheet explain its torques"
-        )
-    unlike = [*other, *unlike]
+    unlike = strange(model, kept)
     said = [f"{sentence}; it is left out of the references" for sentence in stuck]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
     return [each for each in kept if each.name not in unlike], said
