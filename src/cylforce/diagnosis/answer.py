@@ -153,8 +153,8 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
     can be concluded from what does not belong together."""
     worst = slips[0]
     verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
-    each = {slip.sensors: slip for slip in reversed(slips)}  # of the same sensors the largest
-    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(slip) for slip in reversed(each.values())]
+    each = [s for k, s in enumerate(slips) if not any({*s.sensors} <= {*larger.sensors} for larger in slips[:k])]
+    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(slip) for slip in each]
     cure = [ClockFault().about.confirm]
     return verdict, {"verdict": str(verdict), "effects": effects, "reason": apart(slips), "next_experiment": cure}
 

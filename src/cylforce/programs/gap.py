@@ -76,11 +76,10 @@ def diagnose(
     watch("clocks", None)
     late, odd = (_late(loaded, group, library) for group in (faulty, clean))
     clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
-    if late and not clean:
-        return _off_clock([*late, *odd])
     model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
-    if stuck := frozen(model, faulty):
-        return _nothing("; ".join(stuck))
+    stuck = frozen(model, faulty)
+    if stuck or (late and not clean):
+        return _nothing("; ".join(stuck)) if stuck else _off_clock([*late, *odd])
     clean, unlike = _alike(model, idle(model, clean))
     viewer, known = _viewer(loaded, question, clean)
     rng = np.random.default_rng(SEED)
@@ -104,15 +103,8 @@ def diagnose(
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     noise = noises(loaded.service.machine, faulty, clean)
     whole["noise"] = [each._asdict() for each in noise]
-    warnings = (
-        _left_out(odd, bool(clean)),
-        *unlike,
-        refuted,
-        shifted(whole, verdict) if not clean else "",
-        apart(late) if late else "",
-        shaking(noise),
-    )
-    whole["warnings"] = [text for text in warnings if text]
+    here = "" if clean else shifted(whole, verdict), apart(late) if late else "", shaking(noise)
+    whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole)
 
 
