@@ -6,7 +6,7 @@ import pytest
 
 from cylforce.diagnosis.clocks import LATE_S, of_piece, slips
 from cylforce.diagnosis.rows import Recorded
-from cylforce.diagnosis.shifted import Joint
+from cylforce.diagnosis.shifted import JointRows
 from cylforce.effects.fault import Place, places
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
@@ -101,7 +101,9 @@ def test_motion_that_repeats_itself_has_other_lags_that_are_told():
     t, shown = np.arange(2.0, 58.0, 0.4), np.arange(0.0, 60.0, 0.05)
     torque = 1e4 * np.sin(2.0 * np.pi * t / period) + 100.0 * rng.standard_normal(len(t))
     pressure = np.sin(2.0 * np.pi * (shown - late) / period)
-    joint = Joint(np.ones((len(t), 1)), torque, np.full((len(t), 1), 1e4), t, pressure[:, None], 0.05, ("boom_head",))
+    joint = JointRows(
+        np.ones((len(t), 1)), torque, np.full((len(t), 1), 1e4), t, pressure[:, None], 0.05, ("boom_head",)
+    )
     (slip,) = of_piece(Recorded("field", np.zeros((0, 1)), 0.0), 0.0, [joint])
     lags = sorted([(slip.first, slip.last), *slip.others])
     assert [lags[0], lags[-1]] == [pytest.approx((lag, lag), abs=0.1) for lag in (late - period, late)]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, UNSAID
 from cylforce.diagnosis.rows import RATE_HZ, Recorded
-from cylforce.diagnosis.shifted import EDGE_S, Clock, Joint, pieces
+from cylforce.diagnosis.shifted import EDGE_S, Clock, JointRows, pieces
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.model import Model
 from cylforce.signals.estimate import Array
@@ -62,7 +62,7 @@ class Slip(NamedTuple):
         return float(1.0 / (1.0 + np.exp(-self.nats) * (1.0 - ODDS) / ODDS))
 
 
-There = tuple[Joint, tuple[int, ...]]  # a joint, and which of its sensors are on a clock
+There = tuple[JointRows, tuple[int, ...]]  # a joint, and which of its sensors are on a clock
 Hill = tuple[Clock, float]  # a clock that fits better than those beside it, and its evidence [nats]
 
 
@@ -72,7 +72,7 @@ def slips(model: Model, recordings: Sequence[Recorded]) -> list[Slip]:
     return sorted((slip for piece in found for slip in of_piece(*piece)), key=lambda s: -abs(s.largest[0]))
 
 
-def of_piece(recorded: Recorded, begins: float, joints: Sequence[Joint]) -> Iterator[Slip]:
+def of_piece(recorded: Recorded, begins: float, joints: Sequence[JointRows]) -> Iterator[Slip]:
     """The clocks of a piece, the surest first; each joint has one."""
     left = list(joints)
     while left:
@@ -112,7 +112,7 @@ def _slip(name: str, begins: float, there: Sequence[There], hills: Sequence[Hill
     )
 
 
-def _hills(joints: Sequence[Joint]) -> list[Hill]:
+def _hills(joints: Sequence[JointRows]) -> list[Hill]:
     """The clocks that fit better than all beside them, refined, with their evidence, the best first."""
     found: list[Hill] = []
     for lattice in _lattices(joints[0].ends):
@@ -126,7 +126,7 @@ def _hills(joints: Sequence[Joint]) -> list[Hill]:
     return sorted((_refined(joints, hill) for hill, _ in best), key=lambda hill: -hill[1])
 
 
-def _height(joints: Sequence[Joint], clock: Clock) -> Array:
+def _height(joints: Sequence[JointRows], clock: Clock) -> Array:
     """Evidence (K,) for each clock, that of the joints that are on it; as if all rows had a pressure on it, so that
     clocks compare that have different rows."""
     found = np.sum([np.maximum(joint.best(clock)[0], 0.0) for joint in joints], axis=0)
@@ -146,7 +146,7 @@ def _lattices(ends: float) -> tuple[Clock, Clock]:
     return Clock(rate, offset, np.zeros_like(rate)), Clock(np.ones_like(since), jump, since)
 
 
-def _refined(joints: Sequence[Joint], clock: Clock) -> Hill:
+def _refined(joints: Sequence[JointRows], clock: Clock) -> Hill:
     """The best clock near one, by smaller and smaller steps, and its evidence; the rate turns about the middle of the
     rows, or it is the jump that moves."""
     near, middle = np.array([-1.0, 0.0, 1.0]), float(np.median(joints[0].t / clock.rate))

@@ -15,6 +15,7 @@ SCALE_CHANGE = 1.4  # times: scale of the noise
 # Everyday differences from one recording to another, of an effect's least plausible size.
 USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (measured, see the chapter)
 AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generators (`tools/accuracy decisions --learn`)
+RUN_TO_RUN = ("coulomb_friction", "friction_level_change", "pressure_offset")  # learnt from a machine's own references
 EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 
 # What a data sheet does not know, dry friction and where the masses are: there as probably as not. Beside it only what

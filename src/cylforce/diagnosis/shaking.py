@@ -25,7 +25,7 @@ def white_noise(recordings: Sequence[Recorded]) -> Array:
     return np.asarray(NORMAL * np.nanmedian(np.abs(np.concatenate(each)), axis=0) / SECOND)
 
 
-class Noise(NamedTuple):
+class SensorNoise(NamedTuple):
     """The white noise of a sensor in SI units, standard deviations: in the field, `seen`; as its file says, `declared`;
     in the references, `before` (None without any); whether it `shakes`: SHAKES times what both say."""
 
@@ -36,7 +36,7 @@ class Noise(NamedTuple):
     shakes: bool
 
 
-def noises(machine: Machine, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> list[Noise]:
+def noises(machine: Machine, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> list[SensorNoise]:
     """Of every sensor whose noise can be told, the worst first."""
     seen = white_noise(faulty)
     before = white_noise(clean) if clean else np.full(len(seen), np.nan)
@@ -44,7 +44,7 @@ def noises(machine: Machine, faulty: Sequence[Recorded], clean: Sequence[Recorde
     usual = np.fmax(declared, before)
     order = [k for k in np.argsort(-seen / usual).tolist() if np.isfinite(seen[k])]
     return [
-        Noise(
+        SensorNoise(
             machine.signals[k].name,
             float(seen[k]),
             float(declared[k]),
@@ -55,7 +55,7 @@ def noises(machine: Machine, faulty: Sequence[Recorded], clean: Sequence[Recorde
     ]
 
 
-def shaking(each: Sequence[Noise]) -> str:
+def shaking(each: Sequence[SensorNoise]) -> str:
     """A sentence that names the sensors that shake; empty if there are none."""
     found = [
         f"{n.sensor} {n.seen:.2g} ({n.seen / max(n.declared, n.before or 0.0):.0f} times as much as usual)"

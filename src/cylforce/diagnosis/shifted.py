@@ -53,7 +53,7 @@ class Clock(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointRows:
     """Rows of one joint while it moves: `columns` (T, P) in standard errors of the data sheet, what it `knows` (T,)
     [N m], `levers` (T, S) [N m/Pa] of its cylinders' `pressures` (F, S) [Pa], shown at all multiples of `every` [s];
     times `t` (T,) [s] from the piece's beginning; `names` of the sensors."""
@@ -160,7 +160,7 @@ def _running(each: Array) -> Array:
     return np.concatenate([np.zeros((1, *each.shape[1:])), np.cumsum(each, axis=0)])
 
 
-def pieces(model: Model, recorded: Recorded) -> Iterator[tuple[float, list[Joint]]]:
+def pieces(model: Model, recorded: Recorded) -> Iterator[tuple[float, list[JointRows]]]:
     """A recording's pieces, as long as PIECE_S or half as long again: when each begins [s], and its joints that
     move."""
     viewer = Viewer(replace(model, friction=LAWS), np.zeros(0))
@@ -191,7 +191,7 @@ def pieces(model: Model, recorded: Recorded) -> Iterator[tuple[float, list[Joint
                 lever = np.einsum("sc,tc->ts", areas[own], levers[rows][..., r])
                 names = tuple(sensors[s][0] for s in own)
                 t, shown = (rows - part[0]) * every, pressures[part][:, own]
-                joints.append(Joint(columns[rows, r] * spread, knows[rows, r], lever, t, shown, every, names))
+                joints.append(JointRows(columns[rows, r] * spread, knows[rows, r], lever, t, shown, every, names))
         if joints:
             yield recorded.begins + part[0] * every, joints
 

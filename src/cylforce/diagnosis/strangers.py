@@ -1,7 +1,5 @@
-"""References that are none: of another machine, with a frozen pressure, or unlike the other references.
-
-A machine file fits a recording if its parameters, fitted to it with the data sheet as prior, explain its torque better
-than a constant torque does. References are compared by prediction: each with the parameters of the others."""
+"""References that are none: with a frozen pressure, or unlike the other references. They are compared by prediction:
+each with the parameters of the others, the data sheet as prior."""
 
 from collections.abc import Mapping, Sequence
 
@@ -39,16 +37,13 @@ def frozen(model: Model, recordings: Sequence[Recorded]) -> list[str]:
     )
 
 
-def strange(model: Model, clean: Sequence[Recorded]) -> tuple[list[str], list[str]]:
-    """Names of references of another machine, and of those unlike the others."""
-    grams = _grams(model, clean)
-    other = [name for name, gram in grams.items() if not _fits(model, gram)]
-    grams = {name: gram for name, gram in grams.items() if name not in other}
-    unlike: list[str] = []
+def strange(model: Model, clean: Sequence[Recorded]) -> list[str]:
+    """Names of references that are unlike the others."""
+    grams, unlike = _grams(model, clean), list[str]()
     while len(grams) >= FEWEST and (worst := _worst(model, grams)):
         unlike.append(worst)
         grams.pop(worst)
-    return other, unlike
+    return unlike
 
 
 def _grams(model: Model, clean: Sequence[Recorded]) -> dict[str, Gram]:
@@ -69,13 +64,6 @@ def _gram(model: Model, seen: Seen) -> Gram:
     columns = np.concatenate([columns, one], axis=-1)
     columns = np.where(np.all(np.isfinite(columns), axis=-1, keepdims=True), columns, 0.0)
     return np.asarray(np.einsum("tri,trj->rij", columns, columns))
-
-
-def _fits(model: Model, gram: Gram) -> bool:
-    """Whether at every joint the machine file explains more than a constant torque."""
-    left = _left(gram, _values(model, gram))
-    constant = gram[:, -2, -2] - gram[:, -2, -1] ** 2 / np.maximum(gram[:, -1, -1], 1.0)
-    return bool(np.all((left <= constant) | (gram[:, -1, -1] < ENOUGH)))
 
 
 def _values(model: Model, gram: Gram) -> Array:

@@ -82,13 +82,11 @@ def diagnose(
     watch("clocks", None)
     late, odd = (_late(loaded, group, library) for group in (faulty, clean))
     clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
-    if late and not clean:
-        return _off_clock([*late, *odd])
     model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
-    if stuck := frozen(model, faulty):
-        return _nothing("; ".join(stuck))
-    clean, unlike = _alike(model, clean)
-    clean = idle(model, clean)
+    stuck = frozen(model, faulty)
+    if stuck or (late and not clean):
+        return _nothing("; ".join(stuck)) if stuck else _off_clock([*late, *odd])
+    clean, unlike = _alike(model, idle(model, clean))
     viewer, known = viewed_by(loaded, question, clean)
     if kept is not None:
         names = frozenset(path.name for path in question.reference)
@@ -114,15 +112,8 @@ def diagnose(
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     noise = noises(loaded.service.machine, faulty, clean)
     whole["noise"] = [each._asdict() for each in noise]
-    warnings = (
-        _left_out(odd, bool(clean)),
-        *unlike,
-        refuted,
-        shifted(whole, verdict) if not clean else "",
-        apart(late) if late else "",
-        shaking(noise),
-    )
-    whole["warnings"] = [text for text in warnings if text]
+    here = "" if clean else shifted(whole, verdict), apart(late) if late else "", shaking(noise)
+    whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole)
 
 
@@ -139,16 +130,11 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
 
 
 def _alike(model: Model, clean: Sequence[Recorded]) -> tuple[list[Recorded], list[str]]:
-    """The references that are alike, and sentences about the others. Raises RecordingError for those of another
-    machine."""
+    """The references that are alike, and sentences about the others."""
     stuck = frozen(model, clean)
     dead = {each.name for each in clean if any(f" in {each.name} while" in sentence for sentence in stuck)}
     kept = [each for each in clean if each.name not in dead]
-    other, unlike = strange(model, kept)
-    if other:
-        raise RecordingError(
-            f"{', '.join(other)}: is of another machine than the machine file: a constant torque explains it better"
-        )
+    unlike = strange(model, kept)
     said = [f"{sentence}; it is left out of the references" for sentence in stuck]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
     return [each for each in kept if each.name not in unlike], said

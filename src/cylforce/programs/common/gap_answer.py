@@ -181,8 +181,8 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
     can be concluded from what does not belong together."""
     worst = slips[0]
     verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
-    each = {slip.sensors: slip for slip in reversed(slips)}  # of the same sensors the largest
-    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(slip) for slip in reversed(each.values())]
+    each = [s for k, s in enumerate(slips) if not any({*s.sensors} <= {*larger.sensors} for larger in slips[:k])]
+    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(slip) for slip in each]
     cure = [ClockFault().about.confirm]
     return verdict, {"verdict": str(verdict), "effects": effects, "reason": apart(slips), "next_experiment": cure}
 
@@ -190,7 +190,7 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
 def apart(slips: Sequence[Slip]) -> str:
     """The sentence that pressures and angles are not on one clock, the largest lag first."""
     worst, names = slips[0], ", ".join(dict.fromkeys(slip.name for slip in slips))
-    whose = "the pressures" if worst.whole else "of all pressures " + " and ".join(worst.sensors)
+    whose = "the pressures" if worst.whole else f"{' and '.join(worst.sensors)}, and no other pressures,"
     others = "".join(f", or {_late(a)} and {_late(b)}" for a, b in worst.others)
     also = f" (as the motion repeats itself, it may also be{others[4:]})" if others else ""
     return (
