@@ -10,7 +10,15 @@ import cylforce  # before any test imports numpy: it sets the number of BLAS thr
 ROOT = Path(__file__).resolve().parents[1]
 ABSENT = "no shared data: "
 # The files that take longest, longest first: they are begun first, so that two processes end at about the same time.
-LONGEST = ("test_gap_scenes.py", "test_gap_effects.py", "test_step.py", "test_crane.py", "test_crane_gap.py")
+LONGEST = (
+    "test_gap_scenes.py",
+    "test_gap_effects.py",
+    "test_step.py",
+    "test_crane.py",
+    "test_wheel.py",
+    "test_fuzz.py",
+    "test_crane_gap.py",
+)
 
 
 def pytest_report_header():
@@ -34,6 +42,14 @@ def shared(request):
     if not (folder / "data").is_dir():
         pytest.skip(f"{ABSENT}{folder / 'data'} is absent (--shared PATH says where it is)")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory):
+    """What commands keep for the next time is not kept in the user's folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 def pytest_configure(config):

@@ -2,6 +2,7 @@
 
 import asyncio
 import struct
+import time
 import tracemalloc
 from random import Random
 
@@ -409,11 +410,11 @@ def test_no_frame_upsets_a_node(bench, ours, verdicts):
 
 
 class Wire:
-    """Two networks joined: a client's and a node's; frames arrive in the loop's next turn."""
+    """Two networks joined: a client's and a node's; frames arrive in the loop's next turn, answers `turns` later."""
 
     def __init__(self):
         self.client, self.server = Network(self.to_server), Network(self.to_client)
-        self.lost = 0
+        self.lost = self.turns = 0
 
     def to_server(self, can_id, data):
         asyncio.get_running_loop().call_soon(self.server.on_frame, Frame(0, can_id, data))
@@ -423,8 +424,12 @@ class Wire:
         if self.lost:
             self.lost -= 1
         else:
-            asyncio.get_running_loop().call_soon(self.client.on_frame, Frame(0, can_id, data))
+            self.later(self.turns, Frame(0, can_id, data))
         return True
+
+    def later(self, turns, frame):
+        again = (self.later, turns - 1, frame) if turns else (self.client.on_frame, frame)
+        asyncio.get_running_loop().call_soon(*again)
 
 
 def with_client(scenario, objects=None):
@@ -476,6 +481,19 @@ class TestClient:
             with pytest.raises(NoAnswerError, match="object 1000h:0 of node 64: no answer"):
                 await client.upload(0x1000, 0)
             assert await client.read(0x1000, 0, "I") == 0x00020194
+
+        with_client(scenario)
+
+    @pytest.mark.parametrize("turns", [0, 1, 5])
+    def test_an_answer_that_waits_while_this_program_cannot_run_is_found(self, turns):
+        """Whether it is read in the first turn of the loop afterwards or later."""
+
+        async def scenario(client, wire, node):
+            asked = asyncio.create_task(client.read(0x1000, 0, "I"))
+            wire.turns = turns
+            await asyncio.sleep(0.0)
+            time.sleep(0.15)  # noqa: ASYNC251  # longer than the time limit
+            assert await asked == 0x00020194
 
         with_client(scenario)
 

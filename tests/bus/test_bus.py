@@ -138,7 +138,7 @@ class TestVirtual(Contract):
         async def main():
             pair[1].attach(asyncio.get_running_loop(), got.append)
             await asyncio.to_thread(pair[0].send, 0x123, b"thread")
-            await until(lambda: got, 1.0)
+            await until(lambda: got)
 
         run(main())
         assert got[0].data == b"thread"

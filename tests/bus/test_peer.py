@@ -24,6 +24,7 @@ from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Quantity, Reason, Status
 
 PEER = Path(__file__).parent / "peer"
+WAIT_S = 300.0  # for what is certain to come, on a slow machine too
 OURS, THEIRS, RATED = 64, 5, 1500.0
 PUBLICATION = publication(OURS, 0.1, RATED, 300e3)
 ZERO = 0x6F72657A  # "zero"
@@ -101,7 +102,7 @@ class Peer:
         self.asked += 1
         self.answers[self.asked] = asyncio.get_running_loop().create_future()
         self.write({"ask": self.asked, **what})
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(WAIT_S):
             return await self.answers[self.asked]
 
     async def upload(self, *what):
@@ -109,7 +110,7 @@ class Peer:
 
     async def heard(self, key, accept=lambda line: True):
         """The newest line with `key` that is accepted, waiting for one if need be."""
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(WAIT_S):
             while True:
                 found = [line for line in self.told if key in line and accept(line)]
                 if found:

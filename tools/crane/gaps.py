@@ -18,9 +18,10 @@ from cylforce.diagnosis.verdict import Cause, Search
 from cylforce.effects.fault import MassChange
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
+from cylforce.mechanics.machine import Machine
 from cylforce.programs.gap import Diagnosed, Question, diagnose
-from cylforce.programs.gap_output import sentence
 from cylforce.programs.identify import run_identify
+from cylforce.programs.reports.plain import headline
 from cylforce.settings.machine_file import Loaded, load
 
 from .figures import FITTED, data_sheet, number, recordings, samples
@@ -83,7 +84,7 @@ def gaps(folder: Path, work: Path, quick: bool = False) -> Gaps:
     if not quick:
         run_identify(loaded, [paths[FITTED]], work / "identified.toml")
         asked |= identified_questions(paths, work / "identified.toml")
-    answers = {name: _answer(diagnose(loaded, question)) for name, question in asked.items()}
+    answers = {name: _answer(loaded.service.machine, diagnose(loaded, question)) for name, question in asked.items()}
     found = Unknown(loaded, paths)
     return Gaps(joints, answers, found.by_others() | ({} if quick else found.by_one()))
 
@@ -119,11 +120,11 @@ def trapped(path: Path, work: Path) -> Path:
     return work / path.name
 
 
-def _answer(found: Diagnosed) -> Answer:
+def _answer(machine: Machine, found: Diagnosed) -> Answer:
     answer = found.answer
     return Answer(
         answer["verdict"],
-        sentence(answer),
+        headline(machine, answer),
         [_cause(each.cause, e) for each, e in zip(found.judged.named, answer["effects"], strict=True)]
         if found.search
         else [{"name": e["name"], "at": e["at"], **_size(e), "confused_with": []} for e in answer["effects"]],

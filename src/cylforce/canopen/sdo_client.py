@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from struct import Struct, pack, unpack
 from typing import TypeVar
 
@@ -14,6 +15,7 @@ TIMEOUT_S = 0.5
 LARGEST = 65536  # bytes of an upload; no object that is read here is longer
 
 _WAITING = 16  # answers not yet processed
+_PARTS = 10  # of the time limit, counted one by one; chosen
 _HEAD = Struct("<BHB")
 _TOGGLE, _TIMED_OUT, _MEMORY, _COMMAND = 0x05030000, 0x05040000, 0x05040005, 0x05040001
 _Result = TypeVar("_Result")
@@ -39,7 +41,8 @@ class Client:
     """Client of the default SDO of one node. Close it when it is no longer needed.
 
     All transfers raise AbortedError or NoAnswerError after `timeout_s` without an answer; they may be called
-    by several tasks at once and then take turns."""
+    by several tasks at once and then take turns. While this program itself cannot run, the time limit does not run
+    either: an answer that waits in the socket meanwhile is found."""
 
     def __init__(self, network: Network, node_id: int, timeout_s: float = TIMEOUT_S) -> None:
         self._network, self._node_id, self._timeout_s = network, node_id, timeout_s
@@ -121,15 +124,21 @@ class Client:
         while not self._answers.empty():
             self._answers.get_nowait()
         self._network.send(0x600 + self._node_id, request)
-        async with asyncio.timeout(self._timeout_s):
-            while True:
-                answer = await self._answers.get()
-                if request[0] & 0xE0 in (0x20, 0x40) and answer[1:4] != request[1:4]:
-                    continue
-                if answer[0] == 0x80:
-                    raise SdoAbortedError(int.from_bytes(answer[4:8], "little"))
-                if answer[0] & 0xE0 == expected:
-                    return answer
+        for _ in range(_PARTS):
+            with suppress(TimeoutError):
+                async with asyncio.timeout(self._timeout_s / _PARTS):
+                    return await self._answer(request, expected)
+        raise TimeoutError
+
+    async def _answer(self, request: bytes, expected: int) -> bytes:
+        while True:
+            answer = await self._answers.get()
+            if request[0] & 0xE0 in (0x20, 0x40) and answer[1:4] != request[1:4]:
+                continue
+            if answer[0] == 0x80:
+                raise SdoAbortedError(int.from_bytes(answer[4:8], "little"))
+            if answer[0] & 0xE0 == expected:
+                return answer
 
     def _on_answer(self, can_id: int, data: bytearray, timestamp: float) -> None:
         if len(data) == 8 and self._turn.locked() and not self._answers.full():

@@ -53,4 +53,4 @@ def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded,
     own = [place - problem.first for p in proposals for place in problem.places[problem.proposals.index(p)]]
     effects = old.effects.copy()
     effects[..., own] = new.effects
-    return new._replace(effects=effects)
+    return new._replace(effects=effects).slim

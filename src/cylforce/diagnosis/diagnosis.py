@@ -10,7 +10,7 @@ import numpy as np
 
 from cylforce.diagnosis.asking import Asking, Step, noisy
 from cylforce.diagnosis.correction import Applied, without
-from cylforce.diagnosis.discrepancy import Moments, Scatter
+from cylforce.diagnosis.discrepancy import Moments
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
@@ -46,18 +46,23 @@ def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Propo
 @dataclass(frozen=True)
 class Found:
     """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
-    were looked at again the problem with their effects taken out, and what was then asked; in which blocks (B,)
-    something happens at moments, by key; whether the machine was at work; the smallest size of each effect that could
-    be seen, `least`."""
+    were looked at again what was taken out, at which sizes (the problem without it takes much memory, see `problem`);
+    in which blocks (B,) something happens at moments, by key; whether the machine was at work; the smallest size of
+    each effect that could be seen, `least`."""
 
     question: Asking
     machine: InOrder
     case: Inference
     asked: Asked
-    again: Mapping[tuple[int, ...], tuple[Problem, Inference]]
+    again: Mapping[tuple[int, ...], list[Applied]]
     when: Mapping[Key, Blocks]
     working: bool
     least: dict[Key, float]
+
+    def problem(self, which: tuple[int, ...]) -> Problem:
+        """The problem with the effects of a hypothesis taken out at their sizes, as it was looked at."""
+        applied, original = self.again.get(which, []), self.question.problem
+        return without(original, self.question.viewer, applied) if applied else original
 
 
 class AtWork(NamedTuple):
@@ -252,19 +257,21 @@ class _Search:
 
     def _again(
         self, case: Inference, told: Asked, blocks: Mapping[tuple[int, ...], Blocks]
-    ) -> tuple[Asked, dict[tuple[int, ...], tuple[Problem, Inference]]]:
+    ) -> tuple[Asked, dict[tuple[int, ...], list[Applied]]]:
         """The most probable hypotheses with the columns of their effects as they are at their sizes, and beside the
         first of them one effect more."""
         order = sorted((h for h in told.hypotheses if h.which), key=lambda h: -h.log - told.prior_of(h))
-        found, again = {h.which: h for h in told.hypotheses}, {}
+        found, again = {h.which: h for h in told.hypotheses}, dict[tuple[int, ...], list[Applied]]()
+        most, own = -np.inf, case  # of the likeliest of these alone: each takes much memory
         # Far from zero, the linear columns of the true effect may fit worse than a sum of wrong ones.
         alone = [h for h in order if len(h.which) == 1]
         for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
             if any(self._question.forms[p][0].bends for p in h.which):
-                found[h.which], again[h.which] = self._at_sizes(case, h, blocks.get(h.which))
+                found[h.which], again[h.which], other = self._at_sizes(case, h, blocks.get(h.which))
+                if (log := found[h.which].log + told.prior_of(h)) > most:
+                    most, own = log, other
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))
         if best.which in again and len(best.which) == 1:
-            own = again[best.which][1]
             for p in own.screened(best, self._wanted)[:AGAIN]:
                 which = tuple(sorted((*best.which, p)))
                 more = own.hypothesis(which, best.noise)
@@ -274,7 +281,7 @@ class _Search:
 
     def _at_sizes(
         self, case: Inference, h: Hypothesis, kept: Blocks | None
-    ) -> tuple[Hypothesis, tuple[Problem, Inference]]:
+    ) -> tuple[Hypothesis, list[Applied], Inference]:
         """A hypothesis with its effects taken out of the recordings at their sizes, until these stay."""
         original, case = (
             self._question.problem,
@@ -282,7 +289,7 @@ class _Search:
         )
         rows = float(np.sum(case.sums.rows))
         apart = h.log - case.hypothesis(h.which, h.noise).log  # what the blocks that are left out tell
-        best: tuple[Hypothesis, tuple[Problem, Inference]] = (h, (original, case))
+        best: tuple[Hypothesis, list[Applied], Inference] = (h, [], case)
         for _ in range(ROUNDS):
             now = best[0]
             applied = self._applied(now, case)
@@ -295,7 +302,7 @@ class _Search:
             taken = {p: a.sizes / case.scene.spread[list(case.scene.forms[p].columns)] for p, a in applied}
             again = replace(again, taken=taken, told=case.told, apart=apart)
             found = again.hypothesis(now.which, now.noise)
-            best = (found, (problem, again))
+            best = (found, [a for _, a in applied], again)
             if np.linalg.norm(found.sizes - now.sizes) < STILL * np.linalg.norm(found.sizes):
                 break
         return best
@@ -320,17 +327,16 @@ def _possible(form: Column, sizes: Array) -> bool:
 def settled(case: Inference, moments: Moments, left: Array) -> tuple[Hypothesis, Blocks]:
     """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not;
     `left` (K+1,): coefficients of what is left without it."""
-    noise: Scatter = case.usual
-    where = moments.happening(left, noise)
-    found = replace(case, moments=moments.only(where)).hypothesis((), noise)
-    for _ in range(SETTLING):
-        held = replace(case, moments=moments.only(where))
-        found = held.hypothesis((), noise)
-        noise = found.noise
-        again = moments.happening(held.under((), held.state(noise))[2], noise)
+    where = moments.happening(left, case.usual)
+    held = replace(case, moments=moments.only(where))
+    found = held.hypothesis((), case.usual)
+    for _ in range(1, SETTLING):
+        again = moments.happening(held.under((), held.state(found.noise))[2], found.noise)
         if np.array_equal(again, where):
             break
         where = again
+        held = replace(case, moments=moments.only(where))
+        found = held.hypothesis((), found.noise)
     return found, where
 
 

@@ -98,6 +98,11 @@ class InOrder:
         """As the references show it."""
         return self._fit[0]
 
+    @property
+    def covariance(self) -> Array:
+        """Of all columns (K, K), as the references tell them."""
+        return self._fit[2]
+
     @cached_property
     def usual(self) -> Array:
         """Everyday differences (K,), standard deviations in units of the prior spread."""

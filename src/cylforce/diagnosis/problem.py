@@ -34,7 +34,7 @@ class Seen(NamedTuple):
 
 def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
     """Recordings with their rows; those that have them keep them, if they were computed for the same proposals."""
-    return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted)) for r in group)
+    return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted).slim) for r in group)
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,9 @@ class RecordedRun(NamedTuple):
     turning: Array
 
 
+Columns = NDArray[np.float32] | NDArray[np.float64]
+
+
 class GapRows(NamedTuple):
     """A recording's rows: `base` (T, R, P) columns of the model, `effects` (T, R, E) of the proposals, `incidental`
     (T, R, I) columns of incidents (see `INCIDENTAL`, `TORQUES`), `left` (T, R) [N m] what the tares leave, NaN where
@@ -79,8 +82,8 @@ class GapRows(NamedTuple):
     `turning` (T,) [rad/s] of the base."""
 
     base: Array
-    effects: Array
-    incidental: Array
+    effects: Columns
+    incidental: Columns
     left: Array
     rockers: Array
     t: Array
@@ -88,6 +91,11 @@ class GapRows(NamedTuple):
     force: Array
     posture: Array
     turning: Array
+
+    @property
+    def slim(self) -> "GapRows":
+        """The same, with the hundreds of columns of effects in single precision, and in half the memory."""
+        return self._replace(effects=self.effects.astype(np.float32), incidental=self.incidental.astype(np.float32))
 
 
 def shapes(share: Array) -> Array:
@@ -188,15 +196,16 @@ class Viewer:
         still = quiet(self.model.machine, values, self.model.filters.rate_hz)
         turning = self.slow.channels.turning(self.thinned(still))
         loaded = RecordedRun(recorded, tares, self._sensitivity(values, tares), turning)
-        parts = [self._columns(p, e, loaded, base, forces) for p, e in lasting]
-        effects = np.concatenate([np.zeros((*self._shape(values), 0)), *parts], axis=-1)
+        each = (self._columns(p, e, loaded, base, forces)[late] for p, e in lasting)
+        parts = [np.where(np.isfinite(part), part, 0.0) for part in each]
+        effects = np.concatenate([np.zeros((*base[late].shape[:2], 0)), *parts], axis=-1)
         if recorded.counts is not None:
             left[late][~recorded.counts[: len(t[late])]] = np.nan
         m = moved.motion
         posture = np.diff(m.a, axis=1, prepend=0.0)
         return GapRows(
             base[late].copy(),  # without the columns that stand beside it
-            np.where(np.isfinite(effects), effects, 0.0)[late],
+            effects,
             self._incidental(loaded, moved, base)[late],
             left[late],
             found.columns[late, :, size + len(laws) :].copy(),
@@ -255,10 +264,6 @@ class Viewer:
             return values
 
         return np.asarray(loaded.change.of_readings(shifted(step), shifted(-step))[..., None] / (2.0 * step))
-
-    def _shape(self, values: Array) -> tuple[int, int]:
-        """(T', R) of samples (T, S)."""
-        return len(values[:: self._thin]) - 1, len(self.model.machine.rows)
 
     def _lost(self, moved: Moved) -> NDArray[np.bool_]:
         share = self.slow.share_at_rest(self.slow.filtered.run(moved.motion).columns)

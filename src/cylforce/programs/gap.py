@@ -22,9 +22,11 @@ from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.common.gap_answer import answer, apart, off_clock, shifted
+from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
+from cylforce.programs.common.row_cache import KeepingViewer, RowCache
+from cylforce.programs.experiments.separation import planned, said
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
@@ -35,6 +37,7 @@ ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 EXAMPLE = "field.log=1000"
 CLOCKS = ClockFault().about.name
+STEPS = 8  # of a diagnosis after reading its recordings, each of which is one more
 SEED = 1  # of the permutations and of the bootstrap
 
 
@@ -60,9 +63,14 @@ class Diagnosed(NamedTuple):
 
 
 def diagnose(
-    loaded: Loaded, question: Question, library: tuple[Group, ...] = LIBRARY, watch: Watch = silent
+    loaded: Loaded,
+    question: Question,
+    library: tuple[Group, ...] = LIBRARY,
+    watch: Watch = silent,
+    kept: RowCache | None = None,
 ) -> Diagnosed:
-    """The diagnosis of recordings. Raises RecordingError or ValueError, in a sentence."""
+    """The diagnosis of recordings; `kept`: where references' rows are kept for the next one. Raises RecordingError or
+    ValueError, in a sentence."""
     _check_recordings(question)
     library = _left(library, question.without)
     reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
@@ -76,6 +84,9 @@ def diagnose(
         return _off_clock(late)
     clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
     viewer, known = _viewer(loaded, question, clean)
+    if kept is not None:
+        names = frozenset(path.name for path in question.reference)
+        viewer = KeepingViewer(viewer.model, viewer.tares, kept, names, loaded.sha256)
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
     watch("causes", None)
@@ -88,8 +99,11 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    problem = found.original
-    whole = answer(found, verdict, size, where(problem, size, rng), unexplained(problem, size.left, size.floor))
+    shape = unexplained(found.original, size.left, size.floor)
+    whole = answer(found, verdict, size, where(found.original, size, rng), shape)
+    watch("what to record next", None)
+    motions = said(planned(everything, found))
+    whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     noisy = shaking(loaded.service.machine, faulty, clean)
     warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "", noisy)

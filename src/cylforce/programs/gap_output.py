@@ -8,24 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomlkit
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from cylforce.diagnosis.patch import patch
 from cylforce.diagnosis.shrinkage import courses, written
-from cylforce.diagnosis.verdict import Verdict
 from cylforce.files.atomic import replacing
+from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.tables import print_table
 from cylforce.programs.gap import Diagnosed
+from cylforce.programs.reports.plain import MOST_OF, Plain, looked, percent, plain
 from cylforce.signals.estimate import Array
-
-MOSTLY = 0.5  # of what is left
-SHAPES = {
-    "speed": "a function of the cylinder's speed",
-    "position": "a function of the joint's angle",
-    "load": "a function of load",
-    "time": "a function of time since the start",
-    "moments": "within a tenth of the time",
-}
-MOST_OF = 0.9  # of a recording: where less was examined, a line says so
 
 
 class Outputs(NamedTuple):
@@ -70,69 +63,34 @@ def _patch_text(found: Diagnosed) -> str:
     return tomlkit.dumps({"effects": part}) if part else "effects = []\n"
 
 
-def show(found: Diagnosed, console: Console) -> None:
-    """The verdict in a sentence, the effects in a table."""
-    console.print(sentence(found.answer))
-    for warning in found.answer.get("warnings", ()):
-        console.print(f"but {warning}")
+def show(found: Diagnosed, machine: Machine, console: Console) -> None:
+    """The answer in plain words, then the effects by the names that options and files use."""
+    said = plain(machine, found.answer)
+    console.print(said.headline)
+    console.print(_points(said))
     for part in found.answer.get("looked_at", ()):
         if part["seconds"] < MOST_OF * part["of_seconds"]:
             console.print(f"{part['name']}: {looked(part)}")
     if found.answer["effects"]:
         show_effects(found.answer["effects"], console)
-    for effect in found.answer["effects"]:
-        if effect["confused_with"]:
-            others = ", ".join(f"{o['name']} at {o['at']}" for o in effect["confused_with"])
-            console.print(f"{effect['name']} at {effect['at']} may also be {others}", soft_wrap=True)
-    for experiment in found.answer.get("next_experiment", ()):
-        console.print(f"next: {experiment}")
+
+
+def _points(said: Plain) -> Table:
+    """Titles beside their lines."""
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(no_wrap=True)
+    grid.add_column(overflow="fold")
+    for point in said.points:
+        for k, line in enumerate(point.lines):
+            grid.add_row("" if k else point.title, Text(line))
+    return grid
 
 
 def show_effects(effects: Sequence[dict[str, Any]], console: Console) -> None:
-    """A table with one row for each effect."""
-    rows = []
-    for effect in effects:
-        size = effect["parameters"]["size"]
-        interval = f"{size['low']:.3g} .. {size['high']:.3g}"
-        row = (f"{effect['name']} at {effect['at']}", f"{size['value']:.4g}", interval, size["unit"])
-        rows.append((*row, f"{100 * effect['confidence']:.0f} %"))
-    right = ("size", "90 % interval", "confidence")
-    print_table(console, ("effect", "size", "90 % interval", "unit", "confidence"), rows, right)
-
-
-def looked(part: dict[str, Any]) -> str:
-    """How much of a recording was examined, in words."""
-    many = f", in {part['stretches']} stretches" if part["stretches"] > 1 else ""
-    return f"{part['seconds'] / 60.0:.1f} of {part['of_seconds'] / 60.0:.1f} min examined{many}"
-
-
-def sentence(answer: dict[str, Any]) -> str:
-    """The verdict in words."""
-    verdict, size = answer["verdict"], answer.get("gap")
-    if size is None:
-        return f"{'Nothing else' if answer['effects'] else 'Nothing'} can be concluded: {answer['reason']}."
-    gap_nm = f"{size['fixed']:.0f} N m (noise floor {size['floor']:.0f} N m)"
-    if verdict == Verdict.NO_GAP:
-        return f"No gap: what the model leaves, {gap_nm}, is normal for this machine."
-    if verdict == Verdict.UNKNOWN:
-        return f"There is a gap, {gap_nm}, and none of the known effects explains it{shape_words(answer)}."
-    if verdict == Verdict.NOT_OBSERVABLE:
-        return f"No cause can be named of what the model leaves, {gap_nm}: {answer['reason']}."
-    names = " and ".join(f"{e['name']} at {e['at']}" for e in answer["effects"])
-    closure = answer["effects"][0]["closure"]
-    words = {Verdict.AMBIGUOUS: "may be caused by", Verdict.PARTLY: "is caused in part by"}
-    verb = words.get(verdict, "is caused by")
-    share = closure["value"]
-    it = "it" if len(answer["effects"]) == 1 else "them"
-    gone = f"{size['after']:.0f} N m are left" if share is None else f"{100 * share:.0f} % of the gap's energy is gone"
-    return f"The gap, {gap_nm}, {verb} {names}; with {it} simulated, {gone}{shape_words(answer)}."
-
-
-def shape_words(answer: dict[str, Any]) -> str:
-    """At which joint the unexplained torque is, and of what it is a function."""
-    shape = answer.get("unknown")
-    if shape is None or shape["of"] == "none":
-        return ""
-    amount = "mostly" if shape["share"] >= MOSTLY else "in part"
-    words = SHAPES[shape["of"]] + (f" ({shape['detail']})" if shape["detail"] else "")
-    return f"; what is left is at the {shape['at']}, {amount} {words}: {100 * shape['share']:.0f} % of its energy"
+    """A table with one row for each effect, as options and files name it, with their units."""
+    rows = [
+        (f"{effect['name']}@{effect['at']}", f"{size['value']:.4g}", size["unit"], percent(effect["confidence"]))
+        for effect in effects
+        for size in effect["parameters"].values()
+    ]
+    print_table(console, ("name in the files", "size", "unit", "how sure"), rows, ("size", "how sure"))

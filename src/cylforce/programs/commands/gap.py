@@ -30,6 +30,9 @@ def gap(
     residuals: Annotated[
         Path | None, typer.Option(help="Write the unexplained torques before and after there (npz).")
     ] = None,
+    cache: Annotated[
+        bool, typer.Option(help="Keep what was computed of the references in the user's cache folder.")
+    ] = True,
 ) -> None:
     """Say why recordings differ from the model.
 
@@ -39,7 +42,8 @@ def gap(
     from cylforce.files.atomic import check_outputs
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.progress import progress_bar
-    from cylforce.programs.gap import Question, diagnose, known_loads
+    from cylforce.programs.common.row_cache import RowCache, cache_folder
+    from cylforce.programs.gap import STEPS, Question, diagnose, known_loads
     from cylforce.programs.gap_output import Outputs, show, write_all
     from cylforce.programs.reports.report import check_extra, gap_report
 
@@ -49,9 +53,10 @@ def gap(
     check_outputs((output, patch, html, residuals), inputs, (".json", ".toml", ".html", ".npz"))
     loads = known_loads(load or ())
     question = Question(tuple(field), tuple(reference or ()), identified, loads, only, tuple(without or ()))
-    loaded = load_machine(machine)
-    with progress_bar() as watch:
-        found = diagnose(loaded, question, watch=watch)
+    loaded, folder = load_machine(machine), cache_folder() if cache else None
+    kept = RowCache(folder) if folder else None
+    with progress_bar(len(question.field) + len(question.reference) + STEPS + (html is not None)) as watch:
+        found = diagnose(loaded, question, watch=watch, kept=kept)
         report = None if html is None else gap_report(loaded, question, found, watch)
     write_all(found, report, Outputs(output, patch, html, residuals))
-    show(found, Console(highlight=False))
+    show(found, loaded.service.machine, Console(highlight=False))

@@ -20,20 +20,39 @@ def silent(doing: str, share: float | None) -> None:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Watch]:
-    """A bar on the standard error's terminal; it is gone when the work is done."""
+def progress_bar(steps: int | None = None) -> Iterator[Watch]:
+    """A bar on the standard error's terminal; it is gone when the work is done. `steps`: how many things are done one
+    after the other, if that is known: then the bar is that of all of them."""
     console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=None)
+        yield _of_one(bar) if steps is None else _of_all(bar, steps)
 
-        def watch(doing: str, share: float | None) -> None:
-            if share is None:
-                bar.reset(task, description=doing, total=None)
-            else:
-                bar.update(task, description=doing, total=1.0, completed=min(share, 1.0))
 
-        yield watch
+def _of_one(bar: Progress) -> Watch:
+    """A bar that begins anew with everything that is done."""
+    task = bar.add_task("", total=None)
+
+    def watch(doing: str, share: float | None) -> None:
+        if share is None:
+            bar.reset(task, description=doing, total=None)
+        else:
+            bar.update(task, description=doing, total=1.0, completed=min(share, 1.0))
+
+    return watch
+
+
+def _of_all(bar: Progress, steps: int) -> Watch:
+    """A bar of whole steps, and what of the present one is done."""
+    task, begun = bar.add_task("", total=float(steps)), list[str]()
+
+    def watch(doing: str, share: float | None) -> None:
+        if doing not in begun[-1:]:
+            begun.append(doing)
+        done = min(len(begun) - 1 + min(share or 0.0, 1.0), float(steps))
+        bar.update(task, description=f"{min(len(begun), steps)}/{steps} {doing}", completed=done)
+
+    return watch
 
 
 def watched(path: Path, events: Iterable[Event], watch: Watch) -> Iterator[Event]:

@@ -9,29 +9,29 @@ from cylforce.diagnosis.shrinkage import Gap
 from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.programs.reports import gap_figures
 from cylforce.programs.reports.gap_shown import shown
-from cylforce.programs.reports.gap_words import cards, least, lines, rivals
+from cylforce.programs.reports.gap_words import least, lines, rivals
+from cylforce.programs.reports.plain import Plain
 from cylforce.programs.reports.template import Wanted, drawn, rendered
 from cylforce.programs.reports.units import SHOWN
 
-NOTHING: dict[str, Any] = {"cards": (), "lines": (), "rivals": (), "least": (), "figures": {}}
+NOTHING: dict[str, Any] = {"lines": (), "rivals": (), "least": (), "figures": {}}
 
 
 def gap_page(
-    found: tuple[Search, Judged, Gap] | None, answer: Mapping[str, Any], sentence: str, origin: Mapping[str, Any]
+    found: tuple[Search, Judged, Gap] | None, answer: Mapping[str, Any], said: Plain, origin: Mapping[str, Any]
 ) -> str:
-    """The HTML. `found`: None where nothing could be concluded; `sentence`: the verdict in words; `origin`: machine,
+    """The HTML. `found`: None where nothing could be concluded; `said`: it in plain words; `origin`: machine,
     files with their hashes and loads, date, version."""
     content = NOTHING if found is None else _content(*found, dict(answer))
     units = [(si, name, f"{factor:.6g}") for si, (name, factor) in SHOWN.items()]
-    return rendered("gap.html.j2", answer=answer, sentence=sentence, origin=origin, units=units, **content)
+    return rendered("gap.html.j2", answer=answer, said=said, origin=origin, units=units, **content)
 
 
 def _content(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> dict[str, Any]:
     machine = search.original.model.machine
     return {
-        "cards": cards(answer),
         "lines": lines(machine, judged, answer),
-        "rivals": rivals(search, judged),
+        "rivals": rivals(machine, search, judged),
         "least": least(search),
         "figures": _figures(search, judged, gap, answer),
     }

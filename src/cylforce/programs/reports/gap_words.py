@@ -5,15 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.posterior import UNKNOWN
-from cylforce.diagnosis.verdict import Judged, Search, Verdict
+from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.reports.findings import Card
+from cylforce.programs.reports.fault_words import fault, place
 from cylforce.programs.reports.units import interval, shown
 from cylforce.signals.kinds import Kind
 
-SURE = 0.9  # confidence from which on a repair may be based on the name; chosen
-CLOSED = 0.9  # of the gap's energy
 FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit
 LEAST_TOLD = 0.01  # probability of a rival that is listed
 
@@ -31,11 +29,11 @@ class CauseLine(NamedTuple):
 
 
 class Rival(NamedTuple):
-    """What might be the cause instead: its evidence relative to that of the one named, and how to confirm it."""
+    """What might be the cause instead: how probable it is, and how to confirm it."""
 
     named: str
     rival: str
-    relative: str
+    probability: str
     close: bool
     confirm: str
 
@@ -48,34 +46,6 @@ class Least(NamedTuple):
     places: tuple[tuple[str, str, bool], ...]
 
 
-def cards(answer: dict[str, Any]) -> tuple[Card, ...]:
-    """The numbers that are read first."""
-    gap, ends, effects = answer["gap"], answer["end_quantities"], answer["effects"]
-    good = answer["verdict"] in (Verdict.EXPLAINED, Verdict.NO_GAP)
-    found = [Card("Verdict", answer["verdict"].replace("_", " "), _causes(len(effects)), good)]
-    if effects:
-        sure, closure = effects[0]["confidence"], effects[0]["closure"]
-        found.append(Card("Confidence", f"{100 * sure:.0f} %", "that the first cause is right", sure >= SURE))
-        found.append(_closed(closure))
-    left = f"of {gap['fixed']:.0f} N m; floor {gap['floor']:.0f} N m"
-    found.append(Card("Residual torque", f"{gap['after']:.0f} N m", left, gap["after"] < 1.5 * gap["floor"]))
-    for title, key, unit in (("Weight error", "payload_kg", "kg"), ("Force error", "tip_force_n", "N")):
-        before, after = (ends[key][k] for k in ("before", "after"))
-        found.append(Card(title, shown(after, unit), f"before: {shown(before, unit)}", after <= before))
-    return tuple(found)
-
-
-def _closed(closure: dict[str, float | None]) -> Card:
-    value, low, high = (closure[k] for k in ("value", "low", "high"))
-    if value is None or low is None or high is None:
-        return Card("Gap closed", "--", "too uncertain for a figure: see the torque", good=False)
-    return Card("Gap closed", f"{100 * value:.0f} %", f"90 %: {100 * low:.0f} to {100 * high:.0f} %", value >= CLOSED)
-
-
-def _causes(count: int) -> str:
-    return "no cause is named" if not count else "one cause" if count == 1 else f"{count} causes"
-
-
 def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[CauseLine, ...]:
     """The named causes."""
     return tuple(
@@ -86,10 +56,14 @@ def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[Cau
 
 def _line(machine: Machine, proposal: Proposal, effect: dict[str, Any]) -> CauseLine:
     size, unit = effect["parameters"]["size"], unit_of(machine, proposal)
-    form = [f"{name} {shown(effect['shape'][name], si)}" for name, si in FORMS.items() if name in effect["shape"]]
+    form = [
+        f"{name} {shown(effect['shape'][name], si)}"
+        for name, si in FORMS.items()
+        if isinstance(effect["shape"].get(name), float)  # a whole number is a direction
+    ]
     return CauseLine(
         effect["name"].replace("_", " "),
-        effect["at"],
+        place(machine, effect["at"]),
         shown(size["value"], unit),
         interval(size["low"], size["high"], unit),
         ", ".join([*([effect["when"]] if effect["when"] else []), *form]),
@@ -106,7 +80,7 @@ def unit_of(machine: Machine, proposal: Proposal) -> str:
     return "m" if machine.signals[proposal.where].kind is Kind.CYLINDER_LENGTH else "rad"
 
 
-def rivals(search: Search, judged: Judged) -> tuple[Rival, ...]:
+def rivals(machine: Machine, search: Search, judged: Judged) -> tuple[Rival, ...]:
     """What else it may be, the most probable first."""
     found = []
     for n in judged.named[:1]:
@@ -114,7 +88,7 @@ def rivals(search: Search, judged: Judged) -> tuple[Rival, ...]:
         for r in search.first:
             if r.key == n.cause.key or not r.known or r.probability < LEAST_TOLD:
                 continue
-            names = [" at ".join(key).replace("_", " ") for key in (n.cause.key, r.key)]
+            names = [fault(machine, *key) for key in (n.cause.key, r.key)]
             confirm = r.proposal.about.confirm
             found.append(Rival(names[0], names[1], f"{100 * r.probability:.0f} %", r.key in close, confirm))
     return tuple(found)

@@ -14,7 +14,7 @@ from cylforce.files.atomic import RecordingError, replacing
 from cylforce.files.logfile import file_sha256
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.gap import Diagnosed, Question
-from cylforce.programs.gap_output import looked, sentence
+from cylforce.programs.reports.plain import looked, plain
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 
@@ -55,11 +55,9 @@ def gap_report(loaded: Loaded, question: Question, found: Diagnosed, watch: Watc
     from cylforce.programs.reports.gap_page import gap_page
 
     watch("drawing the report", None)
-    verdict = sentence(found.answer)
-    if found.answer["effects"]:
-        verdict += f" Confidence: {100 * found.answer['effects'][0]['confidence']:.0f} %."
     parts = None if found.search is None or found.gap is None else (found.search, found.judged, found.gap)
-    return gap_page(parts, {"next_experiment": ()} | found.answer, verdict, _origin(loaded, question, found.answer))
+    said = plain(loaded.service.machine, found.answer)
+    return gap_page(parts, {"next_experiment": ()} | found.answer, said, _origin(loaded, question, found.answer))
 
 
 def _origin(loaded: Loaded, question: Question, answer: dict[str, Any]) -> dict[str, Any]:

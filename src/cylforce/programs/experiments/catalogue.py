@@ -1,0 +1,155 @@
+"""Motions that an operator can make, as scenes of the simulated machine, with the words that ask for them."""
+
+from collections.abc import Iterator, Sequence
+from itertools import cycle
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.workspace import driven, lifting, stroke_time, working_range
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+from cylforce.simulation.scenario import CLEAR, FASTEST, of_joints
+from cylforce.simulation.soil import carried
+from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
+
+SECONDS = 60.0  # of each motion: its information goes with the time
+SLOW = 0.25  # of the highest speed; chosen: some 7 cm/s, so that there is time for both ways
+WHOLE = (0.1, 0.9)  # of the working range: from end to end
+PART = (0.38, 0.62)  # of the working range: a quarter of it
+LITTLE = (0.02, 0.03)  # of the working range, to and fro: some centimetres of a cylinder
+HOLD_S, REST_S = 3.0, 0.3  # a hold long enough to be read; a rest at the end of a stroke
+PACES = np.array(
+    [0.9, 0.55, 0.35]
+)  # of the highest speed, of joints that move at once, so that they never repeat together
+LOAD = 0.5  # of the rated payload: a known load that a machine can swing about
+SLOPE = 0.1  # rad, a slope on which a machine still works
+WARM_S = 1800.0  # of work, after which the oil is warm
+TURN, TURN_S = 1.2, 4.0  # rad and s of a swing of the house
+
+
+class Motion(NamedTuple):
+    """A motion: the `words` that ask for it, the scene, the load [kg], the pitch of the ground [rad], and how long the
+    machine has worked before [s]."""
+
+    words: str
+    scene: Scene
+    load: float = 0.0
+    pitch: float = 0.0
+    after: float = 0.0
+
+
+def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Motion]:
+    """All motions; `joints`: those that are moved alone."""
+    middle = _middle(machine)
+    for j in joints:
+        name = machine.links[j].name
+        slow, two = (
+            _scene(machine, middle, {j: _strokes(machine, middle, j, speeds)}) for speeds in ((SLOW,), (SLOW, 1.0))
+        )
+        little = _scene(machine, middle, {j: _little(machine, middle, j)})
+        yield Motion(f"move the {name} alone, slowly, from end to end and back", slow)
+        yield Motion(f"move the {name} alone, from end to end and back, in turns slowly and fast", two)
+        yield Motion(f"move the {name} alone a few centimetres to and fro, slowly, at several angles", little)
+        yield _loaded(machine, f"move the {name} alone, slowly, from end to end and back", slow)
+        brisk = _scene(machine, middle, {j: _along(machine, middle, j, cycle(PART), cycle((1.0,)), REST_S)})
+        yield Motion(f"move the {name} alone, with quick starts and stops, to and fro by a quarter of its way", brisk)
+    stairs, together, slowly = (
+        _stairs(machine, middle),
+        _together(machine, middle, WHOLE, PACES),
+        _together(machine, middle, PART, SLOW * PACES),
+    )
+    postures = "go to a dozen very different postures and hold each for three seconds"
+    whole = "move all joints at once to and fro, each at a speed of its own"
+    yield Motion(postures, stairs)
+    yield _loaded(machine, postures, stairs)
+    yield Motion(whole, together)
+    yield Motion("move all joints at once to and fro by a quarter of their way, slowly", slowly)
+    yield _loaded(machine, whole, together)
+    yield Motion(f"{whole}, once the machine has worked for half an hour", together, after=WARM_S)
+    yield Motion(f"{whole}, while the house turns to and fro", together._replace(slew=_turns()))
+    if any(s.kind is Kind.PITCH for s in machine.signals):
+        yield Motion(f"{whole}, with the machine on a slope of {np.degrees(SLOPE):.0f} degrees", together, pitch=SLOPE)
+
+
+def _loaded(machine: Machine, words: str, scene: Scene) -> Motion:
+    load = LOAD * machine.rated_payload
+    dig = carried(load, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach))
+    return Motion(f"{words}, carrying a known load of about {load:.0f} kg", scene._replace(dig=dig), load)
+
+
+def _middle(machine: Machine) -> Array:
+    """The angles (N,) [rad] of `drive` at which joints stay that do not move: those that lift are above the ground."""
+    low, high = _range(machine).T
+    return np.asarray((low + high) / 2.0)
+
+
+def _range(machine: Machine) -> Array:
+    found = working_range(machine)
+    for j in lifting(machine):
+        found[j, 0] += CLEAR * (found[j, 1] - found[j, 0])
+    return found
+
+
+def _scene(machine: Machine, begin: Array, steps: dict[int, tuple[Move, ...]]) -> Scene:
+    courses = tuple(JointCourse(float(u), steps.get(j, ())) for j, u in enumerate(begin))
+    return of_joints(machine, Scene(SECONDS, courses, JointCourse(0.0), ((0.0, Phase.AIR),)))
+
+
+def _along(
+    machine: Machine, begin: Array, j: int, targets: Iterator[float], speeds: Iterator[float], rest: float
+) -> tuple[Move, ...]:
+    """Strokes of joint j to one target [share of its range] after the other, as long as there is time."""
+    (low, high), now = _range(machine)[j], begin.copy()
+    clock, steps = 0.5, list[Move]()
+    for share, speed in zip(targets, speeds, strict=False):
+        target = float(low + share * (high - low))
+        time = stroke_time(machine, now, j, target, speed * FASTEST)
+        if clock + time > SECONDS:
+            break
+        steps.append(Move(clock, clock + time, target - float(now[j])))
+        now[j] = target
+        clock += time + rest
+    return tuple(steps)
+
+
+def _strokes(machine: Machine, begin: Array, j: int, speeds: Sequence[float]) -> tuple[Move, ...]:
+    """From end to end, both ways at each speed."""
+    each = (speed for speed in cycle(speeds) for _ in WHOLE)
+    return _along(machine, begin, j, cycle(WHOLE), each, REST_S)
+
+
+def _little(machine: Machine, begin: Array, j: int) -> tuple[Move, ...]:
+    """Short strokes to and fro at five angles in turn, longer and shorter ones."""
+    targets = (at + way for at in cycle(np.linspace(*WHOLE, 5)) for step in LITTLE for way in (step, 0.0) * 3)
+    return _along(machine, begin, j, targets, cycle((SLOW,)), REST_S)
+
+
+def _stairs(machine: Machine, begin: Array) -> Scene:
+    """All joints from posture to posture, with holds: shares of their ranges that are evenly spread (van der
+    Corput)."""
+    steps = {
+        j: _along(machine, begin, j, (_spread(k, base) for k in range(2, 100)), cycle((0.8,)), HOLD_S)
+        for j, base in zip(driven(machine), (2, 3, 5, 7, 11, 13), strict=False)
+    }
+    return _scene(machine, begin, steps)
+
+
+def _spread(k: int, base: int) -> float:
+    found, share = 0.0, 1.0 / base
+    while k:
+        k, digit = divmod(k, base)
+        found += digit * share
+        share /= base
+    return WHOLE[0] + (WHOLE[1] - WHOLE[0]) * found
+
+
+def _together(machine: Machine, begin: Array, ends: Sequence[float], paces: Array) -> Scene:
+    each = zip(driven(machine), cycle(paces.tolist()), strict=False)
+    return _scene(machine, begin, {j: _along(machine, begin, j, cycle(ends), cycle((v,)), REST_S) for j, v in each})
+
+
+def _turns() -> JointCourse:
+    starts = np.arange(1.0, SECONDS - TURN_S, TURN_S + REST_S)
+    return JointCourse(0.0, tuple(Move(t, t + TURN_S, TURN * (-1.0) ** k) for k, t in enumerate(starts.tolist())))

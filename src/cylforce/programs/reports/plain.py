@@ -1,0 +1,224 @@
+"""The answer of `cylforce gap` in plain words, for a service engineer, made of the answer alone. Pure."""
+
+from math import isfinite
+from typing import Any, NamedTuple
+
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosis.verdict import Verdict
+from cylforce.mechanics.machine import Machine
+from cylforce.programs.reports.fault_words import amount, fault, number
+
+MOST = 0.6  # of a joint's difference, from which on a sentence says when it shows; as for shapes
+MOST_WHEN = 2  # circumstances that are told
+WITHOUT_SAYING = ("empty", "loaded")  # all of it is in one of them where the other was not recorded
+WHEN = {
+    "extending": "while its cylinder extends",
+    "retracting": "while its cylinder retracts",
+    "slow": "while it moves slowly",
+    "fast": "while it moves fast",
+    "empty": "with an empty bucket",
+    "loaded": "with a load",
+    "first half": "in the first half of the recording",
+    "second half": "in the second half of the recording",
+    "angle low": "at its smaller angles",
+    "angle high": "at its larger angles",
+}
+SHAPES = {
+    "speed": "it depends on how fast the cylinder moves",
+    "position": "it depends on the joint's angle",
+    "load": "it depends on the load",
+    "time": "it changes with time",
+    "moments": "it comes for moments only",
+}
+SURE = ((0.95, "Almost certainly"), (0.8, "Very probably"), (0.5, "Probably"), (0.0, "Possibly"))  # convention
+MOST_OF = 0.9  # of a recording: where less was examined, a line says so
+LEAST = 0.01  # probability of a rival that is told
+NEXT = "Do next"
+Lines = tuple[str, ...]
+
+
+class Point(NamedTuple):
+    """A part of the answer: its title and one line or several."""
+
+    title: str
+    lines: Lines
+
+
+class Plain(NamedTuple):
+    """The answer in one sentence, and its parts."""
+
+    headline: str
+    points: tuple[Point, ...]
+
+
+def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
+    """What is wrong, how much, where, how sure, what else it may be, what it does, how much is explained, the next
+    step."""
+    points = (
+        Point("How much", _sizes(machine, answer)),
+        Point("Where", _where(answer)),
+        Point("How sure", _sure(answer)),
+        Point("It may also be" if answer["effects"] else "It may be", _others(machine, answer)),
+        Point("What it does", _harm(answer)),
+        Point("Once corrected" if answer["effects"] else "How large", _shrinks(answer)),
+        Point("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
+        Point(NEXT, _next(answer)),
+    )
+    return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
+
+
+HEADLINES = {
+    Verdict.NO_GAP: "No fault found: these recordings differ from the model no more than is normal for this machine",
+    Verdict.EXPLAINED: "{found}",
+    Verdict.PARTLY: "{found}; but that explains only a part of the difference",
+    Verdict.AMBIGUOUS: "Not decided yet. {found}",
+    Verdict.UNKNOWN: "Something is wrong{there} that is none of the known faults{shape}",
+    Verdict.NOT_OBSERVABLE: (
+        "The cause cannot be named while the machine works with loads or contact of which nothing is known"
+    ),
+}
+SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault whose size could be told
+
+
+def headline(machine: Machine, answer: dict[str, Any]) -> str:
+    """The verdict in a sentence."""
+    if "gap" not in answer and not answer["effects"]:
+        return f"Nothing can be concluded: {answer['reason']}."
+    told = answer.get("unknown")
+    words = {
+        "found": _found(machine, answer),
+        "there": f" at the {told['at']}" if told else "",
+        "shape": f"; {SHAPES[told['of']]}" if told and told["of"] in SHAPES else "",
+    }
+    return f"{HEADLINES[Verdict(answer['verdict'])].format(**words)}."
+
+
+def _found(machine: Machine, answer: dict[str, Any]) -> str:
+    """The causes with a word for how sure they are; nothing where there is none."""
+    return f"{_likely(answer['effects'][0]['confidence'])} {_causes(machine, answer)}" if answer["effects"] else ""
+
+
+def _likely(probability: float) -> str:
+    return next(word for least, word in SURE if probability >= least)
+
+
+def _causes(machine: Machine, answer: dict[str, Any]) -> str:
+    first, *others = (fault(machine, e["name"], e["at"]) for e in answer["effects"])
+    return f"{first}; and with it {' and '.join(others)}" if others else first
+
+
+def _sizes(machine: Machine, answer: dict[str, Any]) -> Lines:
+    return tuple(filter(None, (_size(machine, e, len(answer["effects"]) > 1) for e in answer["effects"])))
+
+
+def _size(machine: Machine, effect: dict[str, Any], several: bool) -> str:
+    """How large one cause is; where there are several, which one."""
+    told = ", ".join(filter(None, (amount(machine, effect), effect["when"])))
+    name = f"{fault(machine, effect['name'], effect['at'])}: " if several else ""
+    return sentence(name + told) if told else ""
+
+
+def _where(answer: dict[str, Any]) -> Lines:
+    """The joints at which the difference shows, each with the circumstances."""
+    if answer["effects"] and "gap" not in answer:  # the clocks are apart
+        return (sentence(str(answer["reason"])),)
+    found = [spot for spot in answer.get("where", ()) if spot["found"]]
+    joints = dict.fromkeys(spot["channel"] for spot in found)
+    return tuple(_shows(joint, [spot for spot in found if spot["channel"] == joint]) for joint in joints)
+
+
+def _shows(joint: str, found: list[dict[str, Any]]) -> str:
+    kept = [s for s in found if s["share"] >= MOST and s["regime"] not in WITHOUT_SAYING]
+    when = [WHEN[spot["regime"]] for spot in kept[:MOST_WHEN]]
+    return f"At the {joint}{', above all ' + ' and '.join(when) if when else ''}."
+
+
+def _sure(answer: dict[str, Any]) -> Lines:
+    """The probability of what the headline says."""
+    known = answer.get("probabilities", {})
+    if answer["verdict"] in (Verdict.NO_GAP, Verdict.UNKNOWN) and known:
+        said = "that the machine is in order" if answer["verdict"] == Verdict.NO_GAP else "that it is none of them"
+        return (f"{percent(known[answer['verdict']])} {said}.",)
+    if not answer["effects"]:
+        return ()
+    first = answer["effects"][0]["confidence"]
+    right = min(max(round(10 * first), 1), 9)
+    return (f"{percent(first)}: of ten such answers about {right} are right.",)
+
+
+def percent(probability: float) -> str:
+    """A probability; never quite 0 or 100 %."""
+    return f"{min(max(round(100 * probability), 1), 99)} %"
+
+
+def _others(machine: Machine, answer: dict[str, Any]) -> Lines:
+    """What else may be behind it, by probability: the other members of the set that holds the cause with 90 %."""
+    if "probabilities" not in answer:
+        return ()
+    named = {(e["name"], e["at"]) for e in answer["effects"]}
+    own = {Verdict.NO_GAP: NOTHING, Verdict.UNKNOWN: UNKNOWN}.get(Verdict(answer["verdict"]))
+    known = _probable(answer["probabilities"])
+    keys = [(m["name"], m["at"]) for m in answer["set"]]
+    others = [key for key in keys if key not in named and key != own and known.get(key, 0.0) >= LEAST]
+    others.sort(key=lambda key: -known[key])
+    return tuple(f"{percent(known[key])}: {fault(machine, *key)}" for key in others)
+
+
+def _probable(known: dict[str, Any]) -> dict[tuple[str, str], float]:
+    found = {(e["name"], e["at"]): e["probability"] for e in known["effects"]}
+    return {**found, NOTHING: known["no_gap"], UNKNOWN: known["unknown"]}
+
+
+def _harm(answer: dict[str, Any]) -> Lines:
+    """What it does to weight and force."""
+    ends = answer.get("end_quantities")
+    if ends is None or answer["verdict"] in SILENT:
+        return ()
+    before, after = (
+        (_amount(ends["payload_kg"][key], "kg"), _amount(ends["tip_force_n"][key], "N")) for key in ("before", "after")
+    )
+    told = f"As it is, weights are wrong by about {before[0]}, forces at the teeth by {before[1]}"
+    if not answer["effects"]:
+        return (f"{told}.",)
+    return (f"{told}; with this corrected in the model, by about {after[0]} and {after[1]}.",)
+
+
+def _amount(value: float | None, unit: str) -> str:
+    known = value is not None and isfinite(value)
+    return f"{number(float(f'{value:.2g}'))} {unit}" if known else "an unknown amount"
+
+
+def _shrinks(answer: dict[str, Any]) -> Lines:
+    """How much of the difference is explained, at the cylinder at which there is most."""
+    bars = answer.get("gap", {}).get("bar")
+    if not bars or answer["verdict"] in SILENT:
+        return ()
+    name, bar = max(bars.items(), key=lambda item: item[1]["fixed"] / max(item[1]["floor"], 1e-9))
+    before, after, usual = (number(float(f"{bar[key]:.2g}")) for key in ("fixed", "after", "floor"))
+    if not answer["effects"]:
+        return (f"Unexplained at the {name} cylinder: {before} bar; {usual} bar is normal.",)
+    closed = answer["effects"][0]["closure"]
+    part = f" {_closed(closed)}" if closed["value"] is not None else ""
+    return (f"The difference at the {name} cylinder falls from {before} to {after} bar; {usual} bar is normal.{part}",)
+
+
+def _closed(closed: dict[str, float]) -> str:
+    value, low, high = (f"{100 * closed[key]:.0f}" for key in ("value", "low", "high"))
+    return f"In all, {value} % of the difference is explained (90 % sure: {low} to {high} %)."
+
+
+def _next(answer: dict[str, Any]) -> Lines:
+    """What to record or check; nothing where all is in order."""
+    wanted = () if answer["verdict"] == Verdict.NO_GAP else answer.get("next_experiment", ())
+    return tuple(sentence(text) for text in wanted)
+
+
+def sentence(text: str) -> str:
+    """A text with a capital and a full stop."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
+
+
+def looked(part: dict[str, Any]) -> str:
+    """How much of a recording was examined, in words."""
+    many = f", in {part['stretches']} stretches" if part["stretches"] > 1 else ""
+    return f"{part['seconds'] / 60.0:.1f} of {part['of_seconds'] / 60.0:.1f} min examined{many}"

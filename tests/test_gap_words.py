@@ -1,0 +1,177 @@
+"""The answer in plain words: every verdict has its own, every effect of the library a name that a mechanic knows."""
+
+import re
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+
+from cylforce.diagnosis.verdict import Verdict
+from cylforce.effects.library import LIBRARY, proposals
+from cylforce.programs.gap_output import show
+from cylforce.programs.reports.fault_words import TOLD, WORDS, amount, fault, place
+from cylforce.programs.reports.plain import WHEN, plain
+from cylforce.settings.machine_file import load
+from scenarios import CONFIG
+
+MACHINE = load(CONFIG / "excavator_20t.toml").service.machine
+JARGON = re.compile(r"nats|residual|rms|regime|regressor|posterior|_|N m\b", re.IGNORECASE)
+SPOT = {"channel": "stick", "regime": "slow", "share": 0.81, "p": 0.001, "found": True}
+SIZE = {"value": -52300.0, "low": -61000.0, "high": -44000.0, "unit": "Pa"}
+BAR = {"stick": {"fixed": 2.46, "after": 0.31, "floor": 0.29}, "boom": {"fixed": 0.3, "after": 0.3, "floor": 0.29}}
+
+
+def effect(name="pressure_offset", at="stick_rod_pressure", size=SIZE, when="", confidence=0.87):
+    closure = {"value": 0.96, "low": 0.9, "high": 0.99}
+    return {
+        "name": name,
+        "at": at,
+        "when": when,
+        "parameters": {"size": size},
+        "shape": {},
+        "confidence": confidence,
+        "confused_with": [],
+        "closure": closure,
+    }
+
+
+def answered(verdict, *effects, unknown=None):
+    """An answer as `diagnose` gives it."""
+    rivals = [
+        {"name": "pressure_offset", "at": "stick_rod_pressure", "probability": 0.7},
+        {"name": "coulomb_friction", "at": "stick", "probability": 0.2},
+    ]
+    keys = [
+        *({k: r[k] for k in ("name", "at")} for r in rivals),
+        {"name": "unknown", "at": ""},
+        {"name": "no_gap", "at": ""},
+    ]
+    return {
+        "verdict": verdict,
+        "gap": {"bar": BAR},
+        "where": [SPOT],
+        "effects": list(effects),
+        "end_quantities": {
+            "payload_kg": {"before": 43.21, "after": 1.2},
+            "tip_force_n": {"before": 912.0, "after": 88.0},
+        },
+        "probabilities": {"no_gap": 0.02, "unknown": 0.08, "effects": rivals},
+        "set": keys,
+        "unknown": unknown,
+        "warnings": ["the sensor x shakes"],
+        "next_experiment": ["move the stick alone"],
+        "reason": "nothing moved",
+    }
+
+
+def text(answer):
+    said = plain(MACHINE, answer)
+    return " ".join([said.headline, *(f"{p.title}: {' '.join(p.lines)}" for p in said.points)])
+
+
+def test_a_cause_is_said_with_all_that_a_mechanic_asks():
+    said = text(answered("explained", effect()))
+    for part in (
+        "Very probably a wrong zero of the rod-side pressure sensor of the stick cylinder.",
+        "0.523 bar too low (90 % sure: 0.44 to 0.61)",
+        "At the stick, above all while it moves slowly.",
+        "87 %: of ten such answers about 9 are right.",
+        "20 %: changed dry friction in the stick cylinder",
+        "8 %: something that is none of the known faults",
+        "weights are wrong by about 43 kg, forces at the teeth by 910 N",
+        "about 1.2 kg and 88 N",
+        "the stick cylinder falls from 2.5 to 0.31 bar; 0.29 bar is normal",
+        "96 % of the difference",
+        "The sensor x shakes.",
+        "Move the stick alone.",
+    ):
+        assert part in said
+
+
+BEGINNINGS = {
+    Verdict.NO_GAP: "No fault found",
+    Verdict.EXPLAINED: "Very probably a wrong zero",
+    Verdict.PARTLY: "Very probably a wrong zero",
+    Verdict.AMBIGUOUS: "Not decided yet.",
+    Verdict.UNKNOWN: "Something is wrong at the boom that is none of the known faults; it depends on the load.",
+    Verdict.NOT_OBSERVABLE: "The cause cannot be named while the machine works",
+}
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_every_verdict_has_its_words_without_jargon(verdict):
+    named = (effect(),) if verdict in (Verdict.EXPLAINED, Verdict.PARTLY, Verdict.AMBIGUOUS) else ()
+    shape = {"at": "boom", "of": "load", "detail": "", "share": 0.5} if verdict is Verdict.UNKNOWN else None
+    said = text(answered(str(verdict), *named, unknown=shape))
+    assert said.startswith(BEGINNINGS[verdict])
+    assert not JARGON.search(said)
+    assert ("only a part" in said) == (verdict is Verdict.PARTLY)
+
+
+def test_in_order_nothing_is_to_be_done():
+    assert "Move the stick" not in text(answered("no_gap"))
+
+
+def test_nothing_concluded_says_why():
+    answer = {"verdict": "not_observable", "effects": [], "reason": "only 3 s of usable motion"}
+    assert text(answer) == "Nothing can be concluded: only 3 s of usable motion."
+
+
+def test_clocks_that_are_apart_say_by_how_much():
+    size = {"value": 0.35, "low": 0.33, "high": 0.37, "unit": "s"}
+    answer = {"verdict": "explained", "effects": [effect("clock_fault", "machine", size)], "reason": "0.35 s late"}
+    said = text(answer)
+    assert "pressures and angles that were recorded on different clocks" in said
+    assert "350 ms (90 % sure: 330 to 370)" in said
+    assert "0.35 s late." in said
+
+
+@pytest.mark.parametrize("path", sorted(CONFIG.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_effect_at_every_place_has_words(path):
+    machine = load(path).service.machine
+    for p in proposals(machine):
+        assert p.name in WORDS
+        said = fault(machine, p.name, p.at)
+        assert "{" not in said
+        assert p.name == "clock_fault" or "_" not in said.replace(p.at, "")
+        size = {"value": p.about.low, "low": p.about.low, "high": p.about.high, "unit": p.about.unit}
+        told = effect(p.name, p.at, size) | {"shape": {"power": 1.75}}
+        assert not re.search(r"Pa\b|rad|s/m|e[+-]\d", amount(machine, told))
+
+
+def test_all_units_are_told_in_those_of_every_day():
+    silent = {"rad (m)", "rad^2/s^2", "N (s/m)^power"}  # told otherwise
+    assert {group[0].about.unit for group in LIBRARY} <= set(TOLD) | silent
+
+
+def test_an_effect_of_the_users_own_keeps_its_name():
+    assert fault(MACHINE, "loose_bolt", "stick") == "loose bolt at stick"
+
+
+def test_a_length_sensor_is_told_in_millimetres():
+    crane = load(CONFIG / "excavator_20t.toml").service.machine
+    size = {"value": 0.02, "low": 0.01, "high": 0.03, "unit": "rad (m)"}
+    assert amount(crane, effect("angle_offset", "stick_angle", size)).startswith("1.15 degrees too high")
+    assert place(crane, "machine") == "the machine"
+
+
+def test_direction_of_friction():
+    size = {"value": 1200.0, "low": 900.0, "high": 1500.0, "unit": "N"}
+    told = effect("asymmetric_friction", "stick", size) | {"shape": {"way": -1}}
+    assert amount(MACHINE, told) == "1200 N more than before (90 % sure: 900 to 1500), while it retracts"
+
+
+def test_the_terminal_cuts_nothing_off_at_80_columns(capsys):
+    show(SimpleNamespace(answer=answered("ambiguous", effect())), MACHINE, Console(width=80, highlight=False))
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    assert "…" not in out
+    for part in text(answered("ambiguous", effect())).replace(":", "").split():
+        assert part in out.replace(":", "")
+    assert "pressure_offset@stick_rod_pressure" in out
+
+
+def test_every_circumstance_has_words():
+    from cylforce.diagnosis.where import REGIMES
+
+    assert set(WHEN) == set(REGIMES)
