@@ -103,7 +103,7 @@ class InOrder:
     @property
     def covariance(self) -> Array:
         """Of all columns (K, K), as the references tell them."""
-        return self._fit[2]
+        return self.fit[2]
 
     @property
     def left(self) -> Array:

@@ -3,17 +3,13 @@ themselves, unseen by their own fit, and with the model's parameters refitted to
 floor: the model's parameters and one form of every law of friction."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.asking import Asking
-from cylforce.diagnosis.discrepancy import Scatter
 from cylforce.diagnosis.floor import normal, ridge
-from cylforce.diagnosis.hypotheses import Inference
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.rows import BLOCK
 from cylforce.diagnosis.whitening import ORDER, Floor
@@ -23,45 +19,6 @@ from cylforce.signals.estimate import Array
 FOLDS = 4  # of the clean recordings, each predicted from the others: convention
 SPAN = 5  # blocks that are held out, drawn or exchanged together: fifteen seconds
 Blocks = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Fitting:
-    """A hypothesis, the forms `which` under a `noise`, that is put to all faulty blocks or to some of them."""
-
-    question: Asking
-    case: Inference
-    which: tuple[int, ...]
-    noise: Scatter
-
-    def told(self, kept: Blocks | None = None) -> "Told":
-        """What it says of all blocks, or of those `kept` (B,)."""
-        case, question = self.case, self.question
-        if kept is not None:
-            case = replace(case, sums=question.sums(question.problem.faulty, question.noisy.faulty, kept))
-        _, fitted, left = case.under(self.which, case.state(self.noise))
-        unit, found, k = question.scene.spread, (dict[int, Array](), dict[int, Array]()), 0
-        for p in self.which:
-            own = list(question.scene.forms[p].columns)
-            for each, sizes in zip(found, (fitted.sizes, fitted.more), strict=True):
-                each[p] = sizes[k : k + len(own)] * unit[own]
-            k += len(own)
-        first = question.problem.first
-        return Told(*found, -left[:first] * unit[:first])
-
-    @cached_property
-    def whole(self) -> "Told":
-        """Of all blocks."""
-        return self.told()
-
-
-class Told(NamedTuple):
-    """Sizes (M,) of every form, and of those what is not taken out of the recordings already, `more`; values (P',) of
-    the machine's own columns that go with them."""
-
-    sizes: dict[int, Array]
-    more: dict[int, Array]
-    own: Array
 
 
 def lasting(problem: Problem, seen: Seen, values: Array) -> Array:

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.closure import blockwise, closure
+from cylforce.diagnosis.fitting import Sized
 from cylforce.diagnosis.numbers import HALF, SLIGHT, WIDEST
 from cylforce.diagnosis.patch import patch
 from cylforce.diagnosis.problem import Seen
-from cylforce.diagnosis.residuals import SPAN, Told, chosen, clean, refitted, residuals, rms
+from cylforce.diagnosis.residuals import SPAN, chosen, clean, refitted, residuals, rms
 from cylforce.diagnosis.resimulation import Resimulation, known, read_blocks
 from cylforce.diagnosis.verdict import Cause, Judged, Search, Verdict
 from cylforce.effects.imposed import Imposed
@@ -128,7 +129,7 @@ class Simulation:
         each = [self._left(causes, self._fit.told(fold != k)) for k in (0, 1)]
         return chosen(each[0], each[1], problem, fold == 1)
 
-    def _left(self, causes: Sequence[Cause], told: Told) -> list[Array]:
+    def _left(self, causes: Sequence[Cause], told: Sized) -> list[Array]:
         """What causes leave with the sizes that were fitted together."""
         search, problem = self.search, self.search.original
         now = [c._replace(sizes=c.sizes + _told(c, told) - _told(c, search.fit.whole)) for c in causes]
@@ -143,7 +144,7 @@ class Simulation:
         return residuals(replace(problem, faulty=seen), values)
 
 
-def _told(cause: Cause, told: Told) -> Array:
+def _told(cause: Cause, told: Sized) -> Array:
     """A cause's sizes (W, M) among those of all forms; nothing of what happens at moments."""
     return np.zeros(1) if cause.form is None else told.sizes[cause.form].reshape(cause.sizes.shape)
 

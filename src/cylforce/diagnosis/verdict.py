@@ -9,12 +9,13 @@ import numpy as np
 
 from cylforce.diagnosis.asking import Asking
 from cylforce.diagnosis.diagnosis import Found
+from cylforce.diagnosis.fitting import Fitting, Sized, fitting, without_step
 from cylforce.diagnosis.hypotheses import Hypothesis
 from cylforce.diagnosis.learnt import CALIBRATION
 from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
 from cylforce.diagnosis.problem import GROWTH_S, Problem
-from cylforce.diagnosis.residuals import Fitting, Told, added, hung, residuals, rms
+from cylforce.diagnosis.residuals import added, hung, residuals, rms
 from cylforce.diagnosis.rows import Viewer
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
@@ -107,7 +108,7 @@ class Search(NamedTuple):
         """The recordings as they are."""
         return self.question.problem
 
-    def without(self, causes: Sequence[Cause], told: Told, values: Array) -> list[Array]:
+    def without(self, causes: Sequence[Cause], told: Sized, values: Array) -> list[Array]:
         """What is left (T, R) [N m] by values (K,) of the columns that last and by some causes of a fit, `told`, of the
         recordings from which is taken out what bends."""
         problem = self.fit.question.problem
@@ -117,7 +118,7 @@ class Search(NamedTuple):
             left = [e - x for e, x in zip(left, added(problem, c.columns, sizes, c.course), strict=True)]
         return left
 
-    def at_rest(self, causes: Sequence[Cause], told: Told, values: Array) -> Array:
+    def at_rest(self, causes: Sequence[Cause], told: Sized, values: Array) -> Array:
         """Values (K,) of the machine as it was, `values`, with where the field's loads hang beside some causes."""
         left = self.without(causes, told, values)
         return values + hung(self.fit.question.problem, self.question.floor, left)
@@ -175,9 +176,7 @@ def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[tuple[Cause, .
         nats = h.log - (without[0] if without else told.none).log
         p_of = belief.of.get(told.key(p), 0.0) if told.key(p) == told.main(h) else _included(found, told.key(p))
         causes.append(_cause(found, p, sizes, p_of, nats))
-    problem, case = found.looked_at(h.which)
-    fit = Fitting(replace(found.question, problem=problem), case, h.which, h.noise)
-    return tuple(sorted(causes, key=lambda c: c.key != told.main(h))), fit
+    return tuple(sorted(causes, key=lambda c: c.key != told.main(h))), fitting(found, h)
 
 
 def _included(found: Found, key: Key) -> float:
@@ -214,6 +213,7 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tu
         return (), Fitting(question, case, (), found.asked.none.noise)
     k = next(k for k, p in enumerate(question.problem.proposals) if (p.name, p.at) == key)
     proposal, places = question.problem.proposals[k], question.problem.places[k]
+    question, case = without_step(found)
     moments = question.moments(question.problem.faulty, proposal.incidents).only(where)
     case = replace(case, moments=moments)
     h = case.hypothesis((), case.usual)

@@ -23,7 +23,7 @@ from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.common.gap_answer import answer, apart, off_clock, shifted
+from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
@@ -103,12 +103,13 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    problem, spots = found.original, where(found.original, size, rng)
+    spots = where(found.original, size, rng)
     if verdict.verdict is Verdict.NO_GAP and any(spot.found for spot in spots):
         verdict = verdict._replace(verdict=Verdict.UNKNOWN)
-    whole = answer(found, verdict, size, spots, unexplained(problem, size.left, size.floor))
+    whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)
-    whole["next_experiment"] = [*said(planned(everything, found)), *whole["next_experiment"]]
+    motions = said(planned(everything, found))
+    whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     noise = noises(loaded.service.machine, faulty, clean)
     whole["noise"] = [each._asdict() for each in noise]

@@ -49,7 +49,7 @@ def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shap
         "probabilities": probabilities(search),
         "set": [{"name": name, "at": at} for name, at in search.belief.credible],
         "not_observable": hidden,
-        "next_experiment": [*_confirm(unknown), *_next(judged, hidden)],
+        "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
         "unknown": unknown,
     }
@@ -272,7 +272,7 @@ def _hidden(search: Search) -> list[dict[str, Any]]:
     ]
 
 
-def _confirm(unknown: dict[str, Any] | None) -> list[str]:
+def confirm(unknown: dict[str, Any] | None) -> list[str]:
     """The experiment that would tell whether a shape is real."""
     return [CONFIRM[unknown["of"]].format(at=unknown["at"])] if unknown and unknown["of"] in CONFIRM else []
 
