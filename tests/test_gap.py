@@ -18,9 +18,9 @@ from cylforce.programs.common.play import read_effects
 from cylforce.programs.gap import STEPS, Question, diagnose
 from cylforce.programs.reports import report
 from cylforce.programs.reports.gap_shown import acts_on
-from cylforce.programs.reports.plain import NEXT, plain
 from cylforce.programs.reports.units import SHOWN, interval, shown
 from cylforce.programs.sim import run_sim
+from cylforce.programs.wording.plain import NEXT, plain
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
 from cylforce.simulation.sensing import run, sensors

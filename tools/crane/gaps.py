@@ -23,7 +23,7 @@ from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.gap import Diagnosed, Question, diagnose
 from cylforce.programs.identify import run_identify
-from cylforce.programs.reports.plain import headline
+from cylforce.programs.wording.plain import headline
 from cylforce.settings.machine_file import Loaded, load
 
 from .figures import FITTED, data_sheet, number, recordings, samples

@@ -16,7 +16,7 @@ from cylforce.diagnosis.shape import unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
 from cylforce.diagnosis.strangers import frozen, strange
 from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
-from cylforce.diagnosis.where import where
+from cylforce.diagnosis.where import Spot, where
 from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
@@ -88,9 +88,7 @@ def diagnose(
         return _nothing("; ".join(stuck)) if stuck else _off_clock([*late, *odd])
     clean, unlike = _alike(model, idle(model, clean))
     viewer, known = viewed_by(loaded, question, clean)
-    if kept is not None:
-        names = frozenset(path.name for path in question.reference)
-        viewer = KeepingViewer(viewer.model, viewer.tares, kept, names, loaded.sha256)
+    viewer = _keeping(viewer, loaded, question, kept) if kept is not None else viewer
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
     watch("causes", None)
@@ -103,9 +101,7 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    spots = where(found.original, size, rng)
-    if verdict.verdict is Verdict.NO_GAP and any(spot.found for spot in spots):
-        verdict = verdict._replace(verdict=Verdict.UNKNOWN)
+    verdict = _seen(verdict, spots := where(found.original, size, rng))
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)
     motions = said(planned(everything, found))
@@ -116,6 +112,18 @@ def diagnose(
     here = "" if clean else shifted(whole, verdict), apart(late) if late else "", shaking(noise)
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole)
+
+
+def _keeping(viewer: Viewer, loaded: Loaded, question: Question, kept: RowCache) -> Viewer:
+    """A viewer that keeps the references' rows."""
+    names = frozenset(path.name for path in question.reference)
+    return KeepingViewer(viewer.model, viewer.tares, kept, names, loaded.sha256)
+
+
+def _seen(verdict: Judged, spots: Sequence[Spot]) -> Judged:
+    """Where a joint differs, there is a gap, whatever explains it."""
+    hidden = verdict.verdict is Verdict.NO_GAP and any(spot.found for spot in spots)
+    return verdict._replace(verdict=Verdict.UNKNOWN) if hidden else verdict
 
 
 def _nothing(reason: str) -> Diagnosed:

@@ -10,9 +10,9 @@ from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.programs.reports import gap_figures
 from cylforce.programs.reports.gap_shown import shown
 from cylforce.programs.reports.gap_words import least, lines, rivals
-from cylforce.programs.reports.plain import Plain
 from cylforce.programs.reports.template import Wanted, drawn, rendered
 from cylforce.programs.reports.units import SHOWN
+from cylforce.programs.wording.plain import Plain
 
 NOTHING: dict[str, Any] = {"lines": (), "rivals": (), "least": (), "figures": {}}
 
