@@ -14,6 +14,7 @@ from cylforce.diagnosis.hypotheses import InOrder
 from cylforce.diagnosis.numbers import EXPECTED, GAP
 from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.rows import BLOCK, Viewer
+from cylforce.diagnosis.shaking import white_noise
 from cylforce.diagnosis.sizes import Column, Terms
 from cylforce.diagnosis.statistics import White, crossed, statistics, white
 from cylforce.diagnosis.whitening import Floor
@@ -183,12 +184,15 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' declared noise, once more on the first minute of every recording. Without clean recordings
-    none: the floor is then what all columns leave, and has no noise in common with them."""
+    """From the sensors' noise as the clean recordings show it (as declared, where a coarse reading shows none), once
+    more on the first minute of every recording. Without clean recordings none: the floor is then what all columns
+    leave, and has no noise in common with them."""
     if not problem.clean:
         size = problem.lasting + 2
         return Noisy((), tuple(np.zeros((len(floor.rms), size)) for _ in problem.faulty))
-    errors = np.array([s.standard_error for s in viewer.model.machine.signals])
+    declared = np.array([s.standard_error for s in viewer.model.machine.signals])
+    seen = white_noise([seen.recorded for seen in problem.clean])
+    errors = np.where(np.nan_to_num(seen) > 0.0, seen, declared)
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
 
     def again(group: Sequence[Seen]) -> tuple[Seen, ...]:

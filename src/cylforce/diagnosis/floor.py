@@ -1,6 +1,7 @@
 """What the machine always was, and the noise floor: what least squares of clean recordings tell, and leave."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,8 +37,19 @@ def noise_floor(problem: Problem) -> Floor:
     """From the clean recordings' residual, with `Problem.mechanical` fitted: base parameters, what is unknown of loads
     and bars, every law of friction. Columns of sensors and of geometry are none of them: they hold the readings
     themselves, noise included, and least squares would cancel it with them (errors in variables). Without clean
-    recordings the faulty ones' is all there is: what every fifth of them leaves, predicted from the others, with all
-    effects fitted, for they hold the effect that is sought."""
+    recordings, and at joints that these do not move, the faulty ones' is all there is: what every fifth of them leaves,
+    predicted from the others, with all effects fitted, for they hold the effect that is sought."""
+    floor = _floor(problem)
+    rows = np.sum([np.sum(np.isfinite(seen.rows.left), axis=0) for seen in problem.clean], axis=0)
+    if not problem.clean or np.all(rows > 0):
+        return floor
+    other, shown = _floor(replace(problem, clean=())), rows > 0
+    parts = zip((floor.rms, floor.white), (other.rms, other.white), strict=True)
+    rms, white = (np.where(shown, a, b) for a, b in parts)
+    return Floor(rms, np.where(shown[:, None], floor.memory, other.memory), white)
+
+
+def _floor(problem: Problem) -> Floor:
     held = problem.clean or problem.faulty
     columns = [problem.columns(seen) for seen in held]
     scale = FIRST_GUESS * np.sqrt(_mean(np.concatenate([c[..., -1] for c in columns]) ** 2)) + 1e-9

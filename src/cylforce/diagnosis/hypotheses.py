@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from cylforce.diagnosis.discrepancy import Moments, Scatter, Sums, likeliest, log_prior
+from cylforce.diagnosis.discrepancy import Moments, Scatter, Sums, allowed, likeliest, log_prior
 from cylforce.diagnosis.numbers import IN_ORDER, ODD, RUN_TO_RUN, SECOND, USUALLY
 from cylforce.diagnosis.sizes import WIDE, Terms, beside, log_size
+from cylforce.diagnosis.statistics import SMOOTH
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
@@ -76,12 +77,15 @@ class InOrder:
         precision = (self.scene.always / self.scene.spread) ** -2.0
         noise = Scatter(np.full(len(together.rows), 1.0), np.full(len(together.rows), 1.0))
         mean, covariance = np.zeros(size), np.zeros((size, size))
+        energies = np.zeros(len(together.rows)), np.zeros((len(together.rows), SMOOTH))
         for _ in range(6):
             told = together.information(noise)
             covariance = np.asarray(np.linalg.inv(told[:-1, :-1] + np.diag(precision)))
             mean = covariance @ (told[:-1, -1] - together.common(noise))
-            noise = _one(likeliest(together, *_each(together.energies(np.append(-mean, 1.0), covariance)), None)[0])
-        return noise, mean, covariance
+            energies = together.energies(np.append(-mean, 1.0), covariance)
+            noise = _where_shown(_one(likeliest(together, *_each(energies), None)[0]), together.rows)
+        level = np.where(together.rows > 0.0, allowed(together, *energies), noise.rho)
+        return noise._replace(rho=level), mean, covariance
 
     def _unseen(self) -> tuple[Scatter, Array, Array]:
         """The same without references: parameters as they were identified, no effects, the noise told by the floor."""
@@ -358,6 +362,13 @@ def _positive(matrix: Array) -> Array:
 def _each(energies: tuple[Array, Array]) -> tuple[Array, Array]:
     white, smooth = energies
     return white[None], smooth[None]
+
+
+def _where_shown(noise: Scatter, rows: Array) -> Scatter:
+    """The noise, of joints (R,) that no reference moves what is usual without references."""
+    shown = rows > 0.0
+    found = (np.where(shown, noise.rho, UNSEEN), np.where(shown, noise.v, 1.0))
+    return Scatter(*found, np.where(shown, 1.0, UNSURE))
 
 
 def _one(noise: Scatter) -> Scatter:
