@@ -8,9 +8,9 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from cylforce.diagnosis.diagnosis import settled
-from cylforce.diagnosis.discrepancy import DECAY, Moments, Scatter, Sums, likeliest, sums
-from cylforce.diagnosis.hypotheses import Inference, InOrder
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, believed, calibrated
+from cylforce.diagnosis.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
+from cylforce.diagnosis.hypotheses import UNSEEN, UNSURE, Inference, InOrder
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Happened, believed, calibrated
 from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.statistics import SMOOTH, Statistics
 from layers.everyday import learnt
@@ -160,6 +160,38 @@ def test_sensor_noise_in_both_is_taken_off():
     )
     noise = Scatter(np.full(1, 1e-9), np.full(1, 2.0))
     assert found.common(noise) == pytest.approx([30.0])
+
+
+def in_order(*rows):
+    return InOrder(SCENE, tuple(sums(SCENE.spread, [told(each)]) for each in rows), {})
+
+
+def test_a_discrepancy_too_small_to_be_told_may_be_as_large_as_the_references_allow():
+    """Any level far below the noise is as likely as none: its logarithm would make every other field unusual."""
+    none, clear = in_order(recording(1, rho=0.0)).noise, in_order(recording(1, rho=3.0)).noise
+    assert np.all((none.rho > 2.0 * LEVELS[0]) & (none.rho < 1.0))
+    assert clear.rho == pytest.approx(np.full(JOINTS, 3.0), rel=0.3)
+
+
+def test_a_joint_that_no_reference_moves_is_as_sure_as_without_references():
+    rows = recording(1)
+    rows[:, 1] = 0.0
+    still = told(rows)
+    still.rows[:, 1] = 0.0
+    noise = InOrder(SCENE, (sums(SCENE.spread, [still]),), {}).noise
+    assert (noise.rho[1], noise.v[1], noise.unsure[1]) == (UNSEEN, 1.0, UNSURE)
+    assert noise.unsure[0] == 1.0
+
+
+def test_a_torque_at_moments_that_explains_hardly_anything_is_everyday(machine):
+    """Three standard errors at an instant are evidence, but no gap."""
+    case = machine.asked(sums(SCENE.spread, [told(recording(9))]))
+    none = case.hypothesis((), case.usual)
+    asked = Asked(PARTS, (none,), (Happened(UNKNOWN, none.log + 30.0, 0.05, 0.99 * none.rest),), case.usual, 1.0)
+    assert believed(asked).first == NOTHING
+    large = replace(asked, gap=8.0, hypotheses=(none._replace(rest=6.0),))
+    large = replace(large, happened=(Happened(UNKNOWN, none.log + 30.0, 0.05, 1.5),))
+    assert believed(large).first == UNKNOWN
 
 
 def test_a_calibration_says_how_often_each_outcome_is_true():

@@ -146,9 +146,9 @@ class Asked:
         return self.share(h.rest) if h.which else 1.0
 
     def share(self, rest: float) -> float:
-        """The same of what would be left, of the floor; 1 where there is no gap."""
-        gap = self.gap**2 - 1.0
-        return 1.0 - max(rest**2 - 1.0, 0.0) / gap if gap > LITTLE else 1.0
+        """The same of what would be left, of the floor; 1 where that is no more than references leave of each other."""
+        gap, left = self.gap**2 - 1.0, rest**2 - 1.0
+        return 1.0 - left / gap if min(gap, left) > LITTLE else 1.0
 
     def slight(self, happened: Happened) -> bool:
         """Whether a torque at moments is none of what makes the gap: without it most of the gap is explained as it
