@@ -282,12 +282,20 @@ def layers(rows: Sequence[Row]) -> dict[str, list[Scored]]:
         "largest evidence": [Scored(r, largest_evidence(r.asked)) for r in rows],
         "probability model": [Scored(r, b) for r, b in zip(rows, beliefs, strict=True)],
     }
-    again = []
-    for place in dict.fromkeys(r.case.place for r in rows):
-        by = calibration([r for r in rows if r.case.place != place])
-        each = [(r, b) for r, b in zip(rows, beliefs, strict=True) if r.case.place == place]
-        again += [Scored(r, calibrated(b, by)) for r, b in each]
-    return found | {"with calibration": again}
+    pairs = list(zip(rows, beliefs, strict=True))
+    found["with calibration"] = _calibrated(pairs, lambda r: r.case.place)
+    if len({r.case.source for r in rows}) > 1:
+        found["calibrated by other sources"] = _calibrated(pairs, lambda r: r.case.source)
+    return found
+
+
+def _calibrated(pairs: Sequence[tuple[Row, Belief]], group: Callable[[Row], object]) -> list[Scored]:
+    """Each group of cases with the calibration that the others teach."""
+    found = []
+    for own in dict.fromkeys(group(r) for r, _ in pairs):
+        by = calibration([r for r, _ in pairs if group(r) != own])
+        found += [Scored(r, calibrated(b, by)) for r, b in pairs if group(r) == own]
+    return found
 
 
 def without_their_effect(rows: Sequence[Row]) -> list[Scored]:
@@ -395,16 +403,21 @@ def main() -> int:
             usual = dict(zip(usual, pool.map(learnt, others), strict=True))
         rows = list(pool.map(searched, [(c, usual[c.source], cache) for c in cases]))
     answers = layers(rows)
-    report = {
+    less = without_their_effect(rows)
+    report: dict[str, dict[str, dict[str, str]]] = {
         source: {name: figures([s for s in all_of if s.row.case.source == source]) for name, all_of in answers.items()}
         for source in dict.fromkeys(c.source for c in cases)
     }
+    for source, by_layer in report.items():
+        own = _share([s for s in less if s.row.case.source == source], lambda c: c.alone)
+        for name, each in by_layer.items():
+            each["left out of the library, named"] = own if name == "with calibration" else "-"
     show(report, Console(highlight=False))
     if options.write:
         options.write.write_text(written(calibration(rows)))
     if options.json:
-        each = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
-        options.json.write_text(json.dumps({"figures": report, "cases": each}, indent=1) + "\n")
+        cases_ = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
+        options.json.write_text(json.dumps({"figures": report, "cases": cases_}, indent=1) + "\n")
     return 0
 
 
