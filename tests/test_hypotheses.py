@@ -159,7 +159,9 @@ def test_sensor_noise_in_both_is_taken_off():
         np.zeros((1, 2, 2)), np.zeros((1, SMOOTH, 2, 2)), np.full(1, 100.0), np.full(1, 2.0), np.array([[30.0, 0.0]])
     )
     noise = Scatter(np.full(1, 1e-9), np.full(1, 2.0))
-    assert found.common(noise) == pytest.approx([30.0])
+    assert found.common(noise) == pytest.approx([30.0 / 2.0**2])
+    loud = replace(found, crossed=np.array([[30.0, 100.0 * 5.0**2]]))  # sensors that make more noise than there is
+    assert loud.common(noise) == pytest.approx([30.0 / 5.0**2])
 
 
 def in_order(*rows):

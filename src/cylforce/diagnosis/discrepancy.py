@@ -53,10 +53,12 @@ class Sums:
         return np.asarray(white / noise.v[:, None, None] ** 2)
 
     def common(self, noise: Scatter) -> Array:
-        """What noise in both adds to X' P y (K,): errors in variables."""
+        """What noise in both adds to X' P y (K,): errors in variables. Where the sensors would make more noise than
+        there is, all of it is theirs."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
         white = 1.0 - self.blocks * np.sum(share, axis=1) / np.maximum(self.rows, 1.0)
-        return np.asarray(white @ self.crossed[:, :-1])
+        theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
+        return np.asarray((white / np.maximum(noise.v**2, theirs)) @ self.crossed[:, :-1])
 
     def norm(self, noise: Scatter) -> float:
         """What of the logarithm of the likelihood depends on noise alone."""

@@ -13,16 +13,21 @@ from cylforce.signals.estimate import Array
 
 NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 SECOND = 6.0**0.5  # standard deviation of the second difference of white noise, over the noise's
+FARTHEST = 5.0  # standard deviations; convention: of white noise none is farther
 FEWEST = 100  # samples, below which no noise is told
 
 
 def white_noise(recordings: Sequence[Recorded]) -> Array:
-    """Standard deviation (S,) of each signal's white noise: from second differences, in which motion hardly shows, and
-    their median, in which single glitches do not show. NaN where there are too few samples."""
+    """Standard deviation (S,) of each signal's white noise: from the mean square of second differences, in which motion
+    hardly shows, and of these only what is within FARTHEST of the usual one, so that glitches do not show. (A median
+    alone is wrong by half where a reading has coarse steps.) NaN where there are too few samples."""
     each = [np.diff(r.values, 2, axis=0) for r in recordings if len(r.values) > 2]
     if sum(len(part) for part in each) < FEWEST:
         return np.full(recordings[0].values.shape[1] if recordings else 0, np.nan)
-    return np.asarray(NORMAL * np.nanmedian(np.abs(np.concatenate(each)), axis=0) / SECOND)
+    second = np.abs(np.concatenate(each))
+    most = FARTHEST * NORMAL * np.nanmedian(second, axis=0)
+    kept = np.where((second <= most) | (most == 0.0), second, np.nan)
+    return np.asarray(np.sqrt(np.nanmean(kept**2, axis=0)) / SECOND)
 
 
 class SensorNoise(NamedTuple):
