@@ -50,6 +50,7 @@ CASES = {
     "payload_spill": ("bucket", [-250.0, -200.0, -30.0], {"begin": 112.0}),
     "payload_shift": ("bucket", [150.0, 60.0], {"begin": 112.0}),
     "clock_fault": ("machine", [0.06, 0.0], {"begin": 40.0}),
+    "intermittent_glitch": ("stick_angle", 0.02, {}),
 }
 
 
