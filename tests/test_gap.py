@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cylforce.diagnosis.closure import WIDEST
+from cylforce.diagnosis.numbers import WIDEST
 from cylforce.diagnosis.where import REGIMES
 from cylforce.effects.imposed import imposed
-from cylforce.effects.library import LIBRARY
+from cylforce.effects.library import LIBRARY, proposals
 from cylforce.files.tables import Table, read_table, write_table
 from cylforce.programs import cli
 from cylforce.programs.common.play import read_effects
 from cylforce.programs.gap import STEPS, Question, diagnose
 from cylforce.programs.reports import report
-from cylforce.programs.reports.plain import NEXT, plain
+from cylforce.programs.reports.gap_shown import acts_on
 from cylforce.programs.reports.units import SHOWN, interval, shown
 from cylforce.programs.sim import run_sim
+from cylforce.programs.wording.plain import NEXT, plain
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
 from cylforce.simulation.sensing import run, sensors
@@ -130,12 +131,12 @@ KEYS = {
     "effects": [EFFECT],
     "explained": N,
     "end_quantities": {"payload_kg": {"before": N, "after": N}, "tip_force_n": {"before": N, "after": N}},
-    "forward": {"horizon_s": N, "before_deg": N, "after_deg": N},
     "next_experiment": ["str"],
     "evidence": [{**PLACE, "nats": N, "probability": N}],
     "probabilities": {"no_gap": N, "unknown": N, "effects": [{**PLACE, "probability": N}]},
     "set": [PLACE],
     "looked_at": [{"name": "str", "seconds": N, "of_seconds": N, "stretches": N}],
+    "noise": [{"sensor": "str", "seen": N, "declared": N, "before": N, "shakes": "bool"}],
     "warnings": [],
 }
 
@@ -144,7 +145,7 @@ def test_the_answer_has_the_documented_keys_and_types(made):
     answer = made[0]
     plain = [{key: effect[key] for key in effect if key != "closure"} for effect in answer["effects"]]
     assert {key: shape((answer | {"effects": plain})[key]) for key in KEYS} == KEYS
-    assert set(answer) - set(KEYS) == {"not_observable", "baselines", "unknown", "small"}
+    assert set(answer) - set(KEYS) == {"not_observable", "unknown", "small"}
     assert shape(answer["small"]) in ([], [{**PLACE, "of_least_plausible": N, "evidence_nats": N}])
     assert answer["verdict"] in VERDICTS
     assert {spot["regime"] for spot in answer["where"]} <= set(REGIMES)
@@ -155,6 +156,11 @@ def test_a_share_is_told_with_its_interval_or_not_at_all(made):
     for closure in (effect["closure"] for effect in made[0]["effects"]):
         value, low, high = (closure[key] for key in ("value", "low", "high"))
         assert {value, low, high} == {None} or low <= value <= high <= low + WIDEST
+
+
+def test_refitting_never_makes_the_gap_larger(made):
+    gap = made[0]["gap"]
+    assert 0.0 < gap["refit"] <= gap["fixed"]
 
 
 def test_what_nothing_explains_is_null_or_has_a_shape(made):
@@ -190,6 +196,22 @@ def test_the_page_has_every_section_and_figure_and_loads_nothing(made):
     for text in (said.headline, *(line for point in said.points if point.title != NEXT for line in point.lines)):
         assert text in page.text["verdict"]
     assert answer["next_experiment"][0] in page.text["next"]
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "joints"),
+    [
+        ("coulomb_friction", "stick", ["stick"]),
+        ("pressure_offset", "bucket_rod_pressure", ["bucket"]),
+        ("angle_offset", "stick_angle", ["stick"]),
+        ("compliance", "bucket", ["bucket"]),
+        ("tilt_ignored", "machine", ["stick", "bucket"]),
+    ],
+)
+def test_the_page_draws_the_torque_of_the_joint_that_the_cause_acts_on(name, at, joints):
+    machine = LOADED.service.machine
+    proposal = next(p for p in proposals(machine) if (p.name, p.at) == (name, at))
+    assert [machine.links[machine.rows[r]].name for r in acts_on(machine, proposal)] == joints
 
 
 def test_units_of_the_reader():

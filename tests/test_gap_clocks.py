@@ -4,12 +4,13 @@ that. (Our own simulator; a real machine: test_crane_gap.py.)"""
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.answer import off_clock
-from cylforce.diagnosis.clocks import LATE_S, slips
+from cylforce.diagnosis.clocks import LATE_S, of_piece, slips
 from cylforce.diagnosis.rows import Recorded
+from cylforce.diagnosis.shifted import JointRows
 from cylforce.effects.fault import Place, places
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
+from cylforce.programs.common.gap_answer import off_clock
 from cylforce.programs.common.play import prepare
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
@@ -29,11 +30,12 @@ def values():
     return moved(LOADED, seed=5, seconds=SECONDS)
 
 
-def paired(values, rate, late=0.0):
-    """Beside sample k of the angles stands what the pressures were at rate k - late."""
+def paired(values, rate, late=0.0, only=None):
+    """Beside sample k of the angles stands what the pressures (of the sensors `only`) were at rate k - late."""
     k, found = np.arange(len(values)), values.copy()
-    for _, signal in places(SERVICE.machine, Place.PRESSURE):
-        found[:, signal] = np.interp(rate * k - late * RATE, k, values[:, signal])
+    for name, signal in places(SERVICE.machine, Place.PRESSURE):
+        if only is None or name in only:
+            found[:, signal] = np.interp(rate * k - late * RATE, k, values[:, signal])
     return found
 
 
@@ -54,6 +56,26 @@ def test_a_lag_is_measured_whether_it_grows_or_not(values, rate, late, first, la
     assert slip.closed > 0.9
 
 
+@pytest.mark.parametrize(
+    "only", [("boom_head_pressure",), ("boom_head_pressure", "stick_head_pressure", "stick_rod_pressure")]
+)
+def test_each_sensor_may_have_a_clock_of_its_own(values, only):
+    """As on a scope with two time bases: some pressures slower, all else right."""
+    (slip,) = slips(MODEL, [Recorded("field", paired(values, 0.9, only=only), 0.0)])
+    assert slip.sensors == only
+    assert not slip.whole
+    assert slip.last == pytest.approx(slip.ends / 9.0, abs=4.0 * slip.errors[1] + 0.02)
+
+
+def test_two_nodes_may_have_two_clocks(values):
+    field = paired(values, 0.9, only=("boom_head_pressure", "boom_rod_pressure"))
+    field = paired(field, 1.0, 0.5, only=("stick_head_pressure", "stick_rod_pressure"))
+    first, second = slips(MODEL, [Recorded("field", field, 0.0)])
+    assert first.sensors == ("boom_head_pressure", "boom_rod_pressure")
+    assert second.sensors == ("stick_head_pressure", "stick_rod_pressure")
+    assert [second.first, second.last] == pytest.approx([0.5, 0.5], abs=0.1)
+
+
 def test_a_jump_is_measured(values):
     """From one instant on the pressures are those of so much later."""
     jump, k = -0.7, np.arange(len(values))
@@ -64,12 +86,30 @@ def test_a_jump_is_measured(values):
 
 
 def test_it_is_told_by_name_with_its_cure(values):
-    told = slips(MODEL, [Recorded("field", paired(values, 0.5), 0.0)])
+    told = slips(MODEL, [Recorded("field", paired(values, 0.9), 0.0)])
     verdict, answer = off_clock(told)
     assert verdict == answer["verdict"] == "explained"
     (effect,) = answer["effects"]
     assert (effect["name"], effect["at"]) == ("clock_fault", "machine")
+    assert effect["sensors"] == [name for name, _ in places(SERVICE.machine, Place.PRESSURE)]
     assert "pressures and angles are not on one clock in field" in answer["reason"]
+
+
+def test_motion_that_repeats_itself_has_other_lags_that_are_told():
+    """A joint that swings every three seconds, its pressure 1.2 s late, or 1.8 s early."""
+    period, late, rng = 3.0, 1.2, np.random.default_rng(8)
+    t, shown = np.arange(2.0, 58.0, 0.4), np.arange(0.0, 60.0, 0.05)
+    torque = 1e4 * np.sin(2.0 * np.pi * t / period) + 100.0 * rng.standard_normal(len(t))
+    pressure = np.sin(2.0 * np.pi * (shown - late) / period)
+    joint = JointRows(
+        np.ones((len(t), 1)), torque, np.full((len(t), 1), 1e4), t, pressure[:, None], 0.05, ("boom_head",)
+    )
+    (slip,) = of_piece(Recorded("field", np.zeros((0, 1)), 0.0), 0.0, [joint])
+    lags = sorted([(slip.first, slip.last), *slip.others])
+    assert [lags[0], lags[-1]] == [pytest.approx((lag, lag), abs=0.1) for lag in (late - period, late)]
+    told = off_clock([slip])[1]
+    assert len(told["effects"][0]["alternatives"]) == len(slip.others)
+    assert "repeats itself" in told["reason"]
 
 
 def test_a_smaller_lag_is_left_to_the_search(values):

@@ -6,9 +6,8 @@ import pytest
 
 from cylforce.diagnosis.diagnosis import examined
 from cylforce.diagnosis.posterior import NOTHING
-from cylforce.diagnosis.residuals import contributed
 from cylforce.diagnosis.shrinkage import tried, written
-from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
+from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed
@@ -58,6 +57,7 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(reference)
     assert (after, doubt) == (verdict, "")
     before, left = (rms[1] ** 2 - size.floor[1] ** 2 for rms in (size.fixed, size.after))
     assert 1.0 - left / before > 0.8
+    assert np.sum(size.refit**2) <= np.sum(size.fixed**2)
     (named,) = verdict.named
     wrong = verdict._replace(named=(named._replace(cause=named.cause._replace(sizes=-named.cause.sizes)),))
     after, size, doubt = tried(found, wrong, np.random.default_rng(1))

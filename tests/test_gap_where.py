@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis import where as module
+from cylforce.diagnosis.residuals import rms
 from cylforce.diagnosis.where import EXCHANGES, REGIMES, SPAN, chance, where
 
 SEED, CASES = 11, 1000
@@ -55,14 +55,14 @@ def crossed(seconds=40 * SPAN, gap=0.0):
     return SimpleNamespace(rows=rows, recorded=SimpleNamespace(load=0.0)), left
 
 
-def test_a_gap_is_told_in_the_joints_own_posture_and_its_own_cylinders_direction(monkeypatch):
+def test_a_gap_is_told_in_the_joints_own_posture_and_its_own_cylinders_direction():
     """Where the number of a cylinder is not that of its joint."""
     (clean, unseen), (faulty, left) = crossed(), crossed(gap=3.0)
     links = [SimpleNamespace(name=name) for name in ("inner", "outer")]
     model = SimpleNamespace(machine=SimpleNamespace(rows=(0, 1), links=links), acting=((1,), (0,)))
-    search = SimpleNamespace(original=SimpleNamespace(model=model, clean=(clean,), faulty=(faulty,)))
-    monkeypatch.setattr(module, "held_out_clean", lambda _: [unseen])
-    spots = {(s.channel, s.regime): s for s in where(search, [left], np.random.default_rng(SEED))}
+    problem = SimpleNamespace(model=model, clean=(clean,), faulty=(faulty,))
+    size = SimpleNamespace(nominal=[left], clean=[unseen], floor=rms([unseen]))
+    spots = {(s.channel, s.regime): s for s in where(problem, size, np.random.default_rng(SEED))}
     for (joint, there), not_there in {
         ("inner", "angle high"): "angle low",
         ("outer", "extending"): "retracting",

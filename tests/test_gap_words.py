@@ -9,8 +9,8 @@ from rich.console import Console
 from cylforce.diagnosis.verdict import Verdict
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.programs.gap_output import show
-from cylforce.programs.reports.fault_words import TOLD, WORDS, amount, fault, place
-from cylforce.programs.reports.plain import WHEN, plain
+from cylforce.programs.wording.fault_words import TOLD, WORDS, amount, fault, place
+from cylforce.programs.wording.plain import WHEN, plain
 from cylforce.settings.machine_file import load
 from scenarios import CONFIG
 

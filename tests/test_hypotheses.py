@@ -8,9 +8,9 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from cylforce.diagnosis.diagnosis import settled
-from cylforce.diagnosis.discrepancy import DECAY, Moments, Scatter, Sums, likeliest, sums
-from cylforce.diagnosis.hypotheses import Inference, InOrder
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Calibration, believed, calibrated
+from cylforce.diagnosis.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
+from cylforce.diagnosis.hypotheses import UNSEEN, UNSURE, Inference, InOrder
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Happened, believed, calibrated
 from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.statistics import SMOOTH, Statistics
 from layers.everyday import learnt
@@ -159,19 +159,67 @@ def test_sensor_noise_in_both_is_taken_off():
         np.zeros((1, 2, 2)), np.zeros((1, SMOOTH, 2, 2)), np.full(1, 100.0), np.full(1, 2.0), np.array([[30.0, 0.0]])
     )
     noise = Scatter(np.full(1, 1e-9), np.full(1, 2.0))
-    assert found.common(noise) == pytest.approx([30.0])
+    assert found.common(noise) == pytest.approx([30.0 / 2.0**2])
+    loud = replace(found, crossed=np.array([[30.0, 100.0 * 5.0**2]]))  # sensors that make more noise than there is
+    assert loud.common(noise) == pytest.approx([30.0 / 5.0**2])
 
 
-def test_a_calibration_says_how_often_the_first_is_right():
+def in_order(*rows):
+    return InOrder(SCENE, tuple(sums(SCENE.spread, [told(each)]) for each in rows), {})
+
+
+def test_a_discrepancy_too_small_to_be_told_may_be_as_large_as_the_references_allow():
+    """Any level far below the noise is as likely as none: its logarithm would make every other field unusual."""
+    none, clear = in_order(recording(1, rho=0.0)).noise, in_order(recording(1, rho=3.0)).noise
+    assert np.all((none.rho > 2.0 * LEVELS[0]) & (none.rho < 1.0))
+    assert clear.rho == pytest.approx(np.full(JOINTS, 3.0), rel=0.3)
+
+
+def test_a_joint_that_no_reference_moves_is_as_sure_as_without_references():
+    rows = recording(1)
+    rows[:, 1] = 0.0
+    still = told(rows)
+    still.rows[:, 1] = 0.0
+    noise = InOrder(SCENE, (sums(SCENE.spread, [still]),), {}).noise
+    assert (noise.rho[1], noise.v[1], noise.unsure[1]) == (UNSEEN, 1.0, UNSURE)
+    assert noise.unsure[0] == 1.0
+
+
+def test_a_torque_at_moments_that_explains_hardly_anything_is_everyday(machine):
+    """Three standard errors at an instant are evidence, but no gap."""
+    case = machine.asked(sums(SCENE.spread, [told(recording(9))]))
+    none = case.hypothesis((), case.usual)
+    asked = Asked(PARTS, (none,), (Happened(UNKNOWN, none.log + 30.0, 0.05, 0.99 * none.rest),), case.usual, 1.0)
+    assert believed(asked).first == NOTHING
+    large = replace(asked, gap=8.0, hypotheses=(none._replace(rest=6.0),))
+    large = replace(large, happened=(Happened(UNKNOWN, none.log + 30.0, 0.05, 1.5),))
+    assert believed(large).first == UNKNOWN
+
+
+def test_a_calibration_says_how_often_each_outcome_is_true():
     rng = np.random.default_rng(0)
-    features, right = rng.standard_normal((400, 2)), rng.uniform(size=400) < 0.7
-    by = Calibration(fitted(features, right), 0.1)
-    said = {("one", "a"): 1.0 - 1e-9, NOTHING: 1e-9, UNKNOWN: 1e-12}
+    outcome = rng.choice(4, 800, p=[0.1, 0.6, 0.1, 0.2])
+    by = fitted(rng.standard_normal((800, 2)), outcome, np.ones(800), 0.5)
+    said = {("one", "a"): 1.0 - 1e-4, ("two", "a"): 9e-5, ("three", "a"): 1e-5, NOTHING: 1e-9, UNKNOWN: 1e-12}
     belief = calibrated(Belief(said, (0.0, 0.0)), by)
-    flat = {k: p**0.1 for k, p in said.items()}
-    assert belief.probability == pytest.approx(0.7 + 0.3 * flat["one", "a"] / sum(flat.values()), abs=0.08)
-    assert sorted(belief.of, key=belief.of.get) == sorted(said, key=said.get)
+    assert belief.of["one", "a"] == pytest.approx(0.6, abs=0.06)
+    assert belief.of[NOTHING] == pytest.approx(0.1, abs=0.04)
+    assert belief.of["two", "a"] / belief.of["three", "a"] == pytest.approx(3.0)
     assert sum(belief.of.values()) == pytest.approx(1.0)
+
+
+def test_a_calibration_learns_from_what_tells():
+    rng = np.random.default_rng(1)
+    outcome = rng.choice(4, 400)
+    features = np.eye(4)[outcome] + 0.1 * rng.standard_normal((400, 4))
+    by = fitted(features, outcome, np.ones(400), 0.5)
+    assert all(by(row)[k] > 0.9 for k, row in enumerate(np.eye(4)))
+
+
+def test_without_any_effect_there_is_nothing_to_calibrate():
+    by = fitted(np.zeros((4, 2)), np.arange(4), np.ones(4), 0.5)
+    belief = Belief({NOTHING: 0.7, UNKNOWN: 0.3}, (0.0, 0.0))
+    assert calibrated(belief, by) == belief
 
 
 def test_intervals_are_wilsons():

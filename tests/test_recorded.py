@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from cylforce.diagnosis.asking import Asking, Noisy, Step
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.rows import BLOCK, Recorded, Viewer
-from cylforce.diagnosis.spread import Kept, Spread
 from cylforce.diagnosis.whitening import Floor
 from cylforce.effects.library import proposals
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.segments import Part, parts, stretches
 from cylforce.files.tables import Table, write_table
 from cylforce.programs.common.recorded import PART_S, SHORTEST_S, chosen
+from cylforce.programs.common.spread import Kept, Spread
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR, moved
 

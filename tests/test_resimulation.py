@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.bars import bars, measured
 from cylforce.diagnosis.floor import fitted_tares
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
-from cylforce.diagnosis.resimulation import Resimulation, read_blocks, undistorted
+from cylforce.diagnosis.resimulation import Resimulation, read_blocks
 from cylforce.diagnosis.rows import Recorded, Viewer
-from cylforce.effects.imposed import distorted
+from cylforce.effects.imposed import distorted, undistorted
 from cylforce.estimation.model import FRICTION, Model
+from cylforce.programs.common.gap_answer import bars, measured
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors

@@ -48,32 +48,35 @@ def returns(rod: float = 0.0, scatter: float = 2e4) -> Returns:
 
 @pytest.mark.parametrize("rod", [2e5, -2e5])
 def test_an_offset_that_is_there_is_confirmed(rod: float) -> None:
-    assert returns(rod).support(PressureOffset(), ROD, rod) > 5.0
+    assert returns(rod).support((PressureOffset(),), ROD, rod) > 5.0
 
 
 def test_an_offset_that_is_not_there_is_refuted() -> None:
-    assert returns(0.0).support(PressureOffset(), ROD, 2e5) < -5.0
+    assert returns(0.0).support((PressureOffset(),), ROD, 2e5) < -5.0
 
 
 def test_the_wrong_sign_is_refuted() -> None:
-    assert returns(2e5).support(PressureOffset(), ROD, -2e5) < returns(2e5).support(PressureOffset(), ROD, 2e5) - 10.0
+    assert (
+        returns(2e5).support((PressureOffset(),), ROD, -2e5)
+        < returns(2e5).support((PressureOffset(),), ROD, 2e5) - 10.0
+    )
 
 
 def test_a_side_that_never_lets_oil_out_says_nothing() -> None:
-    assert returns(2e5).support(PressureOffset(), HEAD, 2e5) == 0.0
+    assert returns(2e5).support((PressureOffset(),), HEAD, 2e5) == 0.0
 
 
 def test_a_level_that_scatters_says_nothing() -> None:
-    assert returns(2e5, scatter=6e5).support(PressureOffset(), ROD, 2e5) == 0.0
+    assert returns(2e5, scatter=6e5).support((PressureOffset(),), ROD, 2e5) == 0.0
 
 
 def test_a_drift_is_refuted_where_the_level_stays() -> None:
     per_hour = 3e5 / (SECONDS / 3600.0)
-    assert returns(0.0).support(PressureDrift(), ROD, per_hour) < -3.0
+    assert returns(0.0).support((PressureDrift(),), ROD, per_hour) < -3.0
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13, 14])
 def test_speeds_that_no_clean_recording_has_refute_nothing(seed: int) -> None:
     slow, fast = recording(seed, speeds=(0.05, 0.06)), recording(20, rod=3e5, speeds=(0.2, 0.25))
     told = Returns(MACHINE, [slow], [fast], SERVICE.filters.rate_hz)
-    assert told.support(PressureOffset(), ROD, 3e5) > -1.0
+    assert told.support((PressureOffset(),), ROD, 3e5) > -1.0

@@ -8,7 +8,7 @@ import pytest
 
 from cylforce.effects.fault import BEYOND, places
 from cylforce.effects.imposed import imposed, units
-from cylforce.effects.library import SIMULATED
+from cylforce.effects.library import LIBRARY
 from cylforce.mechanics.motion import joint_torque
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
@@ -190,7 +190,7 @@ def second_rate(x, dt=0.01):
     return sum(w * np.roll(x, -k, axis=0) for k, w in ((0, -30), (1, 16), (-1, 16), (2, -1), (-2, -1))) / (12.0 * dt**2)
 
 
-@pytest.mark.parametrize("group", SIMULATED, ids=lambda g: repr(g[0]))
+@pytest.mark.parametrize("group", LIBRARY, ids=lambda g: repr(g[0]))
 def test_every_effect_of_the_library_changes_what_is_seen(group, plain):
     """At every of its places some signal differs, and without a size nothing does."""
     about = group[0].about
@@ -232,7 +232,7 @@ def test_more_than_there_is_cannot_fall_out():
         simulated(spill)
 
 
-@pytest.mark.parametrize("group", SIMULATED, ids=lambda group: group[0].about.name)
+@pytest.mark.parametrize("group", LIBRARY, ids=lambda group: group[0].about.name)
 def test_what_can_be_found_can_be_simulated(group):
     """The diagnosis finds sizes up to the end of its range; what it cannot simulate there it would refute."""
     about = group[0].about

@@ -11,7 +11,7 @@ import pickle
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,30 +22,33 @@ from rich.table import Table
 from cylforce.diagnosis.asking import Asking, noisy
 from cylforce.diagnosis.diagnosis import asked, examined
 from cylforce.diagnosis.discrepancy import Sums
-from cylforce.diagnosis.floor import fitted_tares, noise_floor
+from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import InOrder
+from cylforce.diagnosis.idle import idle
 from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.diagnosis.posterior import (
     NOTHING,
     UNKNOWN,
     Asked,
     Belief,
-    Calibration,
+    Outcomes,
     believed,
     calibrated,
     largest_evidence,
 )
 from cylforce.diagnosis.problem import Problem, looked_at
 from cylforce.diagnosis.rows import Viewer
-from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import chosen
+from cylforce.programs.gap import ALWAYS, Question, viewed_by
 from cylforce.settings.machine_file import Loaded, load
+from cylforce.signals.estimate import Array
 from layers.everyday import learnt
 from layers.intervals import wilson
 from layers.logistic import fitted
 from trial.cases import simulated, write
 from trial.field import Site
-from trial.judged import CERTAIN, VISIBLE
+from trial.judged import CERTAIN, DIGGING, VISIBLE
 from trial.orders import PER_MACHINE, order
 from trial.repertoire import PLAIN
 from trial.run import Truth
@@ -54,9 +57,12 @@ from trial.source import Labelled, labelled, references
 CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
+ODD_ONE = 2  # the outcome "nothing of the library"
+LEFT_OUT = 0.25  # how often a case counts without its own effect: as probable as numbers.ODD is against an effect
 POWERS = tuple(float(x) for x in np.geomspace(1e-3, 1.0, 31))  # of the calibration, that are tried
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
-FOREIGN, REFERENCE = "foreign", "reference"
+FOREIGN, REFERENCE, RANDOM = "foreign", "reference", "random"  # sources
+REPERTOIRES = {REFERENCE: PLAIN, RANDOM: None}  # of reference machines: ample recordings, or drawn for each machine
 
 
 class Truthful(NamedTuple):
@@ -103,24 +109,26 @@ def _of_labelled(each: Labelled) -> Truthful:
     return Truthful(effects, each.nameable, each.over_floor >= VISIBLE, work)
 
 
-def cases_reference(place: int, cache: Path) -> list[Case]:
-    """Cases of one reference machine of the trial's development generator, those with enough motion; simulated once."""
-    own = cache / REFERENCE / f"machine_{place}"
+def cases_reference(work: tuple[str, int, Path]) -> list[Case]:
+    """Cases of one reference machine of the trial's development generator, those with enough motion; simulated once.
+    Its source says whether references, motions, noise and forms are those of every machine or drawn at random."""
+    source, place, cache = work
+    own = cache / source / f"machine_{place}"
     if not (own / "labels.json").exists():
-        _simulate(place, own)
+        _simulate(source, place, own)
     labels, found = read_labels(own), []
     for name, truth in labels.items():
         inputs = json.loads((own / name / "case.json").read_text())
         field, clean = (tuple(own / name / file for file in inputs[k]) for k in ("field", "reference"))
         file = own / name / "machine.toml"
-        found.append(Case(REFERENCE, own.name, name, file, field, clean, inputs["loads_kg"], truth))
+        found.append(Case(source, own.name, name, file, field, clean, inputs["loads_kg"], truth))
     return found
 
 
-def _simulate(place: int, own: Path) -> None:
+def _simulate(source: str, place: int, own: Path) -> None:
     numbers, labels = range(PER_MACHINE * place, PER_MACHINE * (place + 1)), {}
     orders = [o for n in numbers if not (o := order(SEED, n, development=True)).poor and not o.two_links]
-    site = Site(orders[0].machine, orders[0].friction, repertoire=PLAIN)
+    site = Site(orders[0].machine, orders[0].friction, repertoire=REPERTOIRES[source])
     for each in orders:
         case, twin = simulated(site, each)
         folder = own / f"case_{each.number}"
@@ -132,7 +140,8 @@ def _simulate(place: int, own: Path) -> None:
 def _of_trial(label: dict[str, Any]) -> Truthful:
     effects = tuple((e["name"], e["at"]) for e in label["effects"])
     sizes = [e.get("sigmas", label.get("sigmas", 0.0)) or 0.0 for e in label["effects"]]
-    return Truthful(effects, label["kind"] != "foreign", bool(sizes) and min(sizes) >= CERTAIN, work=False)
+    work = label.get("scenario") == DIGGING
+    return Truthful(effects, label["kind"] != "foreign", bool(sizes) and min(sizes) >= CERTAIN, work)
 
 
 def _write_labels(own: Path, labels: dict[str, Truthful]) -> None:
@@ -145,11 +154,11 @@ def read_labels(own: Path) -> dict[str, Truthful]:
     return {k: Truthful(tuple((n, a) for n, a in v.pop("effects")), **v) for k, v in found.items()}
 
 
-def viewed(loaded: Loaded, case: Case) -> tuple[Viewer, list[Any], list[Any]]:
-    """Model and tares from the references; these and the field."""
+def viewed(loaded: Loaded, case: Case) -> tuple[Viewer, Array | None, list[Any], list[Any]]:
+    """Model and tares as `cylforce gap` takes them, how well these are known, references and field."""
     clean, faulty = (chosen(loaded, paths, case.loads).stretches for paths in (case.reference, case.field))
-    model = Model(loaded.service.machine, loaded.service.filters, FRICTION)
-    return Viewer(model, fitted_tares(model, clean)), clean, faulty
+    clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
+    return *viewed_by(loaded, Question(case.field, case.reference), clean), clean, faulty
 
 
 def in_order(work: tuple[Case, Path]) -> tuple[InOrder, Sums]:
@@ -157,9 +166,9 @@ def in_order(work: tuple[Case, Path]) -> tuple[InOrder, Sums]:
     case, cache = work
     file = cache / "order" / f"{case.source}_{case.machine}_{case.name}.pickle"
     if not file.exists():
-        viewer, clean, faulty = viewed(load(case.file), case)
+        viewer, known, clean, faulty = viewed(load(case.file), case)
         wanted = asked(viewer.model.machine)
-        known = np.sqrt(np.diag(viewer.model.prior.covariance))
+        known = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
         seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
         problem = Problem(viewer.model, known, wanted, seen[0], seen[1], tares=viewer.tares)
         floor = noise_floor(problem)
@@ -194,8 +203,8 @@ def searched(work: tuple[Case, dict[str, float], Path]) -> Row:
     case, everyday, cache = work
     file = cache / "asked" / f"{case.source}_{case.machine}_{case.name}.pickle"
     if not file.exists():
-        viewer, clean, faulty = viewed(load(case.file), case)
-        found = examined(viewer, faulty, clean, np.random.default_rng(1), everyday=everyday)
+        viewer, known, clean, faulty = viewed(load(case.file), case)
+        found = examined(viewer, faulty, clean, np.random.default_rng(1), known=known, everyday=everyday)
         _pickled(file, (found.asked, found.working))
     return Row(case, *pickle.loads(file.read_bytes()))
 
@@ -273,39 +282,91 @@ def layers(rows: Sequence[Row]) -> dict[str, list[Scored]]:
         "largest evidence": [Scored(r, largest_evidence(r.asked)) for r in rows],
         "probability model": [Scored(r, b) for r, b in zip(rows, beliefs, strict=True)],
     }
-    again = []
-    for place in dict.fromkeys(r.case.place for r in rows):
+    pairs = list(zip(rows, beliefs, strict=True))
+    found["with calibration"] = _calibrated(pairs, lambda r: r.case.place)
+    if len({r.case.source for r in rows}) > 1:
+        found["calibrated by other sources"] = _calibrated(pairs, lambda r: r.case.source)
+    return found
+
+
+def _calibrated(pairs: Sequence[tuple[Row, Belief]], group: Callable[[Row], object]) -> list[Scored]:
+    """Each group of cases with the calibration that the others teach."""
+    found = []
+    for own in dict.fromkeys(group(r) for r, _ in pairs):
+        by = calibration([r for r, _ in pairs if group(r) != own])
+        found += [Scored(r, calibrated(b, by)) for r, b in pairs if group(r) == own]
+    return found
+
+
+def without_their_effect(rows: Sequence[Row]) -> list[Scored]:
+    """Visible single effects, each asked as if it were not in the library, with the calibration of other machines."""
+    each = [r for r in rows if r.truth.visible and len(r.truth.effects) == 1 and not r.truth.work]
+    found = []
+    for place in dict.fromkeys(r.case.place for r in each):
         by = calibration([r for r in rows if r.case.place != place])
-        each = [(r, b) for r, b in zip(rows, beliefs, strict=True) if r.case.place == place]
-        again += [Scored(r, calibrated(b, by)) for r, b in each]
-    return found | {"with calibration": again}
+        own = [r for r in map(left_out, (r for r in each if r.case.place == place)) if r]
+        found += [Scored(r, calibrated(believed(r.asked), by)) for r in own]
+    return found
 
 
-def calibration(rows: Sequence[Row]) -> Calibration:
-    """Fitted on all cases in the air: whether the model is right, then the power with the best log score."""
-    air = [Scored(r, believed(r.asked)) for r in rows if not r.truth.work]
-    right = fitted(np.array([c.answer.features for c in air]), np.array([c.right for c in air]))
+def calibration(rows: Sequence[Row]) -> Outcomes:
+    """Fitted on all cases in the air that are in order or visible, and, ODD times, on the visible ones without their
+    own effect's hypotheses; then the power with the best log score."""
+    air = [r for r in rows if not r.truth.work and (r.truth.visible or not r.truth.effects)]
+    cases = [Scored(r, believed(r.asked)) for r in air]
+    less = [Scored(r, believed(r.asked)) for r in map(left_out, air) if r]
+    told = [_outcome(c) for c in cases] + [ODD_ONE] * len(less)
+    weight = np.concatenate([np.ones(len(cases)), np.full(len(less), LEFT_OUT)])
+    features = np.array([c.answer.features for c in (*cases, *less)])
+
+    def by(power: float) -> Outcomes:
+        return plain._replace(tempered=power)
+
+    plain = fitted(features, np.array(told), weight, 1.0)
 
     def score(power: float) -> float:
-        each = [Scored(c.row, calibrated(c.answer, Calibration(right, power))).probability for c in air]
+        each = [Scored(c.row, calibrated(c.answer, by(power))).probability for c in cases]
         return float(np.sum(np.log(np.maximum(each, LEAST))))
 
-    return Calibration(right, max(POWERS, key=score))
+    return by(max(POWERS, key=score))
+
+
+def _outcome(case: Scored) -> int:
+    """Which of the calibration's outcomes is true: no gap, the first effect, nothing of the library, another effect."""
+    effects = [k for k in case.answer.of if k not in (NOTHING, UNKNOWN)]
+    first = max(effects, key=lambda k: case.answer.of[k])
+    if not case.row.truth.effects:
+        return 0
+    if first in case.row.truth.effects:
+        return 1
+    return 3 if case.row.truth.nameable else ODD_ONE
+
+
+def left_out(row: Row) -> Row | None:
+    """A case as if its effects were not in the library: without their hypotheses. None where that is no question."""
+    names, told = {name for name, _ in row.truth.effects}, row.asked
+    if not names or not row.truth.nameable:
+        return None
+    kept = tuple(h for h in told.hypotheses if not names & {told.forms[p].name for p in h.which})
+    happened = tuple(h for h in told.happened if h.key[0] not in names)
+    truth = row.truth._replace(nameable=False)
+    found = Row(row.case._replace(truth=truth), replace(told, hypotheses=kept, happened=happened), row.working)
+    return found if any(h.which for h in kept) else None
 
 
 HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
 
-from cylforce.diagnosis.posterior import Calibration, Logistic
+from cylforce.diagnosis.posterior import Outcomes
 
 '''
 
 
-def written(by: Calibration) -> str:
+def written(by: Outcomes) -> str:
     """The module that the diagnosis reads."""
-    told = [tuple(round(x, 4) for x in each) for each in by.right]
-    rows = "".join(f"        {each},\n" for each in told)
-    own = f"    Logistic(\n{rows}    ),\n    {by.tempered:.4g},\n)\n"
-    return HEAD + "CALIBRATION: Calibration | None = Calibration(\n" + own
+    weights = "".join(f"        {tuple(round(x, 3) for x in each)},\n" for each in by.weights)
+    scales = "".join(f"    {tuple(round(x, 3) for x in each)},\n" for each in (by.mean, by.scale))
+    own = f"{scales}    (\n{weights}    ),\n    {by.tempered:.4g},\n)\n"
+    return HEAD + "CALIBRATION: Outcomes | None = Outcomes(\n" + own
 
 
 def main() -> int:
@@ -313,6 +374,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="accuracy decisions", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="labelled machines (labels.json)")
     parser.add_argument("--reference-machines", type=int, default=6)
+    parser.add_argument("--random-machines", type=int, default=0, help="with references, motions, noise at random")
     parser.add_argument("--air", action="store_true", help="only recordings in the air")
     parser.add_argument("--learn", action="store_true", help="learn everyday differences from the other source")
     parser.add_argument("--cache", type=Path, default=CACHE)
@@ -325,12 +387,15 @@ def main() -> int:
     except (OSError, ValueError, KeyError) as error:
         print(f"accuracy decisions: {options.folder}: needs labels.json and its recordings: {error}", file=sys.stderr)
         return 2
-    cases += [c for place in range(options.reference_machines) for c in cases_reference(place, options.cache)]
+    counts = ((REFERENCE, options.reference_machines), (RANDOM, options.random_machines))
+    wanted = [(source, place, options.cache) for source, count in counts for place in range(count)]
+    with ProcessPoolExecutor(options.processes) as pool:
+        cases += [case for each in pool.map(cases_reference, wanted) for case in each]
     cases = [c for c in cases if not (options.air and c.truth.work)]
     plain = [c for c in cases if not c.truth.effects and not c.truth.work]
     cache = options.cache / ("learnt" if options.learn else "usual")
     with ProcessPoolExecutor(options.processes) as pool:
-        usual = dict[str, dict[str, float]]({FOREIGN: EVERYDAY, REFERENCE: EVERYDAY})
+        usual = dict[str, dict[str, float]](dict.fromkeys((FOREIGN, REFERENCE, RANDOM), EVERYDAY))
         if options.learn:
             told = pool.map(in_order, [(c, options.cache) for c in plain])
             pairs = list(zip(plain, told, strict=True))
@@ -338,16 +403,21 @@ def main() -> int:
             usual = dict(zip(usual, pool.map(learnt, others), strict=True))
         rows = list(pool.map(searched, [(c, usual[c.source], cache) for c in cases]))
     answers = layers(rows)
-    report = {
+    less = without_their_effect(rows)
+    report: dict[str, dict[str, dict[str, str]]] = {
         source: {name: figures([s for s in all_of if s.row.case.source == source]) for name, all_of in answers.items()}
-        for source in (FOREIGN, REFERENCE)
+        for source in dict.fromkeys(c.source for c in cases)
     }
+    for source, by_layer in report.items():
+        own = _share([s for s in less if s.row.case.source == source], lambda c: c.alone)
+        for name, each in by_layer.items():
+            each["left out of the library, named"] = own if name == "with calibration" else "-"
     show(report, Console(highlight=False))
     if options.write:
         options.write.write_text(written(calibration(rows)))
     if options.json:
-        each = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
-        options.json.write_text(json.dumps({"figures": report, "cases": each}, indent=1) + "\n")
+        cases_ = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
+        options.json.write_text(json.dumps({"figures": report, "cases": cases_}, indent=1) + "\n")
     return 0
 
 

@@ -111,11 +111,10 @@ def true_closure(difference: np.ndarray, before: np.ndarray, after: np.ndarray, 
 
 
 def baselines(cases: Sequence[Judged]) -> dict[str, Share]:
-    """How often the simple methods in the answers name a detected known effect first."""
-    known = [c for c in cases if c.kind == "known" and c.detected]
-    names = sorted({name for c in known for name in c.answer.get("baselines") or {}})
-    return {name: _baseline([c for c in known if name in (c.answer.get("baselines") or {})], name) for name in names}
+    """How often the simplest method, the largest evidence by itself, names a detected known effect first."""
+    known = [c for c in cases if c.kind == "known" and c.detected and c.answer.get("evidence")]
+    return {"largest_evidence": share(known, lambda c: place(_largest(c.answer["evidence"])) in c.truth)}
 
 
-def _baseline(cases: Sequence[Judged], name: str) -> Share:
-    return share(cases, lambda case: place(case.answer["baselines"][name]) in case.truth)
+def _largest(candidates: Sequence[Record]) -> Record:
+    return max(candidates, key=lambda candidate: float(candidate["nats"]))

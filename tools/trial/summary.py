@@ -151,7 +151,7 @@ def show(records: Sequence[Record], console: Console, source: str = OWN) -> None
     console.print(_effects(cases, source))
     if found["log_score"] is not None:
         console.print(f"log score {found['log_score']:.3f}, Brier score {found['brier']:.3f}")
-    console.print("first name right, simple methods:", {k: round(v, 3) for k, v in found["baselines"].items()})
+    console.print("first name right, simple methods:", {k: v and round(v, 3) for k, v in found["baselines"].items()})
     times = found["seconds"]
     console.print(f"per case: {times['simulation']:.1f} s simulation, {times['diagnosis']:.1f} s diagnosis")
 

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from cylforce.diagnosis.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.hypotheses import InOrder
-from cylforce.diagnosis.numbers import EXPECTED
+from cylforce.diagnosis.numbers import EXPECTED, GAP
 from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.rows import BLOCK, Viewer
+from cylforce.diagnosis.shaking import white_noise
 from cylforce.diagnosis.sizes import Column, Terms
 from cylforce.diagnosis.statistics import White, crossed, statistics, white
 from cylforce.diagnosis.whitening import Floor
@@ -137,6 +138,18 @@ class Asking:
         within = list(range(first, first + shapes))
         return moments(self.whites(group), self.own, self.scene.spread, within, self.problem.spread[within])
 
+    @property
+    def believed(self) -> "Asking":
+        """The same without the noise that columns and what is left share, if taking it off leaves GAP times as much of
+        the references as plain least squares (rms): then the sensors' noise is not what they declare, not white, or
+        not what limits the floor, as on a slow machine with better sensors than its file says."""
+        if not self.problem.clean:
+            return self
+        nothing = Noisy(*(tuple(np.zeros_like(each) for each in group) for group in self.noisy))
+        plain = replace(self, noisy=nothing)
+        corrected, least = (asking.machine({}).left for asking in (self, plain))
+        return plain if np.any(corrected > GAP * np.maximum(least, 1.0)) else self
+
     def machine(self, everyday: dict[str, float]) -> InOrder:
         """The machine as its references show it."""
         plain = replace(self, step=None)
@@ -146,12 +159,12 @@ class Asking:
 
 
 def _kept(whites: Sequence[White], kept: NDArray[np.bool_]) -> list[White]:
-    """Rows of some blocks (B,) of all recordings; the others are not usable."""
+    """Rows of some blocks (B,) of all recordings."""
     found, first = [], 0
     for each in whites:
         count = -(-len(each.rows) // BLOCK)
         on = np.repeat(kept[first : first + count], BLOCK)[: len(each.rows)]
-        found.append(White(each.rows * on[:, None, None], each.good & on[:, None]))
+        found.append(White(each.rows[on], each.good[on]))
         first += count
     return found
 
@@ -171,12 +184,15 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' declared noise, once more on the first minute of every recording. Without clean recordings
-    none: the floor is then what all columns leave, and has no noise in common with them."""
+    """From the sensors' noise as the clean recordings show it (as declared, where a coarse reading shows none), once
+    more on the first minute of every recording. Without clean recordings none: the floor is then what all columns
+    leave, and has no noise in common with them."""
     if not problem.clean:
         size = problem.lasting + 2
         return Noisy((), tuple(np.zeros((len(floor.rms), size)) for _ in problem.faulty))
-    errors = np.array([s.standard_error for s in viewer.model.machine.signals])
+    declared = np.array([s.standard_error for s in viewer.model.machine.signals])
+    seen = white_noise([seen.recorded for seen in problem.clean])
+    errors = np.where(np.nan_to_num(seen) > 0.0, seen, declared)
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
 
     def again(group: Sequence[Seen]) -> tuple[Seen, ...]:

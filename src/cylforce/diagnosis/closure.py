@@ -2,15 +2,12 @@
 
 import numpy as np
 
+from cylforce.diagnosis.numbers import MASS, RATIO, UNTOLD
+from cylforce.diagnosis.residuals import SPAN
 from cylforce.diagnosis.rows import BLOCK
 from cylforce.signals.estimate import Array
 
-SPAN = 5  # blocks that are held out together
-LEAST = 0.1  # of the floor's energy: a smaller gap has no meaningful closure
-UNTOLD = (0.03, 0.01)  # by which a closure lies lower, higher than all draws tell, on development machines
 DRAWS = 400
-LEVEL = 90.0  # percent of the intervals
-WIDEST = 0.2  # an interval, beyond which the share says nothing
 
 
 def blockwise(residual: Array) -> Array:
@@ -37,14 +34,14 @@ def closure(
     a, b = (np.nanmean(x[kept], axis=1) for x in (a, b))
     seen, unseen = (np.nanmean(x[np.any(np.isfinite(x), axis=1)], axis=1) for x in c)
     middle = (np.mean(seen) + np.mean(unseen)) / 2.0
-    if float(np.mean(a) - middle) < LEAST * float(middle):
+    if float(np.mean(a) - middle) < RATIO * float(middle):
         return float("nan"), (float("nan"), float("nan"))
     each = []
     for _ in range(DRAWS):
         k, m, n = (rng.integers(0, len(x), len(x)) for x in (a, seen, unseen))
         mixed = rng.uniform()
         each.append(_share(a[k], b[k], mixed * np.mean(seen[m]) + (1.0 - mixed) * np.mean(unseen[n])))
-    low, high = np.percentile(each, [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
+    low, high = np.quantile(each, [(1.0 - MASS) / 2.0, (1.0 + MASS) / 2.0])
     return _share(a, b, middle), (float(low) - UNTOLD[0], min(float(high) + UNTOLD[1], 1.0))
 
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen
 from cylforce.diagnosis.rows import GapRows, Recorded, Viewer
-from cylforce.diagnosis.unknown import NAME
-from cylforce.effects.fault import Alteration, Distortion, Place, TimeCourse, places
+from cylforce.effects.fault import TimeCourse
+from cylforce.effects.imposed import Imposed, altered, undistorted
 from cylforce.effects.library import Proposal
-from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
 
@@ -27,70 +26,31 @@ class Applied(NamedTuple):
         """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
         return self.proposal.course is TimeCourse.CLOCK
 
-
-def bends(proposal: Proposal) -> bool:
-    """Whether the effect is not linear in its size: then its columns depend on it."""
-    if proposal.name == NAME:
-        return False
-    if proposal.course:
-        return proposal.course is TimeCourse.CLOCK
-    return isinstance(proposal.group[0], Distortion | Alteration)
+    @property
+    def imposed(self) -> Imposed:
+        """The same as the simulated machine has it."""
+        sizes = self.sizes / np.array([1.0, GROWTH_S]) if self.clock else self.sizes
+        return Imposed(self.proposal.group, self.proposal.at, self.proposal.where, tuple(sizes.tolist()))
 
 
 def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied]) -> Problem:
-    """The problem with the applied effects taken out of its faulty recordings, clocks last."""
-    machine, order = viewer.model.machine, sorted(applied, key=lambda a: a.clock)
-    for each in order:
-        machine = _altered(machine, each)
-    other = Viewer(replace(viewer.model, machine=machine), viewer.tares)
+    """The problem with the applied effects taken out of its faulty recordings."""
+    model, effects = viewer.model, [a.imposed for a in sorted(applied, key=lambda a: a.clock)]
+    other = Viewer(replace(model, machine=altered(model.machine, effects)), viewer.tares)
     faulty = []
     for seen in problem.faulty:
         values = seen.recorded.values
-        for each in reversed(order):
-            values = _corrected(viewer, each, seen.recorded._replace(values=values))
-        found = seen.recorded._replace(values=values)
-        faulty.append(Seen(found, _renewed(problem, other, seen.rows, found, order)))
-    return replace(problem, faulty=tuple(faulty), same=problem.same or problem, base=problem.riding)
+        t = seen.recorded.begins + np.arange(len(values)) / model.filters.rate_hz
+        found = seen.recorded._replace(values=undistorted(model.machine, effects, values, t))
+        faulty.append(Seen(found, _renewed(problem, other, seen.rows, found, applied)))
+    return replace(problem, faulty=tuple(faulty), base=problem.riding)
 
 
 def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded, applied: Sequence[Applied]) -> GapRows:
     """The rows of a corrected recording; the columns of effects that were not applied stay as they were."""
-    proposals = [each.proposal for each in applied]
+    proposals = [each.proposal for each in applied if not each.clock]
     new = viewer.rows(recorded, proposals, np.isnan(old.left))
-    effects, k = old.effects.copy(), 0
-    for proposal in proposals:
-        if proposal.course:
-            continue
-        here = [place - problem.first for place in problem.places[problem.proposals.index(proposal)]]
-        effects[..., here] = new.effects[..., k : k + len(here)]
-        k += len(here)
+    own = [place - problem.first for p in proposals for place in problem.places[problem.proposals.index(p)]]
+    effects = old.effects.copy()
+    effects[..., own] = new.effects
     return new._replace(effects=effects).slim
-
-
-def _altered(machine: Machine, applied: Applied) -> Machine:
-    p = applied.proposal
-    for effect, size in zip(p.group, applied.sizes.tolist(), strict=False):
-        if isinstance(effect, Alteration):
-            machine = effect.altered(machine, p.where, size)
-    return machine
-
-
-def _corrected(viewer: Viewer, applied: Applied, recorded: Recorded) -> Array:
-    p, values, machine = applied.proposal, recorded.values, viewer.model.machine
-    t = recorded.begins + np.arange(len(values)) / viewer.model.filters.rate_hz
-    if applied.clock:
-        return _in_time(machine, values, t, applied.sizes)
-    for effect, size in zip(p.group, applied.sizes.tolist(), strict=False):
-        if isinstance(effect, Distortion):
-            first = effect.distorted(machine, values, t, p.where, -size)
-            # the error belongs to the true values: once more, from values that are nearly true
-            values = first + values - effect.distorted(machine, first, t, p.where, size)
-    return values
-
-
-def _in_time(machine: Machine, values: Array, t: Array, sizes: Array) -> Array:
-    """Pressures advanced by what the clock lacks: sizes late, and growth in GROWTH_S [s]."""
-    found = values.copy()
-    for _, k in places(machine, Place.PRESSURE):
-        found[:, k] = np.interp(t + sizes[0] + sizes[1] * t / GROWTH_S, t, values[:, k])
-    return found

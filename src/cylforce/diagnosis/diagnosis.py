@@ -3,25 +3,27 @@ at again at their sizes."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
 from cylforce.diagnosis.asking import Asking, Step, noisy
-from cylforce.diagnosis.correction import Applied, bends, without
+from cylforce.diagnosis.correction import Applied, without
 from cylforce.diagnosis.discrepancy import Moments
 from cylforce.diagnosis.floor import noise_floor
+from cylforce.diagnosis.glitches import NAME as GLITCH
+from cylforce.diagnosis.glitches import Jumping, jumping, others
 from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.rows import Recorded, Viewer
 from cylforce.diagnosis.sizes import Column
-from cylforce.diagnosis.unknown import NAME, UNKNOWN_TORQUES
 from cylforce.diagnosis.working import Blocks, Work
-from cylforce.effects.fault import BEYOND, SHAPES, Distortion, Place, TimeCourse
+from cylforce.effects.fault import BEYOND, SHAPES, Place, TimeCourse
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
+from cylforce.effects.unknown import NAME, UNKNOWN_TORQUES
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
@@ -38,30 +40,36 @@ CARRIED = ("load.mass", "load.X", "load.Z")
 Watch = Callable[[str], None]
 
 
-def asked(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
-    """Everything that is asked of the recordings: the library's proposals, and torques of which nothing is known."""
-    return proposals(machine, (*library, *UNKNOWN_TORQUES))
+def asked(
+    machine: Machine, library: tuple[Group, ...] = LIBRARY, jumps: Sequence[Jumping] = ()
+) -> tuple[Proposal, ...]:
+    """Everything that is asked of the recordings: the library's proposals, sensors whose readings were seen to jump,
+    and torques of which nothing is known."""
+    lasting = others(library)
+    seen = [each.proposal for each in jumps] if len(lasting) < len(library) else []
+    return (*proposals(machine, lasting), *seen, *proposals(machine, UNKNOWN_TORQUES))
 
 
 @dataclass(frozen=True)
 class Found:
-    """What was found: the question, the machine, all that was `asked`; of the hypotheses that were looked at again what
-    was taken out, at which sizes (the problem without it takes much memory, see `problem`); in which blocks (B,)
+    """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
+    were looked at again, `again`, how their problem with their effects taken out is made once more, and what is then
+    asked (both take much memory); in which blocks (B,)
     something happens at moments, by key; whether the machine was at work; the smallest size of each effect that could
     be seen, `least`."""
 
     question: Asking
     machine: InOrder
+    case: Inference
     asked: Asked
-    again: Mapping[tuple[int, ...], list[Applied]]
+    again: Mapping[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]
     when: Mapping[Key, Blocks]
     working: bool
     least: dict[Key, float]
 
-    def problem(self, which: tuple[int, ...]) -> Problem:
-        """The problem with the effects of a hypothesis taken out at their sizes, as it was looked at."""
-        applied, original = self.again.get(which, []), self.question.problem
-        return without(original, self.question.viewer, applied) if applied else original
+    def looked_at(self, which: tuple[int, ...]) -> tuple[Problem, Inference]:
+        """The problem with the effects of a hypothesis taken out at their sizes, and what was then asked."""
+        return self.again[which]() if which in self.again else (self.question.problem, self.case)
 
 
 class AtWork(NamedTuple):
@@ -92,15 +100,17 @@ def examined(
 ) -> Found:
     """What may explain what the model leaves of the faulty recordings; `known` (P,): standard errors of the viewer's
     tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause."""
-    wanted = asked(viewer.model.machine, library)
+    field, references = ([r.recorded if isinstance(r, Seen) else r for r in group] for group in (faulty, clean))
+    jumps = jumping(viewer.model.machine, field, references, viewer.model.filters.rate_hz)
+    wanted = asked(viewer.model.machine, library, jumps)
     watch("columns of every effect")
     seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
     problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares)
     floor = noise_floor(problem)
     watch("noise of the columns")
-    question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng))
-    return _Search(question, dict(everyday), only, watch).found()
+    question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
+    return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}).found()
 
 
 @dataclass(frozen=True)
@@ -111,6 +121,7 @@ class _Search:
     everyday: dict[str, float]
     only: tuple[str, str] | None
     watch: Watch
+    jumps: Mapping[int, float]  # evidence [nats] of the number of jumps of a reading, by its signal
 
     @cached_property
     def _machine(self) -> InOrder:
@@ -123,15 +134,16 @@ class _Search:
         return replace(self._machine.asked(recording), told=self._told(self.plain))
 
     def _told(self, question: Asking) -> Callable[[int, Array], float]:
-        """What return pressures say of errors of pressure sensors."""
+        """What return pressures say of errors of pressure sensors, and the number of its jumps of a reading."""
         problem = question.problem
 
         def support(form: int, sizes: Array) -> float:
             proposal = question.forms[form][0]
-            effect = proposal.group[0]
-            if proposal.about.place is not Place.PRESSURE or not isinstance(effect, Distortion):
+            if proposal.name == GLITCH:
+                return self.jumps[proposal.where]
+            if proposal.about.place is not Place.PRESSURE:
                 return 0.0
-            return problem.returns.support(effect, proposal.where, float(sizes[0]))
+            return problem.returns.support(proposal.group, proposal.where, float(sizes[0]))
 
         return support
 
@@ -173,6 +185,9 @@ class _Search:
         self.watch("hypotheses")
         case = self._case
         hypotheses = case.searched(self._wanted)
+        known = {h.which for h in hypotheses}
+        jumps = [p for p in self._wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
+        hypotheses += [case.hypothesis((p,), case.usual) for p in jumps if (p,) not in known]
         happened, when = self._happened(case)
         part = self._apart(case, hypotheses, happened)
         if part and part.share > SELDOM:
@@ -206,7 +221,7 @@ class _Search:
         told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
         self.watch("effects at their sizes")
         told, again = self._again(case, told, blocks)
-        return Found(self._question, self._machine, told, again, when, False, self._least(case, told.none))
+        return Found(self._question, self._machine, case, told, again, when, False, self._least(case, told.none))
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
@@ -257,16 +272,17 @@ class _Search:
 
     def _again(
         self, case: Inference, told: Asked, blocks: Mapping[tuple[int, ...], Blocks]
-    ) -> tuple[Asked, dict[tuple[int, ...], list[Applied]]]:
+    ) -> tuple[Asked, dict[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]]:
         """The most probable hypotheses with the columns of their effects as they are at their sizes, and beside the
         first of them one effect more."""
         order = sorted((h for h in told.hypotheses if h.which), key=lambda h: -h.log - told.prior_of(h))
-        found, again = {h.which: h for h in told.hypotheses}, dict[tuple[int, ...], list[Applied]]()
+        found = {h.which: h for h in told.hypotheses}
+        again = dict[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]()
         most, own = -np.inf, case  # of the likeliest of these alone: each takes much memory
         # Far from zero, the linear columns of the true effect may fit worse than a sum of wrong ones.
         alone = [h for h in order if len(h.which) == 1]
         for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
-            if any(bends(self._question.forms[p][0]) for p in h.which):
+            if any(self._question.forms[p][0].bends for p in h.which):
                 found[h.which], again[h.which], other = self._at_sizes(case, h, blocks.get(h.which))
                 if (log := found[h.which].log + told.prior_of(h)) > most:
                     most, own = log, other
@@ -281,31 +297,34 @@ class _Search:
 
     def _at_sizes(
         self, case: Inference, h: Hypothesis, kept: Blocks | None
-    ) -> tuple[Hypothesis, list[Applied], Inference]:
-        """A hypothesis with its effects taken out of the recordings at their sizes, until these stay."""
-        original, case = (
-            self._question.problem,
-            self._with_step(self._question.problem, kept) if kept is not None else case,
-        )
+    ) -> tuple[Hypothesis, Callable[[], tuple[Problem, Inference]], Inference]:
+        """A hypothesis with its effects taken out of the recordings at their sizes, until these stay; how that is made
+        once more, and what is then asked."""
+        case = self._with_step(self._question.problem, kept) if kept is not None else case
         rows = float(np.sum(case.sums.rows))
         apart = h.log - case.hypothesis(h.which, h.noise).log  # what the blocks that are left out tell
-        best: tuple[Hypothesis, list[Applied], Inference] = (h, [], case)
+        found, made, asked_so = h, partial(lambda *both: both, self._question.problem, case), case
         for _ in range(ROUNDS):
-            now = best[0]
-            applied = self._applied(now, case)
+            now, applied = found, self._applied(found, case)
             if any(not _possible(case.scene.forms[p], a.sizes) for p, a in applied):
                 break
-            problem = without(original, self.plain.viewer, [a for _, a in applied])
-            again = self._with_step(problem, kept)
+            remade = partial(self._taken_out, case, applied, kept, apart)
+            again = remade()[1]
             if float(np.sum(again.sums.rows)) < KEPT * rows:
                 break  # at these sizes the machine could not have moved so
-            taken = {p: a.sizes / case.scene.spread[list(case.scene.forms[p].columns)] for p, a in applied}
-            again = replace(again, taken=taken, told=case.told, apart=apart)
-            found = again.hypothesis(now.which, now.noise)
-            best = (found, [a for _, a in applied], again)
+            found, made, asked_so = again.hypothesis(now.which, now.noise), remade, again
             if np.linalg.norm(found.sizes - now.sizes) < STILL * np.linalg.norm(found.sizes):
                 break
-        return best
+        return found, made, asked_so
+
+    def _taken_out(
+        self, case: Inference, applied: Sequence[tuple[int, Applied]], kept: Blocks | None, apart: float
+    ) -> tuple[Problem, Inference]:
+        """The problem without some effects, by the number of their form, and what is then asked."""
+        problem = without(self._question.problem, self.plain.viewer, [a for _, a in applied])
+        unit = {p: case.scene.spread[list(case.scene.forms[p].columns)] for p, _ in applied}
+        taken = {p: a.sizes / unit[p] for p, a in applied}
+        return problem, replace(self._with_step(problem, kept), taken=taken, told=case.told, apart=apart)
 
     def _applied(self, h: Hypothesis, case: Inference) -> list[tuple[int, Applied]]:
         """What of a hypothesis bends, with its sizes."""
@@ -314,7 +333,7 @@ class _Search:
             column, proposal = case.scene.forms[p], self._question.forms[p][0]
             sizes = h.sizes[k : k + len(column.columns)] * case.scene.spread[list(column.columns)]
             k += len(column.columns)
-            if bends(proposal):
+            if proposal.bends:
                 found.append((p, Applied(proposal, sizes)))
         return found
 

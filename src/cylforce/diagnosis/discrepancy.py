@@ -22,11 +22,11 @@ VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (SMOOTH, G) along each polynomial
 
 class Scatter(NamedTuple):
     """Of every joint (R,): level of the discrepancy and scale of the noise; `unsure`: times as uncertain as between
-    two recordings of one machine is what is usual (of the usual noise only)."""
+    two recordings of one machine is what is usual, of every joint alike or (R,) (of the usual noise only)."""
 
     rho: Array
     v: Array
-    unsure: float = 1.0
+    unsure: float | Array = 1.0
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,12 @@ class Sums:
         return np.asarray(white / noise.v[:, None, None] ** 2)
 
     def common(self, noise: Scatter) -> Array:
-        """What noise in both adds to X' P y (K,): errors in variables."""
+        """What noise in both adds to X' P y (K,): errors in variables. Where the sensors would make more noise than
+        there is, all of it is theirs."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
         white = 1.0 - self.blocks * np.sum(share, axis=1) / np.maximum(self.rows, 1.0)
-        return np.asarray(white @ self.crossed[:, :-1])
+        theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
+        return np.asarray((white / np.maximum(noise.v**2, theirs)) @ self.crossed[:, :-1])
 
     def norm(self, noise: Scatter) -> float:
         """What of the logarithm of the likelihood depends on noise alone."""
@@ -106,9 +108,22 @@ def likeliest(found: Sums, white: Array, smooth: Array, usual: Scatter | None) -
     return Scatter(levels, scales), log
 
 
+def allowed(found: Sums, white: Array, smooth: Array) -> Array:
+    """The largest level of the discrepancy of every joint (R,) that energies (R,), (R, SMOOTH) allow: half a nat, one
+    standard error, below the likeliest. Whatever is small beside the noise is as likely as nothing at all."""
+    levels = np.zeros(len(white))
+    for r in range(len(white)):
+        fixed = -found.rows[r] * np.log(V) - 0.5 * found.blocks[r] * np.sum(np.log(VARIANCE / V**2), axis=0)
+        told = fixed - 0.5 * white[r] / V**2 - 0.5 * smooth[r] @ (1.0 / VARIANCE)
+        best = np.max(told.reshape(len(LEVELS), -1), axis=1)
+        levels[r] = LEVELS[np.flatnonzero(best >= np.max(best) - 0.5)[-1]]
+    return levels
+
+
 def log_prior(rho: Array, v: Array, usual: Scatter, joint: int) -> Array:
     """Log density of level and scale: what references show, and the flat tail."""
-    level, scale = usual.unsure * APART[0], usual.unsure * APART[1]
+    unsure = float(np.broadcast_to(usual.unsure, usual.rho.shape)[joint])
+    level, scale = unsure * APART[0], unsure * APART[1]
     apart = (np.log(rho / usual.rho[joint]) / level) ** 2 + (np.log(v / usual.v[joint]) / scale) ** 2
     core = np.log(1.0 - TAIL) - 0.5 * apart - np.log(2.0 * np.pi * level * scale)
     flat = np.log(TAIL) - np.log(np.log(LEVELS[-1] / LEVELS[0]) * np.log(SCALES[-1] / SCALES[0]))
@@ -144,6 +159,13 @@ class Moments:
         root = np.linalg.cholesky(precision)
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
         return np.asarray(half.T @ half, dtype=np.float64), cost
+
+    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """Sizes (B, I) of what happens, by what coefficients (K+1,) leave without it, and their standard errors."""
+        across, precision, _ = self.weighed(noise)
+        covariance = np.linalg.inv(precision)
+        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        return sizes, np.sqrt(np.einsum("bii->bi", covariance))
 
     def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""

@@ -15,6 +15,7 @@ SCALE_CHANGE = 1.4  # times: scale of the noise
 # Everyday differences from one recording to another, of an effect's least plausible size.
 USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (measured, see the chapter)
 AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generators (`tools/accuracy decisions --learn`)
+RUN_TO_RUN = ("coulomb_friction", "friction_level_change", "pressure_offset")  # learnt from a machine's own references
 EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 
 # What a data sheet does not know, dry friction and where the masses are: there as probably as not. Beside it only what
@@ -26,6 +27,9 @@ IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmet
 # the power; twice would tell a sensor that is only worse than its data sheet).
 SHAKES = 3.0
 
+# Rate of jumps of a reading, log-uniform: from once a day to every other second, as with a loose contact (physics).
+GLITCHES_PER_S = (1.0 / 86400.0, 0.5)
+
 # The answer: conventions.
 SIGMAS = 5.0  # standard errors from which on an effect is detectable
 MASS = 0.9  # probability that the set of causes holds
@@ -33,6 +37,19 @@ HALF = 0.5  # of the gap's energy beyond the floor: what a hypothesis must expla
 SLIGHT = 0.3  # of the gap's energy: what is named must take away that much when it is simulated, as far as can be told
 SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, and no effect of its own
 GAP = 2.0  # times the floor, rms: a gap that is never called none
+
+# The share of the gap's energy that goes, once simulated.
+RATIO = 0.1  # of the floor's energy: a smaller gap has no meaningful share (GAP.md; convention)
+WIDEST = 0.2  # an interval wider than that says nothing: no share is given (convention)
+UNTOLD = (0.03, 0.01)  # by which it lies lower, higher than drawn blocks tell (fit: trial, development machines)
+
+# Where the gap is: conventions.
+FALSE = 0.05  # share of false discoveries
+MARGIN = 2.0  # times the energy, by which the same machine may differ from itself: conditions of two days are not one's
+
+# A base that moves, by its tilt sensor.
+STANDING = 5e-4  # rad/s, rms: what stands turns as fast (physics: noise of such sensors, filtered)
+MORE = 3.5  # times as fast as in the references turns a base that is said to move (convention)
 
 # Costs of an answer, in units of a wrong name (conventions): naming alone pays from a probability of 0.8 on.
 MISSED = 0.5  # "no gap" where there is one

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.problem import GROWTH_S, Problem, Seen
-from cylforce.diagnosis.residuals import residuals
+from cylforce.diagnosis.problem import GROWTH_S, Problem
+from cylforce.diagnosis.residuals import clean
 from cylforce.diagnosis.resimulation import known, read_blocks
 from cylforce.diagnosis.rows import BLOCK, RATE_HZ, shapes
 from cylforce.diagnosis.verdict import Cause, Search
-from cylforce.effects.fault import SHAPES, Incident, Place, TimeCourse
+from cylforce.effects.fault import SHAPES, Place, TimeCourse
 from cylforce.effects.loads.carried import RAMP
 from cylforce.signals.estimate import Array
 
@@ -20,9 +20,8 @@ WITHIN = shapes((np.arange(PARTS) + 0.5) / PARTS)  # (SHAPES, PARTS)
 
 
 def patch(search: Search, causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """One block per cause, or one for each recording or window in which it has sizes of its own; see
-    `effects/imposed.py` for what the simulated machine makes of it; clocks last, for they are those of readings
-    that have all other errors."""
+    """One block per cause, or one for each window in which it has sizes of its own; see `effects/imposed.py` for what
+    the simulated machine makes of it; clocks last, for they are those of readings that have all other errors."""
     blocks = [block for cause in sorted(causes, key=lambda c: c.clock) for block in _blocks(search, cause)]
     return [block for block in blocks if _possible(search.original, block)]
 
@@ -38,85 +37,45 @@ def _possible(problem: Problem, block: dict[str, Any]) -> bool:
 
 
 def _blocks(search: Search, cause: Cause) -> Iterator[dict[str, Any]]:
-    effect, at = cause.proposal.group[0], cause.proposal.at
-    plain: dict[str, Any] = {"name": effect.about.name, "at": at}
-    shape = {name: getattr(effect, name) for name in getattr(effect, "__dataclass_fields__", {})}
-    if shape:
-        plain["shape"] = shape
-    if isinstance(effect, Incident):
-        yield from (plain | part for part in _moments(search, effect, cause))
+    plain: dict[str, Any] = {"name": cause.proposal.name, "at": cause.proposal.at}
+    plain |= {"shape": cause.proposal.shape} if cause.proposal.shape else {}
+    course, sizes = cause.proposal.course, cause.sizes
+    if course is TimeCourse.WINDOWS:
+        for own, block in zip(sizes, np.argmax(cause.course, axis=1).tolist(), strict=True):
+            yield from (plain | part for part in _window(search, cause, own, block))
+    elif course is TimeCourse.CLOCK:
+        yield plain | {"value": [float(sizes[0, 0]), float(sizes[1, 0]) / GROWTH_S]}
+    elif course is TimeCourse.AFTER:
+        yield plain | {"value": sizes[0].tolist()} | _times(search, cause)
     else:
-        yield plain | {"value": cause.sizes.tolist()}
+        yield plain | {"value": sizes.ravel().tolist()}
 
 
-def _moments(search: Search, effect: Incident, cause: Cause) -> Iterator[dict[str, Any]]:
-    """Values and times of an incident."""
-    problem, sizes = search.original, _sizes(cause)
-    courses = cause.term.course[:: sizes.shape[1]]
-    if effect.course is TimeCourse.WINDOWS:
-        for own, course in zip(sizes, courses, strict=True):
-            yield from _window(search, effect, own, int(np.argmax(course)))
-        return
-    sudden = len(courses) > 1 and np.count_nonzero(courses[1]) == 1
-    begins = {"from_s": _instant(search, cause)} if sudden else {}
-    if effect.course is TimeCourse.CLOCK:
-        growth = 0.0 if sudden or len(sizes) < 2 else float(sizes[1, 0]) / GROWTH_S
-        yield {"value": [float(sizes[0, 0]), growth]} | begins
-    else:
-        last, _ = _of_block(problem, int(np.flatnonzero(courses[0])[-1]))
-        yield {"value": sizes[0].tolist()} | begins | {"until_s": _whole(problem, problem.faulty[last])["until_s"]}
-
-
-def _window(search: Search, effect: Incident, sizes: Array, block: int) -> Iterator[dict[str, Any]]:
+def _window(search: Search, cause: Cause, sizes: Array, block: int) -> Iterator[dict[str, Any]]:
     """A block's course in parts; a force at the teeth rises and fades while the next one takes over."""
-    if not np.any(sizes):  # nothing was fitted there
-        return
     start = float(search.original.times[block]) - LENGTH_S / 2.0 - search.viewer.lag  # rows come after what they tell
-    over = RAMP / 2.0 if effect.about.place is Place.TOOL else 0.0
+    about = cause.proposal.about
+    over = RAMP / 2.0 if about.place is Place.TOOL else 0.0
     for k, part in enumerate(WITHIN.T @ sizes.reshape(SHAPES, -1)):
-        if effect.about.sign * part[0] < 0.0:  # a polynomial swings about nothing
+        if about.sign * part[0] < 0.0:  # a polynomial swings about nothing
             continue
         begin, end = start + np.array([k, k + 1]) * LENGTH_S / PARTS
         yield {"value": part.tolist(), "from_s": max(float(begin) - over, 0.0), "until_s": float(end) + over}
 
 
-def _instant(search: Search, cause: Cause) -> float:
-    """When something began [s]: where, in the block that has sizes of its own or its neighbours, it fits best to say
-    that nothing was there before, and afterwards as much as later."""
-    problem = search.original
-    mine = next(c for c in search.causes if c.key == cause.key)
-    term, own = mine.term, _sizes(mine)[0]
-    number, first = _of_block(problem, int(np.flatnonzero(term.course[0])[0]))
-    seen = problem.faulty[number]
-    near = slice(max(first - 2, 0) * BLOCK, (first + 1) * BLOCK)
-    left = _denied(search, mine)[number][near]
-    effect = problem.columns(seen)[near][..., list(term.columns[: len(own)])] @ own
-    gain = np.where(np.isfinite(left), left**2 - (left - effect) ** 2, 0.0) @ search.floor.rms**-2.0
-    behind = np.cumsum(gain[::-1])[::-1]  # what goes if it begins with each row
-    return max(float(seen.rows.t[near][int(np.argmax(behind))]) - search.viewer.lag, 0.0)
-
-
-def _denied(search: Search, cause: Cause) -> list[Array]:
-    """What is left of the faulty recordings (T, R) [N m] without one of the causes."""
-    terms = [c.term for c in search.causes]
-    sizes = [c.sizes * (c is not cause) for c in search.causes]
-    values = np.concatenate([search.evidence.fitted[: len(search.blocks.shared)], *sizes])
-    return residuals(search.original, search.blocks, terms, values)
-
-
-def _of_block(problem: Problem, block: int) -> tuple[int, int]:
-    """The number of the stretch that has a block, and the block's number in it."""
-    return next(
-        (number, block - first) for number, (first, behind) in enumerate(problem.spans) if first <= block < behind
-    )
-
-
-def _whole(problem: Problem, seen: Seen) -> dict[str, float]:
-    """All of a stretch, with what the filters need before its first row."""
-    length = len(seen.recorded.values) / problem.model.filters.rate_hz
-    return {"from_s": seen.recorded.begins, "until_s": seen.recorded.begins + length}
-
-
-def _sizes(cause: Cause) -> Array:
-    """Sizes (W, M) in every recording, window or stretch."""
-    return cause.sizes.reshape(-1, len(dict.fromkeys(cause.term.columns)))
+def _times(search: Search, cause: Cause) -> dict[str, float]:
+    """From when on [s] a load is another one: where, in the block in which that happens or its neighbours, it fits best
+    that nothing was there before, and afterwards as much as later; until its recording ends."""
+    after = np.flatnonzero(cause.course[0] > 0.0)
+    problem = search.fit.question.problem
+    number, (first, _) = next((n, s) for n, s in enumerate(problem.spans) if s[0] <= after[0] < s[1])
+    seen, near = problem.faulty[number], slice(max(after[0] - first - 2, 0) * BLOCK, (after[0] - first + 1) * BLOCK)
+    values = search.at_rest(search.causes, search.fit.whole, clean(search.question).values)
+    others = [c for c in search.causes if c.key != cause.key]
+    left = search.without(others, search.fit.whole, values)[number][near]
+    own = problem.columns(seen)[near][..., list(cause.columns)] @ cause.sizes[0]
+    gain = np.where(np.isfinite(left), left**2 - (left - own) ** 2, 0.0) @ search.question.floor.rms**-2.0
+    begins = int(np.argmax(np.cumsum(gain[::-1])[::-1]))  # what goes if it begins with each row
+    last = next(s for s, (_, end) in zip(problem.faulty, problem.spans, strict=True) if after[-1] < end).recorded
+    ends = last.begins + len(last.values) / problem.model.filters.rate_hz
+    return {"from_s": max(float(seen.rows.t[near][begins]) - search.viewer.lag, 0.0), "until_s": ends}

@@ -11,12 +11,15 @@ from cylforce.diagnosis.discrepancy import APART, LEVELS, SCALES, Scatter, log_p
 from cylforce.diagnosis.hypotheses import Hypothesis
 from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SECOND, SELDOM, TAIL
 from cylforce.diagnosis.sizes import Column
+from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
-LITTLE = 0.1  # of the floor's energy, beyond which there is a gap to explain
+LITTLE = 1.3**2 - 1.0  # of the floor's energy: one reference predicted from another leaves 1 +- 0.3 floors (measured)
+CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
+FEATURES = 7
 
 
 class Happened(NamedTuple):
@@ -95,6 +98,19 @@ class Asked:
         keys = self.keys(h)
         return min(keys, key=lambda k: (self._best.get(keys - {k}, self.none.log), k))
 
+    def told_of(self, key: Key) -> tuple[float, float]:
+        """The logarithms of the most probable hypothesis with an effect as its main one, and of the effect alone."""
+        own = [h for h in self.hypotheses if h.which and self.main(h) == key]
+        alone = [h.log for h in self.hypotheses if len(h.which) == 1 and self.key(h.which[0]) == key]
+        alone += [h.log for h in self.happened if h.key == key]
+        best = max(own, key=lambda h: h.log + self.prior_of(h)).log if own else max(alone)
+        return best, max(alone, default=self.none.log)
+
+    def noise_of(self, key: Key) -> Scatter:
+        """The noise under that hypothesis; of what happens at moments that of none."""
+        own = [h for h in self.hypotheses if h.which and self.main(h) == key]
+        return max(own, key=lambda h: h.log + self.prior_of(h)).noise if own else self.none.noise
+
     @cached_property
     def _names(self) -> int:
         return len(
@@ -130,9 +146,15 @@ class Asked:
         return self.share(h.rest) if h.which else 1.0
 
     def share(self, rest: float) -> float:
-        """The same of what would be left, of the floor; 1 where there is no gap."""
-        gap = self.gap**2 - 1.0
-        return 1.0 - max(rest**2 - 1.0, 0.0) / gap if gap > LITTLE else 1.0
+        """The same of what would be left, of the floor; 1 where that is no more than references leave of each other."""
+        gap, left = self.gap**2 - 1.0, rest**2 - 1.0
+        return 1.0 - left / gap if min(gap, left) > LITTLE else 1.0
+
+    def slight(self, happened: Happened) -> bool:
+        """Whether a torque at moments is none of what makes the gap: without it most of the gap is explained as it
+        usually is, and it explains less than most of the rest."""
+        alone, beside = self.share(self.none.rest), self.share(happened.rest)
+        return happened.key == UNKNOWN and alone >= HALF and beside - alone <= HALF * (1.0 - alone)
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
@@ -169,6 +191,8 @@ def believed(asked: Asked) -> Belief:
     for happened, weight in zip(asked.happened, asked.weights[len(asked.hypotheses) :], strict=True):
         named = happened.busy <= SELDOM and asked.share(happened.rest) >= HALF
         key = happened.key if named else UNKNOWN
+        if key == UNKNOWN and asked.slight(happened):
+            key = NOTHING
         found[key] = found.get(key, 0.0) + weight
     whole = sum(found.values())
     found = {k: p / whole for k, p in found.items()}
@@ -176,43 +200,61 @@ def believed(asked: Asked) -> Belief:
 
 
 def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
-    """Log odds of the first against the second, log gap, share of the gap's energy that the best hypothesis explains
-    beyond the usual, change of the discrepancy under it, whether the first is an effect, its lead over none."""
-    each = sorted(found.values(), reverse=True)
-    best = max(asked.hypotheses, key=lambda h: h.log + asked.prior_of(h))
-    odds = float(np.log(max(each[0], 1e-12) / max(each[1], 1e-12)))
-    change = float(np.max(np.abs(np.log(best.noise.rho / asked.usual.rho)))) / APART[0]
-    first = max(found, key=lambda k: found[k])
-    effect = float(first not in {NOTHING, UNKNOWN})
-    lead = (best.log - asked.none.log) / 50.0
-    gap, explained = float(np.log(max(asked.gap, NONE))), max(asked.explained(best), -1.0)
-    return (min(odds, 12.0), gap, explained, change, effect, min(lead, 4.0))
+    """What the calibration looks at: log odds of the first effect against the second, against none and against
+    unknown; log gap; log of one plus the evidence of the first, and of what further effects add to it; the change of
+    the discrepancy. Zeros where no effect was asked."""
+    effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
+    if not effects:
+        return (0.0,) * FEATURES
+    first, rest = found[effects[0]], found[effects[1]] if len(effects) > 1 else 0.0
+    best, alone = asked.told_of(effects[0])
+    top = max(best, *(h.log for h in asked.hypotheses))
+    whole = sum(found[k] for k in effects)
+    change = float(np.max(np.abs(np.log(asked.noise_of(effects[0]).rho / asked.usual.rho)))) / APART[0]
+    return (
+        _log_odds(first, rest),
+        _log_odds(whole, found[NOTHING]),
+        _log_odds(whole, found[UNKNOWN]),
+        float(np.log(max(asked.gap, NONE))),
+        float(np.log1p(max(best - asked.none.log, 0.0))),
+        float(np.log1p(max(top - alone, 0.0))),
+        change,
+    )
 
 
-class Logistic(NamedTuple):
-    """A logistic regression on features (F,): their `mean` and `scale`, the weights (F+1,), a constant last."""
+def _log_odds(one: float, other: float) -> float:
+    """At most CERTAIN either way."""
+    return float(np.clip(np.log(max(one, LEAST) / max(other, LEAST)), -CERTAIN, CERTAIN))
+
+
+class Outcomes(NamedTuple):
+    """What labelled cases teach of such an answer: how probable it is that there is no gap, that the first effect is
+    the cause, that nothing of the library is, and that another effect is. A multinomial logistic regression on
+    features (F,): their `mean` and `scale` (F,), `weights` (4, F+1), a constant last. `tempered`: by which power the
+    other effects share what is theirs."""
 
     mean: tuple[float, ...]
     scale: tuple[float, ...]
-    weights: tuple[float, ...]
-
-    def __call__(self, features: Sequence[float]) -> float:
-        """The probability that the first is right."""
-        each = (np.array(features) - np.array(self.mean)) / np.array(self.scale)
-        return float(1.0 / (1.0 + np.exp(-np.append(each, 1.0) @ np.array(self.weights))))
-
-
-class Calibration(NamedTuple):
-    """How far the model is to be believed: the probability that it is `right`, and by which power what it says is
-    `tempered` where it is not."""
-
-    right: Logistic
+    weights: tuple[tuple[float, ...], ...]
     tempered: float
 
+    def __call__(self, features: Sequence[float]) -> Array:
+        """The four probabilities (4,)."""
+        each = (np.array(features) - np.array(self.mean)) / np.array(self.scale)
+        logs = np.array(self.weights) @ np.append(each, 1.0)
+        shares = np.exp(logs - np.max(logs))
+        return np.asarray(shares / np.sum(shares))
 
-def calibrated(belief: Belief, by: Calibration) -> Belief:
-    """A mixture of what the model says and of the same tempered: the order stays."""
-    right = by.right(belief.features)
-    flat = {k: max(p, LEAST) ** by.tempered for k, p in belief.of.items()}
-    whole = sum(flat.values())
-    return belief._replace(of={k: right * p + (1.0 - right) * flat[k] / whole for k, p in belief.of.items()})
+
+def calibrated(belief: Belief, by: Outcomes) -> Belief:
+    """The probabilities as labelled cases teach them; the order of the effects stays."""
+    effects = sorted((k for k in belief.of if k not in (NOTHING, UNKNOWN)), key=lambda k: -belief.of[k])
+    if not effects:
+        return belief
+    none, first, unknown, other = by(belief.features).tolist()
+    shares = {k: max(belief.of[k], LEAST) ** by.tempered for k in effects[1:]}
+    whole = sum(shares.values())
+    if not shares:
+        unknown += other
+    found = {NOTHING: none, effects[0]: first, UNKNOWN: unknown}
+    return belief._replace(of=found | {k: other * share / whole for k, share in shares.items()})

@@ -9,26 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.evidence import Blocks, Evidence, grams
 from cylforce.diagnosis.returns import Returns
 from cylforce.diagnosis.riding import Riding, riding
 from cylforce.diagnosis.rows import BLOCK, CENTRE, ROCKER, GapRows, Recorded, Viewer
-from cylforce.diagnosis.whitening import Floor
-from cylforce.effects.fault import (
-    INCIDENTAL,
-    SHAPES,
-    TORQUES,
-    Alteration,
-    BaseMotion,
-    Distortion,
-    Fault,
-    ForceLaw,
-    GrowingMass,
-    Incident,
-    JointLaw,
-    MassChange,
-    PartOfFriction,
-)
+from cylforce.effects.fault import INCIDENTAL, SHAPES, TORQUES
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.estimation.model import Model
@@ -38,7 +22,6 @@ WAVES = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)  # usual level, slope, bend, ... of wha
 UNUSUAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(w * x for w in WAVES for x in (8e3, 8e3, 0.3)))  # usual sizes of those
 TORQUE = 5e3  # N m, the same of a torque of which nothing is known
 SHEET = 0.01  # of that, where only a data sheet is known: beyond it, its errors count as effects
-STILL = 1e-4  # of a usual motion of the base, of a least plausible size: none
 GROWTH_S = 100.0  # in which a clock that runs off is late by the second of its sizes
 
 
@@ -64,7 +47,6 @@ class Problem:
     clean: tuple[Seen, ...]
     faulty: tuple[Seen, ...]
     tares: Array | None = None  # (P,) values of the model's parameters, if it was identified
-    same: "Problem | None" = None  # another one with the same clean recordings, whose Gram matrices both share
     base: Riding | None = None  # how the base moves, if it is known already
 
     @property
@@ -77,23 +59,19 @@ class Problem:
         place = self._loaded.index(self._recording(seen)) if seen.recorded.load else None
         return None if place is None else len(self.model.parameters) + len(CENTRE) * place
 
-    def fixed(self, blocks: Blocks, fitted: Array) -> Array:
-        """Values of the shared columns with nothing fitted to the faulty recordings but where their loads hang, and how
-        a base that always moved goes (clean ones, on another slope, tell little of that); `fitted` (N+H,) tells both
-        best: there the causes are taken out."""
-        weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
-        values = Evidence(blocks, weight=weight).fitted
-        loads = [self.of_load(seen) for seen in self.faulty]
-        own = [k + i for k in dict.fromkeys(loads) if k is not None for i in range(len(CENTRE))]
-        own += range(self.first - len(self._ridden), self.first) if not self.riding.more else ()
-        values[own] = fitted[own]
-        return values
+    @property
+    def of_the_field(self) -> list[int]:
+        """The columns that only the field tells: where its loads hang, and how a base that always moved goes (clean
+        recordings, on another slope, tell little of that)."""
+        loads = dict.fromkeys(place for seen in self.faulty if (place := self.of_load(seen)) is not None)
+        rides = range(self.first - len(self._ridden), self.first) if self.riding.always and not self.riding.more else ()
+        return [*(place + i for place in loads for i in range(len(CENTRE))), *rides]
 
     @cached_property
     def _ridden(self) -> list[tuple[int, float]]:
         """The columns of motions of the base, counted from the first effect's, and their usual sizes."""
-        each = [(e, s) for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
-        return [(k, size) for k, (effect, size) in enumerate(each) if isinstance(effect, BaseMotion)]
+        each = [(p.rides, size) for p in self.proposals for size in p.usual]
+        return [(k, size) for k, (rides, size) in enumerate(each) if rides]
 
     @cached_property
     def riding(self) -> Riding:
@@ -119,7 +97,7 @@ class Problem:
     @cached_property
     def spread(self) -> Array:
         """Standard errors (K,) of all columns' sizes beforehand."""
-        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _sizes(e)]
+        effects = [size for p in self.proposals for size in p.usual]
         return np.concatenate([self.known, self._own, effects, self.unusual])
 
     @cached_property
@@ -132,7 +110,7 @@ class Problem:
     @cached_property
     def always(self) -> Array:
         """The same of what the machine always was: of effects, what goes unnoticed."""
-        effects = [s for p in self.proposals for e in p.group if not isinstance(e, Incident) for s in _small(e)]
+        effects = [size for p in self.proposals for size in p.unnoticed]
         return np.concatenate([self.known, self._own, effects, self.unusual])
 
     @cached_property
@@ -152,13 +130,10 @@ class Problem:
         nearly."""
         seen, found, k = set[tuple[str, str]](), [*range(self.first)], self.first
         for p in self.proposals:
-            if isinstance(p.group[0], Incident):
-                continue
-            m = sum(len(_sizes(e)) for e in p.group)
-            if isinstance(p.group[0], ForceLaw) and (p.name, p.at) not in seen:
+            if p.rubs and (p.name, p.at) not in seen:
                 seen.add((p.name, p.at))
-                found += range(k, k + m)
-            k += m
+                found += range(k, k + len(p.usual))
+            k += len(p.usual)
         return found
 
     @property
@@ -177,19 +152,15 @@ class Problem:
         """The columns of every proposal."""
         found, k = [], self.first
         for p in self.proposals:
-            if isinstance(p.group[0], Incident):
-                found.append(self._incidental(p.group[0], p.where))
-                continue
-            m = sum(len(_sizes(e)) for e in p.group)
-            found.append(tuple(range(k, k + m)))
-            k += m
+            found.append(self._incidental(p) if p.course else tuple(range(k, k + len(p.usual))))
+            k += len(p.usual)
         return tuple(found)
 
-    def _incidental(self, effect: Incident, where: int) -> tuple[int, ...]:
-        if effect.columns == TORQUES:
-            first = self.lasting + len(INCIDENTAL) + SHAPES * self.model.machine.rows.index(where)
+    def _incidental(self, p: Proposal) -> tuple[int, ...]:
+        if p.incidents == TORQUES:
+            first = self.lasting + len(INCIDENTAL) + SHAPES * self.model.machine.rows.index(p.where)
             return tuple(range(first, first + SHAPES))
-        return tuple(self.lasting + INCIDENTAL.index(name) for name in effect.columns)
+        return tuple(self.lasting + INCIDENTAL.index(name) for name in p.incidents)
 
     def columns(self, seen: Seen) -> Array:
         """[base | loads | bars | base's motion | effects | incidents | left] (T, R, K+1) of a recording; a known load
@@ -217,33 +188,6 @@ class Problem:
         return Returns(self.model.machine, self.clean, self.faulty, self.model.filters.rate_hz)
 
     @cached_property
-    def _made(self) -> list[tuple[Floor, Blocks]]:
-        return []
-
-    def blocks(self, floor: Floor) -> Blocks:
-        """All recordings as blocks, made once; with clean ones, the library itself is part of what the machine always
-        was."""
-        if not any(floor is known for known, _ in self._made):
-            self._made[:] = [(floor, self._blocks(floor))]
-        return self._made[0][1]
-
-    def _blocks(self, floor: Floor) -> Blocks:
-        shared = self.lasting if self.clean else self.first
-        if self.same is None:
-            a, m = self._grams(self.clean, floor)
-        else:
-            a, m = (getattr(self.same.blocks(floor), name) for name in ("clean", "clean_rows"))
-        b, n = self._grams(self.faulty, floor)
-        return Blocks(a, b, m, n, self.spread, self.always, tuple(range(shared)))
-
-    def _grams(self, group: Sequence[Seen], floor: Floor) -> tuple[Array, Array]:
-        ends, size = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in group]).tolist(), len(self.spread) + 1
-        found, rows = np.zeros((ends[-1], size, size)), np.zeros(ends[-1])
-        for seen, (first, last) in zip(group, pairwise(ends), strict=True):
-            found[first:last], rows[first:last] = grams(self.columns(seen), floor)
-        return found, rows
-
-    @cached_property
     def spans(self) -> list[tuple[int, int]]:
         """First block and the one after the last, of every faulty recording."""
         ends = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in self.faulty]).tolist()
@@ -256,12 +200,8 @@ class Problem:
 
     def largest(self, proposal: Proposal) -> float:
         """The largest plausible size of an effect on this machine."""
-        effect, high = proposal.group[0], proposal.about.high
-        return (
-            min(effect.of_dry * self._dry[proposal.where], high)
-            if isinstance(effect, PartOfFriction) and self._dry
-            else high
-        )
+        high, share = proposal.about.high, proposal.of_dry
+        return min(share * self._dry[proposal.where], high) if share and self._dry else high
 
     @cached_property
     def _dry(self) -> tuple[float, ...]:
@@ -275,24 +215,5 @@ class Problem:
         return tuple(max(force, 0.0) for force in dry)
 
 
-def _sizes(effect: Fault) -> tuple[float, ...]:
-    """Usual sizes of an effect's columns."""
-    if isinstance(effect, MassChange | BaseMotion):
-        return effect.typical
-    return (effect.about.high / 2.0,)
-
-
 def _half(t: Array) -> float:
     return float(t[1] - t[0]) * BLOCK / 2.0 if len(t) > 1 else 0.0
-
-
-def _small(effect: Fault) -> tuple[float, ...]:
-    """Sizes of an effect's columns that go unnoticed: of sensors and linkages the least plausible one, masses in
-    proportion; friction is never quite of the model's form; how a base always moved has columns of its own; what grows
-    does so on no machine in order."""
-    about = effect.about
-    if isinstance(effect, BaseMotion | GrowingMass):
-        return tuple(STILL * size for size in effect.typical)
-    if isinstance(effect, MassChange):
-        return tuple(size * about.low / effect.typical[0] for size in effect.typical)
-    return (about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else _sizes(effect)

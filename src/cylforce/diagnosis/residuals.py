@@ -1,109 +1,95 @@
-"""What is left of the recordings [N m] with the parameters as they were, and what that does to weights and forces."""
+"""What is left of the recordings [N m] by the machine as its references show it: of the field, of the references
+themselves, unseen by their own fit, and with the model's parameters refitted to the field. It is the fit of the noise
+floor: the model's parameters and one form of every law of friction."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.closure import SPAN
-from cylforce.diagnosis.evidence import Blocks, Evidence, Term, own_blocks
-from cylforce.diagnosis.problem import Problem
+from cylforce.diagnosis.asking import Asking
+from cylforce.diagnosis.floor import normal, ridge
+from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.rows import BLOCK
-from cylforce.diagnosis.verdict import Search
-from cylforce.diagnosis.whitening import ORDER
+from cylforce.diagnosis.whitening import ORDER, Floor
 from cylforce.effects.fault import INCIDENTAL, SHAPES
 from cylforce.signals.estimate import Array
 
-FOLDS = 4  # of the clean recordings, each predicted from the others
+FOLDS = 4  # of the clean recordings, each predicted from the others: convention
+SPAN = 5  # blocks that are held out, drawn or exchanged together: fifteen seconds
+Blocks = NDArray[np.bool_]
 
 
-def held_out(problem: Problem, blocks: Blocks, terms: Sequence[Term]) -> list[Array]:
-    """Residuals (T, R) [N m] of the faulty recordings that some terms alone leave, each stretch with sizes of them that
-    were fitted without it. The parameters stay those of the clean recordings, if there are any: only the terms go. (How
-    far the gap shrinks is simulated: `shrinkage`.)"""
-    count, clean = len(blocks.faulty), len(blocks.clean)
-    fold = (np.arange(count) // SPAN) % 2
-    found: list[Array] = []
-    for k in (0, 1):
-        weight = np.concatenate([np.ones(clean), np.where(fold == k, 0.0, 1.0)])
-        part = residuals(problem, blocks, terms, _at_rest(problem, blocks, Evidence(blocks, terms, weight).fitted))
-        found = part if not found else chosen(found, part, problem, fold == k)
-    moments = np.isin(np.arange(count), own_blocks(terms))
-    if np.any(moments):  # what happens for a moment has sizes that no other stretch knows
-        values = _at_rest(problem, blocks, Evidence(blocks, terms).fitted)
-        found = chosen(found, residuals(problem, blocks, terms, values), problem, moments)
-    return found
+def lasting(problem: Problem, seen: Seen, values: Array) -> Array:
+    """What values (K,) of the columns that last leave of a recording (T, R) [N m]."""
+    columns = problem.columns(seen)
+    return np.asarray(columns[..., -1] - columns[..., : problem.lasting] @ values)
 
 
-def _at_rest(problem: Problem, blocks: Blocks, values: Array) -> Array:
-    """Values (N+H,) with the machine's own (N,) put back to what the clean recordings tell."""
-    if not len(blocks.clean):
-        return values
-    return np.concatenate([problem.fixed(blocks, values), values[len(blocks.shared) :]])
-
-
-def fitted_clean(search: Search) -> list[Array]:
-    """Residuals (T, R) [N m] of the clean recordings, fitted to them alone."""
-    blocks = search.original.blocks(search.floor)
-    weight = np.repeat([1.0, 0.0], [len(blocks.clean), len(blocks.faulty)])
-    each = Evidence.coefficients(blocks, (), Evidence(blocks, weight=weight).fitted)[0]
-    return [search.original.columns(seen) @ each[0] for seen in search.original.clean]
-
-
-def held_out_clean(search: Search) -> list[Array]:
-    """Residuals (T, R) [N m] of the clean recordings, every fourth stretch predicted from the others: what a clean
-    field would leave. Empty without clean recordings."""
-    problem, blocks = search.original, search.original.blocks(search.floor)
-    ends = np.cumsum([0] + [-(-len(seen.rows.t) // BLOCK) for seen in problem.clean]).tolist()
-    fold = np.arange(ends[-1]) * 4 * FOLDS // max(ends[-1], 1) % FOLDS
-    found: list[Array] = [np.full(seen.rows.left.shape, np.nan) for seen in problem.clean]
-    for k in range(FOLDS):
-        weight = np.concatenate([np.where(fold == k, 0.0, 1.0), np.zeros(len(blocks.faulty))])
-        each = Evidence.coefficients(blocks, (), Evidence(blocks, weight=weight).fitted)[0]
-        for n, seen in enumerate(problem.clean):
-            here = _rows(fold[ends[n] : ends[n + 1]] == k, len(seen.rows.t))
-            found[n][here] = problem.columns(seen)[here] @ each[0]
-    return found
-
-
-def chosen(one: list[Array], other: list[Array], problem: Problem, second: NDArray[np.bool_]) -> list[Array]:
-    """Residuals (T, R) of one kind, or of the other in the blocks (B,) that are `second`."""
-    return [
-        np.where(_rows(second[first:last], len(a))[:, None], b, a)
-        for a, b, (first, last) in zip(one, other, problem.spans, strict=True)
-    ]
-
-
-def _rows(per_block: Array | NDArray[np.bool_], length: int) -> Array:
-    return np.asarray(np.repeat(per_block, BLOCK, axis=0)[:length])
-
-
-def residuals(problem: Problem, blocks: Blocks, terms: Sequence[Term], values: Array) -> list[Array]:
-    """What values leave of each faulty recording (T, R) [N m]."""
-    coefficients = Evidence.coefficients(blocks, terms, values)[1]
-    return [
-        _judged(np.einsum("trk,tk->tr", problem.columns(seen), _rows(coefficients[first:last], len(seen.rows.t))))
-        for seen, (first, last) in zip(problem.faulty, problem.spans, strict=True)
-    ]
+def residuals(problem: Problem, values: Array) -> list[Array]:
+    """The same of all faulty recordings, NaN where the whitening has no past to predict from: there nothing was
+    fitted."""
+    return [_judged(lasting(problem, seen, values)) for seen in problem.faulty]
 
 
 def _judged(left: Array) -> Array:
-    """Residuals (T, R), NaN where the whitening has no past to predict from: there nothing was fitted, and what is free
-    at any instant could be anything."""
     lost = ~np.isfinite(left)
     for k in range(1, ORDER + 1):
         lost[k:] |= ~np.isfinite(left[:-k])
     return np.where(lost, np.nan, left)
 
 
-def fixed(search: Search) -> tuple[list[Array], list[Array]]:
-    """Residuals (T, R) [N m] of the clean and of the faulty recordings, nothing fitted to the latter."""
-    problem, blocks = search.original, search.original.blocks(search.floor)
-    values = problem.fixed(blocks, search.evidence.fitted)
-    each = Evidence.coefficients(blocks, (), values)[0]
-    clean = [problem.columns(seen) @ each[0] for seen in problem.clean]
-    return clean, residuals(problem, blocks, (), values)
+@dataclass(frozen=True)
+class Clean:
+    """What the clean recordings tell of the machine: `values` (K,) of the columns that last, residuals (T, R) [N m] of
+    them as all are fitted, `seen`, and each stretch predicted from the others, `unseen`, which is what a clean field
+    would leave. Nothing, without clean recordings."""
+
+    values: Array
+    seen: list[Array]
+    unseen: list[Array]
+
+
+def clean(question: Asking) -> Clean:
+    """Least squares of the clean recordings."""
+    problem, own = question.problem, list(question.problem.of_the_floor)
+    values = np.zeros(problem.lasting)
+    if not problem.clean:
+        return Clean(values, [], [])
+    columns = [problem.columns(seen)[..., [*own, -1]] for seen in problem.clean]
+    folds = _folds([len(c) for c in columns])
+    parts = [_normal(question, [c[f == k] for c, f in zip(columns, folds, strict=True)]) for k in range(FOLDS)]
+    each = [ridge(problem, np.sum(parts, axis=0) - part) for part in (*parts, np.zeros_like(parts[0]))]
+    left = [c @ np.append(-each[-1], 1.0) for c in columns]
+    unseen = [np.full_like(e, np.nan) for e in left]
+    for k in range(FOLDS):
+        for e, c, f in zip(unseen, columns, folds, strict=True):
+            e[f == k] = c[f == k] @ np.append(-each[k], 1.0)
+    values[own] = each[-1]
+    return Clean(values, left, unseen)
+
+
+def _folds(lengths: Sequence[int]) -> list[NDArray[np.int_]]:
+    """In which part each row (T,) of recordings of these lengths is: four times each, one after the other."""
+    blocks = [-(-length // BLOCK) for length in lengths]
+    fold = np.split(np.arange(sum(blocks)) * 4 * FOLDS // sum(blocks) % FOLDS, np.cumsum(blocks)[:-1])
+    return [rows_of(f, length) for f, length in zip(fold, lengths, strict=True)]
+
+
+def _normal(question: Asking, columns: Sequence[Array]) -> Array:
+    return np.asarray(np.sum([normal(c, question.floor, range(c.shape[-1] - 1)) for c in columns], axis=0))
+
+
+def rows_of(blocks: NDArray[np.int_] | Blocks, length: int) -> NDArray[np.int_]:
+    """What blocks (B,) have, row by row (T,)."""
+    return np.asarray(np.repeat(blocks, BLOCK)[:length])
+
+
+def chosen(one: list[Array], other: list[Array], problem: Problem, second: Blocks) -> list[Array]:
+    """Residuals (T, R) of one kind, or of the other in the blocks (B,) that are `second`."""
+    pairs = zip(one, other, problem.spans, strict=True)
+    return [np.where(rows_of(second[slice(*span)], len(a))[:, None], b, a) for a, b, span in pairs]
 
 
 def rms(each: Sequence[Array]) -> Array:
@@ -113,61 +99,76 @@ def rms(each: Sequence[Array]) -> Array:
     return np.asarray(np.sqrt(np.sum(np.where(good, whole, 0.0) ** 2, axis=0) / np.maximum(np.sum(good, axis=0), 1)))
 
 
-def contributions(search: Search) -> Array:
-    """What each cause adds to the torques of the faulty recordings (N, R) [N m, rms], by its columns."""
-    problem, terms = search.original, [cause.term for cause in search.causes]
-    found: list[list[Array]] = [[] for _ in terms]
-    for seen, (first, last) in zip(problem.faulty, problem.spans, strict=True):
-        columns = problem.columns(seen)
-        for each, cause, term in zip(found, search.causes, terms, strict=True):
-            sizes = _rows((cause.sizes[:, None] * term.course[:, first:last]).T, len(columns))
-            each.append(np.einsum("trm,tm->tr", columns[..., list(term.columns)], sizes))
-    return np.array([rms(each) for each in found]).reshape(len(terms), len(search.floor.rms))
+def refitted(question: Asking, nominal: Sequence[Array]) -> tuple[list[Array], Array]:
+    """Residuals (T, R) [N m] of the faulty recordings with the model's own columns fitted to them, from what is left
+    without that, `nominal`, and how far the parameters move (P,) [standard errors of the prior].
+
+    Least squares of the mean square over all joints, the prior around what it was: never more than before."""
+    problem = question.problem
+    size, known = problem.first, problem.spread[: problem.first]
+    rows = np.maximum(np.sum([np.sum(np.isfinite(e), axis=0) for e in nominal], axis=0), 1)
+    normal, score = np.diag(known**-2.0) * float(np.mean(question.floor.rms**2)) / float(np.sum(rows)), np.zeros(size)
+    columns = [problem.columns(seen)[..., :size] for seen in problem.faulty]
+    for x, e in zip(columns, nominal, strict=True):
+        for r in range(e.shape[1]):
+            good, part = np.isfinite(e[:, r]), 1.0 / (rows[r] * len(rows))
+            normal += part * x[good, r].T @ x[good, r]
+            score += part * x[good, r].T @ e[good, r]
+    values = np.linalg.solve(normal, score)
+    count = len(problem.model.parameters)
+    return [e - x @ values for x, e in zip(columns, nominal, strict=True)], values[:count] / known[:count]
 
 
-def contributed(search: Search) -> list[float]:
-    """The share of each cause in what all of them add to the torques, in units of the floor (squares)."""
-    squares = np.sum((contributions(search) / search.floor.rms) ** 2, axis=1)
-    return list((squares / max(float(np.sum(squares)), 1e-300)).tolist())
+def hung(problem: Problem, floor: Floor, left: Sequence[Array]) -> Array:
+    """Values (K,) of where the field's loads hang, and how a base that always moved goes, by least squares of what is
+    left (T, R) of its recordings, rows weighed by the floor."""
+    own, found = problem.of_the_field, np.zeros(problem.lasting)
+    normal, score = np.diag(problem.spread[own] ** -2.0), np.zeros(len(own))
+    for seen, e in zip(problem.faulty, left, strict=True):
+        good = np.isfinite(e)
+        part = (problem.columns(seen)[..., own] / floor.rms[:, None])[good]
+        normal += part.T @ part
+        score += part.T @ (e / floor.rms)[good]
+    found[own] = np.linalg.solve(normal, score)
+    return found
 
 
-class Ends(NamedTuple):
-    """What the gap does to what the product tells: error of the weight [kg], rms over recordings, and force at the
-    teeth [N], rms over blocks, that is not there; before and after."""
-
-    payload: tuple[float, float]
-    force: tuple[float, float]
-
-
-def ends(search: Search) -> Ends:
-    """Errors of payload and tip force with the parameters as they were, and with the causes taken out."""
-    blocks = search.original.blocks(search.floor)
-    before = Evidence.coefficients(blocks, (), search.original.fixed(blocks, search.evidence.fitted))[1]
-    after = search.evidence.left(search.evidence.held, search.evidence.fitted)[1]
-    pairs = ((search.original, blocks, before), (search.problem, search.blocks, after))
-    payload = [_weighed(problem, b, left) for problem, b, left in pairs]
-    force = [_pushed(problem, b, left) for problem, b, left in pairs]
-    return Ends((payload[0], payload[1]), (force[0], force[1]))
+def added(problem: Problem, columns: Sequence[int], sizes: Array, course: Array) -> list[Array]:
+    """Torques (T, R) [N m] of an effect along the faulty recordings: sizes (W, M) of its `columns`, each row of them
+    with its `course` (W, B) over the blocks."""
+    each = course.T @ sizes  # (B, M)
+    pairs = zip(problem.faulty, problem.spans, strict=True)
+    return [
+        np.einsum(
+            "trm,tm->tr", problem.columns(s)[..., list(columns)], np.repeat(each[slice(*b)], BLOCK, 0)[: len(s.rows.t)]
+        )
+        for s, b in pairs
+    ]
 
 
-def _incident(problem: Problem, *names: str) -> list[int]:
-    return [problem.lasting + INCIDENTAL.index(name) for name in names]
-
-
-def _weighed(problem: Problem, blocks: Blocks, left: Array) -> float:
-    columns = _incident(problem, "load.mass", "load.X", "load.Z", "load.J")
-    each = [_solved(problem, blocks, left, columns, slice(*span))[0] for span in problem.spans]
+def weighed(question: Asking, left: Sequence[Array]) -> float:
+    """Error of the weight [kg], rms over the faulty recordings, that residuals (T, R) [N m] make: as much of a load as
+    fits each of them."""
+    names = ("load.mass", "load.X", "load.Z", "load.J")
+    each = [_solved(question, *pair, names)[0] for pair in zip(question.problem.faulty, left, strict=True)]
     return float(np.sqrt(np.mean(np.square(each))))
 
 
-def _pushed(problem: Problem, blocks: Blocks, left: Array) -> float:
-    columns = _incident(problem, *(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz"))
-    each = [_solved(problem, blocks, left, columns, slice(k, k + 1)) for k in range(len(blocks.faulty))]
+def pushed(question: Asking, left: Sequence[Array]) -> float:
+    """Force at the teeth [N] that is not there, rms over blocks: as much of one as fits each of them."""
+    names = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
+    each = [
+        _solved(question, seen, e, names, slice(k, k + BLOCK))
+        for seen, e in zip(question.problem.faulty, left, strict=True)
+        for k in range(0, len(e), BLOCK)
+    ]
     return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1))))
 
 
-def _solved(problem: Problem, blocks: Blocks, left: Array, columns: list[int], part: slice) -> Array:
-    gram, unit = blocks.faulty[part], problem.spread[columns]
-    score = np.einsum("bij,bj->i", gram[:, columns], left[part]) * unit
-    information = gram[:, columns][:, :, columns].sum(axis=0) * np.outer(unit, unit)
-    return np.asarray(np.linalg.solve(information + np.eye(len(columns)), score) * unit)
+def _solved(question: Asking, seen: Seen, left: Array, names: Sequence[str], part: slice = slice(None)) -> Array:
+    """Sizes (I,) of incidents' columns by least squares of a residual, rows weighed by the floor."""
+    columns, good = [INCIDENTAL.index(name) for name in names], np.isfinite(left[part])
+    unit, floor = question.problem.unusual[columns], question.floor.rms
+    x = (seen.rows.incidental[part][..., columns] * unit / floor[:, None])[good]
+    y = (left[part] / floor)[good]
+    return np.asarray(np.linalg.solve(x.T @ x + np.eye(len(unit)), x.T @ y) * unit)

@@ -16,19 +16,19 @@ import numpy as np
 from cylforce.diagnosis.problem import Problem, Seen
 from cylforce.diagnosis.riding import Carried, quiet
 from cylforce.diagnosis.rows import GapRows, Viewer
-from cylforce.effects.fault import BaseMotion, Share
-from cylforce.effects.friction.friction import Friction
 from cylforce.effects.imposed import (
     Imposed,
     added_parameters,
     altered,
+    base_motions,
+    changed_laws,
     changed_load,
     contact_force,
-    distorted,
     excess_force,
     excess_torque,
     friction_level,
     imposed,
+    undistorted,
     unseen_slew,
 )
 from cylforce.effects.library import LIBRARY, Group
@@ -63,14 +63,6 @@ def read_blocks(
 def known(problem: Problem) -> tuple[Group, ...]:
     """The library of a problem."""
     return tuple(proposal.group for proposal in problem.proposals)
-
-
-def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Signals (T, S) without the sensors' errors: the error is that of the true values, so once more from values that
-    are nearly true."""
-    against = [each._replace(sizes=tuple(-size for size in each.sizes)) for each in reversed(effects)]
-    first = distorted(machine, against, values, t)
-    return first + values - distorted(machine, effects, first, t)
 
 
 @dataclass(frozen=True)
@@ -112,15 +104,27 @@ class Resimulation:
         return seen.rows._replace(base=base[late].copy(), rockers=rockers[late].copy(), left=left)
 
     def _added(self, t: Array) -> Array:
-        """What the parameters have in excess (T, P) at times (T,): links' masses, and the load's change."""
+        """What the parameters have in excess (T, P) at times (T,): links' masses, friction, and the load's change."""
         machine, (mass, x, z, inertia) = self._other.slow.machine, self.carried
         found = np.zeros((len(t), len(self.parameters)))
         found[:, : 3 * machine.size] = added_parameters(machine, self.effects, t).reshape(len(t), -1)
+        for k, more in self._rubbing(t).items():
+            found[:, k] += more * self.parameters[k]
         centre = np.array([x, z]) / max(mass, LIGHTEST)
         before = CarriedLoad(np.full(len(t), mass), np.tile(centre, (len(t), 1)), np.full(len(t), inertia))
         after = changed_load(self.effects, before, t)
         change = [np.column_stack([c.mass, c.mass[:, None] * c.centre, c.inertia]) for c in (before, after)]
         return np.asarray(found + (change[1] - change[0]) @ self._other.slow.load.T)
+
+    def _rubbing(self, t: Array) -> dict[int, Array]:
+        """By how much the parameters of friction grow, as a share (T,), by their number."""
+        cylinders, names = self._other.slow.machine.cylinders, [p.name for p in self._other.slow.parameters]
+        return {
+            names.index(f"{cylinder.name}.{law}"): friction_level(self.effects, len(cylinders), t, law)[:, c] - 1.0
+            for law in changed_laws(self.effects)
+            for c, cylinder in enumerate(cylinders)
+            if f"{cylinder.name}.{law}" in names
+        }
 
     def _excess(self, moving: Motion, values: Array, t: Array) -> tuple[Array, Array]:
         """Momentum and static torque (T, R) of what the machine has besides, at times (T,)."""
@@ -128,22 +132,9 @@ class Resimulation:
         static = np.einsum("tcn,tc->tn", moving.lever, excess_force(self.effects, moving, t))
         static += excess_torque(machine, self.effects, moving, t)
         static += tip_torque(machine, moving, contact_force(self.effects, t))
-        static += self._rubbing(moving, t) + self._turning(moving, t)
+        static += self._turning(moving, t)
         momentum, riding = self._riding(moving, values, t)
         return momentum, static[:, machine.rows] + riding
-
-    def _rubbing(self, moving: Motion, t: Array) -> Array:
-        """What usual friction has in excess (T, N)."""
-        model, found = self._other.slow, np.zeros_like(moving.q)
-        names = [p.name for p in model.parameters]
-        shares = [effect for each in self.effects for effect in each.group if isinstance(effect, Share)]
-        usual = {law for share in shares for law in share.laws}
-        for effect in model.empty.effects:
-            if isinstance(effect, Friction) and effect.name in usual:
-                more = friction_level(self.effects, len(model.machine.cylinders), t, effect.name) - 1.0
-                own = [self.parameters[names.index(p.name)] for p in effect.parameters(model.machine)]
-                found += np.einsum("tnc,tc->tn", effect.halves(model.machine, moving).static, more * np.array(own))
-        return found
 
     def _turning(self, moving: Motion, t: Array) -> Array:
         """What a slew that no sensor tells asks of the joints (T, N); it adds to the square of the rate."""
@@ -158,12 +149,10 @@ class Resimulation:
     def _riding(self, moving: Motion, values: Array, t: Array) -> tuple[Array, Array]:
         """Momentum and static torque (T, R) of a base that moves as its pitch tells."""
         model, found = self._other.slow, np.zeros((2, len(t), len(self._other.slow.machine.rows)))
-        for each in self.effects:
-            effect = each.group[0]
-            if isinstance(effect, BaseMotion):
-                still = quiet(model.machine, values, self.viewer.model.filters.rate_hz)
-                turning = model.channels.turning(self._other.thinned(still))
-                carried = Carried(effect, turning, self.parameters[: 3 * model.machine.size].reshape(-1, 3))
-                halves = Regressor(model.machine, (carried,)).products(moving, np.array(each.sizes))
-                found += each.during(t)[:, None] * np.array(halves)
+        for effect, each in base_motions(self.effects):
+            still = quiet(model.machine, values, self.viewer.model.filters.rate_hz)
+            turning = model.channels.turning(self._other.thinned(still))
+            carried = Carried(effect, turning, self.parameters[: 3 * model.machine.size].reshape(-1, 3))
+            halves = Regressor(model.machine, (carried,)).products(moving, np.array(each.sizes))
+            found += each.during(t)[:, None] * np.array(halves)
         return found[0], found[1]

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from cylforce.diagnosis.rows import BLOCK, GapRows, Recorded
-from cylforce.effects.fault import Distortion
+from cylforce.effects.imposed import Imposed, distorted
+from cylforce.effects.library import Group
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
@@ -48,22 +49,22 @@ class Returns:
     faulty: Sequence[tuple[Recorded, GapRows]]
     rate_hz: float
 
-    def support(self, effect: Distortion, where: int, size: float) -> float:
+    def support(self, group: Group, where: int, size: float) -> float:
         """Evidence [nats] for an error of a pressure sensor, of that size, against none: 0 where nothing tells."""
         level = self._levels.get(where)
-        wanted = size * self._wanted(effect, where, level.where) if level else np.zeros(1)
+        wanted = size * self._wanted(group, where, level.where) if level else np.zeros(1)
         usual = float(np.sqrt(np.mean(wanted**2)))
         if level is None or usual <= 0.0:
             return 0.0
         told = float(wanted @ level.excess) / float(wanted @ wanted) * usual
         return _loss(told / level.error) - _loss((told - usual) / level.error)
 
-    def _wanted(self, effect: Distortion, where: int, places: tuple[tuple[int, NDArray[np.intp]], ...]) -> Array:
+    def _wanted(self, group: Group, where: int, places: tuple[tuple[int, NDArray[np.intp]], ...]) -> Array:
         """What the error adds in every block (B,) per unit of its size, once computed."""
-        key = (repr(effect), where)
+        key = (repr(group), where)
         if key not in self._known:
-            step = effect.about.low
-            each = [np.median(self._added(effect, where, step, n, rows)) for n, rows in places]
+            step = group[0].about.low
+            each = [np.median(self._added(group, where, step, n, rows)) for n, rows in places]
             self._known[key] = np.array(each) / step
         return self._known[key]
 
@@ -71,12 +72,13 @@ class Returns:
     def _known(self) -> dict[tuple[str, int], Array]:
         return {}
 
-    def _added(self, effect: Distortion, where: int, size: float, number: int, rows: NDArray[np.intp]) -> Array:
+    def _added(self, group: Group, where: int, size: float, number: int, rows: NDArray[np.intp]) -> Array:
         """What the error adds to the sensor's pressure in some rows of a faulty recording [Pa]."""
         recorded = self.faulty[number][0]
         values = recorded.values
         t = recorded.begins + np.arange(len(values)) / self.rate_hz
-        change = values[:, where] - effect.distorted(self.machine, values, t, where, -size)[:, where]
+        less = distorted(self.machine, [Imposed(group, "", where, (-size,))], values, t)
+        change = values[:, where] - less[:, where]
         return np.interp(self.faulty[number][1].t[rows], t, change)
 
     @cached_property

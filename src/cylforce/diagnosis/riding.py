@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.numbers import MORE, STANDING
 from cylforce.effects.effect import Halves, Parameter
 from cylforce.effects.fault import BaseMotion
 from cylforce.estimation.filters import denoised
@@ -13,9 +14,6 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
-
-STANDING = 5e-4  # rad/s, rms: what stands turns as fast by its tilt sensor
-MORE = 3.5  # times as fast as it always did turns a base that is said to move
 
 
 class Riding(NamedTuple):

@@ -12,7 +12,6 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.riding import Carried, quiet
-from cylforce.diagnosis.sensitivity import Sensitivity
 from cylforce.effects.effect import Effect, Halves, Parameter
 from cylforce.effects.fault import (
     SHAPES,
@@ -40,6 +39,7 @@ from cylforce.estimation.filters import Filter, second_order
 from cylforce.estimation.model import Model
 from cylforce.estimation.observation import REST_SHARE, unusable
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
+from cylforce.estimation.sensitivity import Sensitivity
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array

@@ -1,138 +1,80 @@
-"""The shape of what no effect explains: at which joint it is, and of which one quantity it is mostly a function."""
+"""The shape of what no effect explains: at which joint it is, and what it goes with: the joint's position, its
+cylinder's speed, a cylinder's force, time, or nothing but few moments."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
-from cylforce.diagnosis import momentary
-from cylforce.diagnosis.functions import FOLDS, SPAN_S, Family, families, foreseen
-from cylforce.diagnosis.residuals import held_out, held_out_clean
-from cylforce.diagnosis.track import Track, track
-from cylforce.diagnosis.verdict import Judged, Search, Verdict
-from cylforce.mechanics.machine import Machine
+from cylforce.diagnosis.numbers import HALF, SLIGHT
+from cylforce.diagnosis.problem import Problem
+from cylforce.diagnosis.residuals import SPAN, rms
+from cylforce.diagnosis.rows import BLOCK
 from cylforce.signals.estimate import Array
 
-WORTH = 0.15  # of the excess energy that a function has to foresee to be told
-SIMPLER = 0.05  # of it, by which a function of more freedom must be better
-NEARLY = 0.2  # of what the best leaves, the same
-REAL = 1.0  # of the floor's energy: a lesser excess has no shape
-MOST = 0.6  # of the excess that is in few moments
-MENTIONED = 3  # alternatives
-CONFIRM = {
-    "constant": "move the {at} slowly, a little, at three angles: is it the same everywhere?",
-    "speed": "move the {at} alone at five speeds, both ways: does it follow the same curve?",
-    "position": "move the {at} alone, slowly, thrice through its range and back: does it return at the same angles?",
-    "periodic": "move the {at} alone, slowly, through its range: do the waves return at the same angles?",
-    "load": "repeat the same moves of the {at} empty and with two known loads: does it grow with the load?",
-    "turning": "turn the base with the arm held still: does it show at the {at}?",
-    "time": "repeat the same moves of the {at} every ten minutes: does it go on changing?",
-    "reversal": "reverse the {at} slowly, with waits of 1 to 10 s in between: does it fade in the same time?",
-    "swinging": "move the {at} alone, then another joint, then with the engine at another speed: does it swing on?",
-    "moments": "repeat the moves at which it shows, see the plot of the {at}: does it return?",
-}
+BENDS = 8  # Legendre polynomials of a curve: as fine as the motion's own periods allow
+MOVING = 0.01  # m/s, where a cylinder is half certain of its direction
+TENTH = 10  # in one of so many blocks is what is there in few moments
 
 
-class Shape(NamedTuple):
-    """`of` what the residual is a function, the `share` of the excess energy that is foreseen so, unseen; `number`:
-    periods a turn, or hertz, `whose`: which cylinder's force, NaN and -1 where there is none."""
+class Abscissa(NamedTuple):
+    """Something (T,) of all faulty rows that a torque may go with, `of` which kind, in words `detail`."""
 
     of: str
-    share: float
-    number: float = float("nan")
-    whose: int = -1
-
-    def detail(self, machine: Machine) -> str:
-        """What the word alone does not say."""
-        if self.whose >= 0:
-            return f"force of the {machine.cylinders[self.whose].name} cylinder"
-        return {"periodic": f"{self.number:.0f} a turn", "swinging": f"{self.number:.2g} Hz"}.get(self.of, "")
+    detail: str
+    values: Array
 
 
-class Lie(NamedTuple):
-    """The row `at` of the joint, its rows, and their shapes: the one that is told, then all others, best first."""
-
-    at: int
-    track: Track
-    shapes: tuple[Shape, ...]
-
-
-def told(lie: Lie | None, machine: Machine) -> dict[str, Any] | None:
-    """The same as plain values."""
-    if lie is None:
-        return None
-    at, others = machine.links[machine.rows[lie.at]].name, [s for s in lie.shapes[1:] if s.share > 0.0]
-    first, *rest = [
-        {"of": s.of, "detail": s.detail(machine), "share": s.share} for s in (lie.shapes[0], *others[:MENTIONED])
-    ]
-    return {"at": at, **first, "alternatives": rest}
+def quantities(problem: Problem, row: int) -> tuple[list[Abscissa], Array]:
+    """Those of a measured joint, and its cylinder's direction (T,) -1..1."""
+    machine, own, rows = problem.model.machine, problem.model.acting[row][0], [s.rows for s in problem.faulty]
+    speed, force = (np.concatenate([getattr(r, name) for r in rows]) for name in ("speed", "force"))
+    position = np.concatenate([r.posture[:, machine.rows[row]] for r in rows])
+    loads = sorted(range(len(machine.cylinders)), key=lambda c: c != own)
+    found = [Abscissa("position", "", position), Abscissa("speed", "", np.arcsinh(speed[:, own] / MOVING))]
+    found += [Abscissa("load", f"force of the {machine.cylinders[c].name} cylinder", force[:, c]) for c in loads]
+    return [*found, Abscissa("time", "", np.concatenate([r.t for r in rows]))], np.tanh(speed[:, own] / MOVING)
 
 
-def confirm(shape: dict[str, Any] | None) -> list[str]:
-    """The experiment that would tell whether a shape (as plain values) is real."""
-    return [CONFIRM[shape["of"]].format(at=shape["at"])] if shape and shape["of"] in CONFIRM else []
+def unexplained(problem: Problem, left: Sequence[Array], floor: Array) -> dict[str, Any]:
+    """The shape of residuals (T, R) [N m] of the faulty recordings beyond the `floor` (R,), of the joint that has most:
+    the share of its excess energy that a curve over one quantity foresees on stretches that it was not fitted to."""
+    row = int(np.argmax(rms(left) / floor))
+    span = np.concatenate([1000 * k + np.arange(len(e)) // (SPAN * BLOCK) for k, e in enumerate(left)])
+    torque = np.concatenate([e[:, row] for e in left])
+    good = np.isfinite(torque)
+    excess = max(float(np.mean(torque[good] ** 2) - floor[row] ** 2), 1e-9)
+    each, way = quantities(problem, row)
+    shares = [_foreseen(torque[good], _curve(q.values, way)[good], span[good] % 2) / excess for q in each]
+    found = [(q.of, q.detail, s) for q, s in zip(each, shares, strict=True)]
+    found.sort(key=lambda f: -f[2])
+    few = _few(torque, floor[row]) / excess
+    if found[0][2] < SLIGHT:
+        found.insert(0, ("moments", "", few) if few > HALF else ("none", "", 0.0))
+    first, *others = [{"of": o, "detail": d, "share": float(np.clip(s, 0.0, 1.0))} for o, d, s in found]
+    at = problem.model.machine.links[problem.model.machine.rows[row]].name
+    return {"at": at, **first, "alternatives": [o for o in others if o["share"]][:3]}
 
 
-def unexplained(search: Search, judged: Judged) -> Lie | None:
-    """What the named causes leave, if it is more than what is always left, and if they were expected to do better."""
-    if judged.verdict not in (Verdict.UNKNOWN, Verdict.PARTLY):
-        return None
-    problem = search.original
-    rows = range(len(problem.model.machine.rows))
-    left, unseen = _left(search, judged), held_out_clean(search)
-    faulty = [track(problem.model, problem.faulty, left, r) for r in rows]
-    return lie(faulty, [track(problem.model, problem.clean, unseen, r) for r in rows], search.floor.rms)
+def _curve(x: Array, way: Array) -> Array:
+    """A smooth curve over x (T,), and another one that turns with the direction: columns (T, 2 BENDS)."""
+    low, high = np.percentile(x, [1.0, 99.0])
+    bends = legvander(np.clip(2.0 * (x - low) / max(high - low, 1e-9) - 1.0, -1.0, 1.0), BENDS - 1)
+    return np.hstack([bends, bends * way[:, None]])
 
 
-def _left(search: Search, judged: Judged) -> list[Array]:
-    """Residuals (T, R) [N m] of the faulty recordings, the named causes taken out."""
-    if not judged.named:
-        return held_out(search.original, search.original.blocks(search.floor), ())
-    named = {n.cause.key for n in judged.named}
-    pairs = zip(search.causes, search.evidence.held, strict=True)
-    return held_out(search.problem, search.blocks, [term for cause, term in pairs if cause.key in named])
+def _foreseen(torque: Array, columns: Array, fold: Array) -> float:
+    """Mean square that columns take away from each half when they are fitted to the other."""
+    rest = 0.0
+    for k in (0, 1):
+        sizes = np.linalg.lstsq(columns[fold != k], torque[fold != k], rcond=1e-6)[0]
+        rest += float(np.sum((torque[fold == k] - columns[fold == k] @ sizes) ** 2))
+    return float(np.mean(torque**2)) - rest / len(torque)
 
 
-def lie(faulty: Sequence[Track], clean: Sequence[Track], floor: Array) -> Lie | None:
-    """Of all joints that of which most is foreseen, in units of what is always left there: `floor` (R,) [N m, rms], or
-    what the clean recordings' rows have, unseen by their fit."""
-    found = []
-    for r, (here, usual) in enumerate(zip(faulty, clean, strict=True)):
-        least = float(np.sqrt(np.mean(usual.left**2))) if usual.left.size else float(floor[r])
-        if not here.left.size:
-            continue
-        excess = float(np.mean(here.left**2)) / least**2 - 1.0
-        each = shapes(here, usual, least)
-        told = max(each[0].share, WORTH)  # that it is the worst joint counts where nothing is foreseen
-        found.append((excess * told, Lie(r, here, each)))
-    return max(found, key=lambda f: f[0])[1] if found else None
-
-
-def shapes(faulty: Track, clean: Track, floor: float) -> tuple[Shape, ...]:
-    """All functions, the one to be told first: `none` where none is worth it. `clean`: rows of clean recordings, where
-    the same functions may foresee something, too; `floor` [N m]: rms of what is always left."""
-    excess = float(np.mean(faulty.left**2)) - floor**2
-    if excess < REAL * floor**2 or np.unique(faulty.parts(SPAN_S)).size < 2 * FOLDS:
-        return (Shape("none", 0.0),)
-    found = [_judged(faulty, clean, family, excess) for family in families(faulty)]
-    swings, hertz = momentary.swinging(faulty)
-    swings -= momentary.swinging(clean)[0]
-    found.append(Shape("swinging", _share(swings / excess), hertz))
-    best = max(s.share for s in found)
-    told = next(s for s in found if s.share >= best - min(SIMPLER, NEARLY * (1.0 - best)))
-    rest = sorted((s for s in found if s is not told), key=lambda s: -s.share)
-    if told.share >= WORTH:
-        return (told, *rest)
-    few = Shape("moments", _share(momentary.moments(faulty, floor) / excess))
-    return (few if few.share >= MOST else Shape("none", 0.0), told, *rest)
-
-
-def _judged(faulty: Track, clean: Track, family: Family, excess: float) -> Shape:
-    gone, best = foreseen(faulty, family)
-    if gone > 0.0 and np.unique(clean.parts(SPAN_S)).size >= 2 * FOLDS:
-        gone -= max(foreseen(clean, family)[0], 0.0)
-    return Shape(family.of, _share(gone / excess), family.numbers[best], family.whose)
-
-
-def _share(x: float) -> float:
-    return float(np.clip(x, 0.0, 1.0))
+def _few(torque: Array, floor: float) -> float:
+    """Mean square beyond the floor's that the worst tenth of all blocks makes."""
+    blocks = np.array_split(torque, -(-len(torque) // BLOCK))
+    above = np.sort([float(np.nansum(b**2 - floor**2)) for b in blocks])[::-1]
+    return float(np.sum(above[: -(-len(above) // TENTH)])) / max(int(np.sum(np.isfinite(torque))), 1)

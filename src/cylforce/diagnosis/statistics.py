@@ -85,11 +85,11 @@ def polynomials(good: Array) -> Array:
 
 def crossed(columns: Array, noisy: Array, floor: Floor, own: Sequence[int]) -> Array:
     """Noise of the columns per row that is also in what is left (R, K+1), of columns (T, R, N) and the same with the
-    sensors' noise once more: the share of the column's noise that goes with that of what is left, whose variance is
-    one (white noise of the floor's strength)."""
+    sensors' noise once more: the product of what it adds to the column and to what is left, in units of the floor's
+    white noise; last the square of what it adds to the latter."""
     found = np.zeros((columns.shape[1], len(own) + 1))
     for r in range(columns.shape[1]):
         added = whitened(noisy[:, r] - columns[:, r], floor.memory[r])[:, [*own, -1]]
         added = added[np.all(np.isfinite(added), axis=1)]
-        found[r] = added.T @ added[:, -1] / max(float(np.sum(added[:, -1] ** 2)), 1e-300)
+        found[r] = added.T @ added[:, -1] / max(len(added) * float(floor.white[r]) ** 2, 1e-300)
     return found

@@ -1,20 +1,22 @@
 """What is concluded: causes from the hypotheses, and the answer that costs least by their probabilities."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.asking import Asking
 from cylforce.diagnosis.diagnosis import Found
-from cylforce.diagnosis.evidence import Blocks, Evidence, Term
+from cylforce.diagnosis.fitting import Fitting, Sized, fitting, without_step
 from cylforce.diagnosis.hypotheses import Hypothesis
 from cylforce.diagnosis.learnt import CALIBRATION
 from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Calibration, Key, believed, calibrated
+from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
 from cylforce.diagnosis.problem import GROWTH_S, Problem
+from cylforce.diagnosis.residuals import added, hung, residuals, rms
 from cylforce.diagnosis.rows import Viewer
-from cylforce.diagnosis.whitening import Floor
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
@@ -32,12 +34,16 @@ class Verdict(StrEnum):
 
 
 class Cause(NamedTuple):
-    """An effect that was found: the proposal, its course in words, its columns with their course, total sizes (M,) and
-    standard errors (M,), the `probability` of it, `nats` of evidence against its absence."""
+    """An effect that was found: the proposal, its course in words, which `form` of the question it is (None of what
+    happens at moments), its columns, sizes (W, M) of these and their standard errors (W, M), each row of them with its
+    `course` (W, B) over the faulty blocks, NaN where it begins, the `probability` of it, `nats` of evidence against its
+    absence."""
 
     proposal: Proposal
     when: str
-    term: Term
+    form: int | None
+    columns: tuple[int, ...]
+    course: Array
     sizes: Array
     errors: Array
     probability: float
@@ -54,9 +60,9 @@ class Cause(NamedTuple):
         return self.key[0] != UNKNOWN[0]
 
     @property
-    def free(self) -> bool:
-        """Whether its sizes are free at any instant."""
-        return self.proposal.course is TimeCourse.WINDOWS
+    def lasts(self) -> bool:
+        """Whether it has the same sizes as long as it is there."""
+        return self.proposal.course is not TimeCourse.WINDOWS
 
     @property
     def clock(self) -> bool:
@@ -65,12 +71,9 @@ class Cause(NamedTuple):
 
     @property
     def size(self) -> float:
-        """Its magnitude; the root mean square over windows."""
-        about, width = self.proposal.about, len(dict.fromkeys(self.term.columns))
-        each = self.sizes.reshape(-1, width)[:, : about.axes]
-        if each.size == 1:
-            return float(each[0, 0])
-        return float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
+        """Its magnitude, with its sign if it has one; the root mean square over windows."""
+        each = self.sizes[:, : self.proposal.about.axes]
+        return float(each[0, 0]) if each.size == 1 else float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
 
 
 class Suspect(NamedTuple):
@@ -88,21 +91,42 @@ class Suspect(NamedTuple):
 
 
 class Search(NamedTuple):
-    """All that was found: the `original` problem, the problem and blocks with what bends taken out, the floor, the
-    causes, `first`: all candidates, likeliest first; `evidence`: the fit of all causes; who looked, `viewer`; what is
-    believed; whether the machine was at work; the smallest size of each effect that could be seen, `least`."""
+    """All that was found: the `question`, the causes, `first`: all candidates, likeliest first; the `fit` of all
+    causes, to recordings from which is taken out what bends; what is believed; whether the machine was at work; the
+    smallest size of each effect that could be seen, `least`."""
 
-    original: Problem
-    problem: Problem
-    blocks: Blocks
-    floor: Floor
+    question: Asking
     causes: tuple[Cause, ...]
     first: tuple[Suspect, ...]
-    evidence: Evidence
-    viewer: Viewer
+    fit: Fitting
     belief: Belief
     working: bool
     least: dict[Key, float]
+
+    @property
+    def original(self) -> Problem:
+        """The recordings as they are."""
+        return self.question.problem
+
+    def without(self, causes: Sequence[Cause], told: Sized, values: Array) -> list[Array]:
+        """What is left (T, R) [N m] by values (K,) of the columns that last and by some causes of a fit, `told`, of the
+        recordings from which is taken out what bends."""
+        problem = self.fit.question.problem
+        left = residuals(problem, values)
+        for c in causes:
+            sizes = c.sizes if c.form is None else told.more[c.form].reshape(c.sizes.shape)
+            left = [e - x for e, x in zip(left, added(problem, c.columns, sizes, c.course), strict=True)]
+        return left
+
+    def at_rest(self, causes: Sequence[Cause], told: Sized, values: Array) -> Array:
+        """Values (K,) of the machine as it was, `values`, with where the field's loads hang beside some causes."""
+        left = self.without(causes, told, values)
+        return values + hung(self.fit.question.problem, self.question.floor, left)
+
+    @property
+    def viewer(self) -> Viewer:
+        """Who looks."""
+        return self.question.viewer
 
 
 class Named(NamedTuple):
@@ -122,24 +146,14 @@ class Judged(NamedTuple):
     explained: float
 
 
-def searched(found: Found, by: Calibration | None = CALIBRATION) -> Search:
+def searched(found: Found, by: Outcomes | None = CALIBRATION) -> Search:
     """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
     belief = believed(found.asked)
     belief = calibrated(belief, by) if by else belief
     candidates = _candidates(found, belief)
     h = _best(found, belief)
-    problem = found.problem(h.which) if h else found.question.problem
-    original, floor = found.question.problem, found.question.floor
-    causes = _causes(found, h, belief) if h else _happened(found, belief, candidates)
-    blocks = problem.blocks(floor)
-    evidence = Evidence(blocks, [cause.term for cause in causes])
-    if not h and causes:
-        errors = np.sqrt(np.diag(evidence.covariance))[len(blocks.shared) :]
-        causes = (causes[0]._replace(sizes=evidence.fitted[len(blocks.shared) :], errors=errors),)
-    return Search(
-        *(original, problem, blocks, floor, causes, candidates, evidence, found.question.viewer, belief, found.working),
-        found.least,
-    )
+    causes, fit = _causes(found, h, belief) if h else _happened(found, belief, candidates)
+    return Search(found.question, causes, candidates, fit, belief, found.working, found.least)
 
 
 def _best(found: Found, belief: Belief) -> Hypothesis | None:
@@ -150,20 +164,19 @@ def _best(found: Found, belief: Belief) -> Hypothesis | None:
     return max(own, key=lambda h: h.log + told.prior_of(h)) if own else None
 
 
-def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[Cause, ...]:
-    """The effects of a hypothesis, the main one first."""
+def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[tuple[Cause, ...], Fitting]:
+    """The effects of a hypothesis, the main one first, and its fit."""
     told, causes, k = found.asked, [], 0
     for p in h.which:
-        proposal, column = found.question.forms[p]
-        m = len(column.columns)
-        unit = found.question.scene.spread[list(column.columns)]
-        sizes, errors = h.sizes[k : k + m] * unit, h.errors[k : k + m] * unit
+        m = len(found.question.forms[p][1].columns)
+        unit = found.question.scene.spread[list(found.question.forms[p][1].columns)]
+        sizes = h.sizes[k : k + m] * unit, h.errors[k : k + m] * unit
         k += m
         without = [g for g in told.hypotheses if g.which == tuple(x for x in h.which if x != p)]
         nats = h.log - (without[0] if without else told.none).log
         p_of = belief.of.get(told.key(p), 0.0) if told.key(p) == told.main(h) else _included(found, told.key(p))
-        causes.append(_cause(found, proposal, (sizes, errors), p_of, nats))
-    return tuple(sorted(causes, key=lambda c: c.key != told.main(h)))
+        causes.append(_cause(found, p, sizes, p_of, nats))
+    return tuple(sorted(causes, key=lambda c: c.key != told.main(h))), fitting(found, h)
 
 
 def _included(found: Found, key: Key) -> float:
@@ -174,41 +187,42 @@ def _included(found: Found, key: Key) -> float:
     return sum(w for h, w in weights if key in {told.key(p) for p in h.which}) / whole
 
 
-def _cause(found: Found, proposal: Proposal, told: tuple[Array, Array], probability: float, nats: float) -> Cause:
-    problem, (sizes, errors) = found.question.problem, told
-    places = problem.places[problem.proposals.index(proposal)]
-    one = np.ones(len(problem.times))
-    form = proposal.about.form * np.abs(sizes)
-    errors = np.hypot(errors, form)
+def _cause(found: Found, form: int, told: tuple[Array, Array], probability: float, nats: float) -> Cause:
+    problem, proposal = found.question.problem, found.question.forms[form][0]
+    sizes = told[0]
+    errors = np.hypot(told[1], proposal.about.form * np.abs(sizes))
+    number, when = np.arange(len(problem.times)), ""
+    course, rows = np.ones((1, len(number))), 1
     if proposal.course is TimeCourse.CLOCK:
-        return Cause(
-            proposal, "", Term(places * 2, np.stack([one, problem.times / GROWTH_S])), sizes, errors, probability, nats
-        )
-    if proposal.course is TimeCourse.AFTER and found.question.step:
+        course, rows = np.stack([course[0], problem.times / GROWTH_S]), 2
+    elif proposal.course is TimeCourse.AFTER and found.question.step:
         first, last = found.question.step
-        number = np.arange(len(one))
-        course = np.stack([(number > first) & (number < last), number == first]).astype(np.float64)
-        term = Term(places * 2, np.repeat(course, len(places), axis=0))
+        course[0] = np.where(number == first, np.nan, (number > first) & (number < last))
         when = f"from {problem.times[first]:.0f} s on"
-        return Cause(proposal, when, term, np.tile(sizes, 2), np.tile(errors, 2), probability, nats)
-    return Cause(proposal, "", Term(places, np.tile(one, (len(places), 1))), sizes, errors, probability, nats)
-
-
-def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[Cause, ...]:
-    """What happens at moments, if that is the likeliest effect: sizes of its own in every block."""
-    problem = found.question.problem
-    key = next((c.key for c in candidates), NOTHING)
-    where = np.flatnonzero(found.when.get(key, np.zeros(0)))
-    if key in (NOTHING, UNKNOWN) or not where.size or belief.of.get(key, 0.0) <= 0.0:
-        return ()
-    proposal = next(p for p in problem.proposals if (p.name, p.at) == key)
     places = problem.places[problem.proposals.index(proposal)]
-    course = np.repeat(np.eye(len(problem.times))[where], len(places), axis=0)
-    told = next(h for h in found.asked.happened if h.key == key)
-    zero = np.zeros(len(course))
-    term = Term(places * len(where), course)
-    nats = told.log - found.asked.none.log
-    return (Cause(proposal, f"{len(where)} times", term, zero, zero, belief.of[key], nats),)
+    shaped, uncertain = (x.reshape(rows, -1) for x in (sizes, errors))
+    return Cause(proposal, when, form, places, course, shaped, uncertain, probability, nats)
+
+
+def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[tuple[Cause, ...], Fitting]:
+    """What happens at moments, if that is the likeliest effect: sizes of its own in every block; and the fit."""
+    question, case = found.question, found.case
+    key = next((c.key for c in candidates), NOTHING)
+    where = found.when.get(key, np.zeros(len(question.problem.times), dtype=np.bool_))
+    if key in (NOTHING, UNKNOWN) or not np.any(where) or belief.of.get(key, 0.0) <= 0.0:
+        return (), Fitting(question, case, (), found.asked.none.noise)
+    k = next(k for k, p in enumerate(question.problem.proposals) if (p.name, p.at) == key)
+    proposal, places = question.problem.proposals[k], question.problem.places[k]
+    question, case = without_step(found)
+    moments = question.moments(question.problem.faulty, proposal.incidents).only(where)
+    case = replace(case, moments=moments)
+    h = case.hypothesis((), case.usual)
+    unit = question.problem.spread[list(places)]
+    sizes, errors = (x[where] * unit for x in moments.sizes(case.under((), case.state(h.noise))[2], h.noise))
+    nats = next(h.log for h in found.asked.happened if h.key == key) - found.asked.none.log
+    course, words = np.eye(len(where))[where], f"{np.count_nonzero(where)} times"
+    cause = Cause(proposal, words, None, places, course, sizes, errors, belief.of[key], nats)
+    return (cause,), Fitting(question, case, (), h.noise)
 
 
 def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:
@@ -228,6 +242,14 @@ def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:
 def _keep(best: dict[Key, Suspect], candidate: Suspect) -> None:
     if candidate.key not in best or best[candidate.key].nats < candidate.nats:
         best[candidate.key] = candidate
+
+
+def contributed(search: Search) -> list[float]:
+    """The share of each cause in what all of them add to the torques, in units of the floor (squares)."""
+    floor = search.question.floor.rms
+    each = [rms(added(search.original, c.columns, c.sizes, c.course)) / floor for c in search.causes]
+    squares = np.array([np.sum(x**2) for x in each])
+    return list((squares / max(float(np.sum(squares)), 1e-300)).tolist())
 
 
 def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:

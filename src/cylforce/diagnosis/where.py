@@ -10,19 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.problem import Seen
-from cylforce.diagnosis.residuals import held_out_clean, rms
+from cylforce.diagnosis.numbers import FALSE, MARGIN
+from cylforce.diagnosis.problem import Problem, Seen
+from cylforce.diagnosis.residuals import SPAN as BLOCKS
+from cylforce.diagnosis.residuals import rms
 from cylforce.diagnosis.rows import BLOCK
-from cylforce.diagnosis.verdict import Search
+from cylforce.diagnosis.shrinkage import Gap
 from cylforce.signals.estimate import Array
 
 SLOW, FAST = 0.03, 0.10  # m/s
-SPAN = 5 * BLOCK  # rows that are exchanged together: fifteen seconds
+SPAN = BLOCKS * BLOCK  # rows that are exchanged together: fifteen seconds
 ROWS = 20  # of a regime that a span needs
 LEAST = 2  # spans, of faulty and of clean recordings
-MARGIN = 2.0  # times the energy, by which the same machine may differ from itself: conditions of two days are not one's
 EXCHANGES = 1999
-FALSE = 0.05  # share of false discoveries
 Regime = Callable[[Seen, int, int], NDArray[np.bool_]]  # of a recording: cylinder and joint to the rows (T,) in it
 
 
@@ -54,11 +54,9 @@ REGIMES: dict[str, Regime] = {
 }
 
 
-def where(search: Search, left: Sequence[Array], rng: np.random.Generator) -> list[Spot]:
-    """All joints and regimes, most certain first, then what stands out most; `left`: residuals (T, R) [N m] of the
-    faulty recordings."""
-    problem, unseen = search.original, held_out_clean(search)
-    usual = rms(unseen) if unseen else search.floor.rms
+def where(problem: Problem, size: Gap, rng: np.random.Generator) -> list[Spot]:
+    """All joints and regimes, most certain first, then what stands out most."""
+    left, unseen, usual = size.nominal, size.clean, size.floor
     spots = []
     for r, j in enumerate(problem.model.machine.rows):
         rows = sum(int(np.sum(np.isfinite(e[:, r]))) for e in left)

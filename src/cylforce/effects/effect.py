@@ -32,3 +32,9 @@ class Effect(Protocol):
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Columns of the parameters along a motion."""
         ...
+
+
+def depends_on(effect: object) -> tuple[str, ...]:
+    """Names of the quantities of a motion that an effect's columns depend on: what its class names as `depends_on`, or
+    any."""
+    return tuple(getattr(effect, "depends_on", Motion._fields))

@@ -5,7 +5,6 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cylforce.effects.effect import Halves
 from cylforce.mechanics.machine import Machine
@@ -98,15 +97,6 @@ class Distortion(Fault, Protocol):
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """Values (T, S) of all signals as measured with an error of `size` at times t (T,) [s], from the `values`
         without it; `where`: number of the signal, link or cylinder that has the error (see `places`)."""
-        ...
-
-
-@runtime_checkable
-class Sudden(Distortion, Protocol):
-    """A sensor error that jumps at instants which are known only roughly."""
-
-    def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
-        """Whether the error may jump at each sample (T,) of the values (T, S)."""
         ...
 
 
@@ -224,6 +214,27 @@ def acting(law: ForceLaw | JointLaw, machine: Machine, moving: Motion, t: Array,
 def rubbing(share: Share, where: int, cylinders: int) -> range:
     """Numbers of the cylinders, of so many, whose friction a share changes: one, or, at the machine, all."""
     return range(where, where + 1) if share.about.place is Place.CYLINDER else range(cylinders)
+
+
+STILL = 1e-4  # of a usual size: none
+
+
+def usual_sizes(effect: Fault) -> tuple[float, ...]:
+    """Usual sizes of an effect's columns, where it is."""
+    if isinstance(effect, MassChange | BaseMotion):
+        return effect.typical
+    return (effect.about.high / 2.0,)
+
+
+def unnoticed_sizes(effect: Fault) -> tuple[float, ...]:
+    """Sizes of an effect's columns on a machine in order: of sensors and linkages the least plausible one, masses in
+    proportion; friction is never quite of the model's form; what grows, or moves the base, is on no machine in
+    order."""
+    if isinstance(effect, BaseMotion | GrowingMass):
+        return tuple(STILL * size for size in effect.typical)
+    if isinstance(effect, MassChange):
+        return tuple(size * effect.about.low / effect.typical[0] for size in effect.typical)
+    return (effect.about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else usual_sizes(effect)
 
 
 # Columns of incidents: an additional load in the bucket; a delay of all pressures by one second; and, over each block

@@ -24,7 +24,7 @@ from cylforce.effects.fault import (
     places,
     rubbing,
 )
-from cylforce.effects.library import SIMULATED, Group
+from cylforce.effects.library import LIBRARY, Group
 from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
@@ -72,7 +72,7 @@ def imposed(
     shape: Mapping[str, float] | None = None,
     begin: float = 0.0,
     end: float = inf,
-    library: tuple[Group, ...] = SIMULATED,
+    library: tuple[Group, ...] = LIBRARY,
 ) -> Imposed:
     """The effect `name` of the library at the place `at` of the machine, from `begin` to `end` [s]; `value`: its size
     (SI), or a list where it has several; `shape`: values of the effect's own fields, such as a width, by name.
@@ -193,6 +193,12 @@ def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: st
     return level
 
 
+def changed_laws(effects: Sequence[Imposed]) -> tuple[str, ...]:
+    """Names of the laws of friction whose identified coefficients change."""
+    shares = [share for each in effects for share in each.group if isinstance(share, Share)]
+    return tuple(dict.fromkeys(law for share in shares for law in share.laws))
+
+
 def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> Array:
     """Additional base parameters (J, X, Z) of the links (T, N, 3) [kg m^2, kg m, kg m] at times t (T,) [s]."""
     found = np.zeros((len(t), machine.size, 3))
@@ -267,6 +273,14 @@ def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Ar
         if isinstance(each.group[0], Incident) and each.group[0].course is TimeCourse.CLOCK:
             values = np.where(during, _late(machine, values, t, each), values)
     return values
+
+
+def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
+    """Signals (T, S) without the sensors' errors: the error is that of the true values, so once more from values that
+    are nearly true."""
+    against = [each._replace(sizes=tuple(-size for size in each.sizes)) for each in reversed(effects)]
+    first = distorted(machine, against, values, t)
+    return first + values - distorted(machine, effects, first, t)
 
 
 def _late(machine: Machine, values: Array, t: Array, each: Imposed) -> Array:

@@ -1,10 +1,24 @@
 """The library of effects that the diagnosis knows, in the order in which they are tried."""
 
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from cylforce.effects.fault import About, Fault, Incident, TimeCourse, places
+from cylforce.effects.fault import (
+    About,
+    Alteration,
+    BaseMotion,
+    Distortion,
+    Fault,
+    ForceLaw,
+    Incident,
+    PartOfFriction,
+    TimeCourse,
+    places,
+    unnoticed_sizes,
+    usual_sizes,
+)
 from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
 from cylforce.effects.friction.end_cushion import EndCushion
@@ -45,6 +59,7 @@ SET = (0.0, 0.5, 1.0)  # shares of a range: its low end, middle and high end
 # 1/s, inverse of a pressure sensor's thermal time constant: 0.1 kg of steel, in air or wetted by oil, takes 2 to 20
 # minutes; 0: the oil, and with it the zero, drifts on.
 WARMING = (0.0, 1.0 / 1200.0, 1.0 / 400.0, 1.0 / 120.0)
+UNKNOWN = "unknown"  # what no effect of the library is (see `effects/unknown.py`)
 OIL = (300.0, 900.0, 2700.0)  # s: thermal time constant of a small circuit, a tank, and a tank with its machine
 PARTS = 5  # pins and bars of a four-bar linkage, the largest that there is
 
@@ -86,10 +101,8 @@ LIBRARY: tuple[Group, ...] = (
     (PayloadSpill(),),
     (PayloadShift(),),
     (ClockFault(),),
+    (IntermittentGlitch(),),
 )
-
-# What a simulated machine can have: the library, and what no column of a fixed course can find.
-SIMULATED: tuple[Group, ...] = (*LIBRARY, (IntermittentGlitch(),))
 
 
 class Proposal(NamedTuple):
@@ -108,6 +121,51 @@ class Proposal(NamedTuple):
     def name(self) -> str:
         """The effect's name."""
         return self.about.name
+
+    @property
+    def usual(self) -> tuple[float, ...]:
+        """Usual sizes of all columns of an effect that lasts; none of an incident."""
+        return () if self.course else tuple(size for effect in self.group for size in usual_sizes(effect))
+
+    @property
+    def unnoticed(self) -> tuple[float, ...]:
+        """The same as they are on a machine in order."""
+        return () if self.course else tuple(size for effect in self.group for size in unnoticed_sizes(effect))
+
+    @property
+    def rubs(self) -> bool:
+        """Whether it is a force in one cylinder's own coordinate."""
+        return isinstance(self.group[0], ForceLaw)
+
+    @property
+    def rides(self) -> bool:
+        """Whether it is a motion of the body that carries the first link."""
+        return isinstance(self.group[0], BaseMotion)
+
+    @property
+    def bends(self) -> bool:
+        """Whether its columns depend on its size: an error of readings, of the machine file or of clocks; not a torque
+        of which nothing is known, which only looks like one."""
+        apart = isinstance(self.group[0], Distortion | Alteration) and self.name != UNKNOWN
+        return apart or self.course is TimeCourse.CLOCK
+
+    @property
+    def of_dry(self) -> float | None:
+        """Largest plausible share of the dry friction, of an effect that is a part of it."""
+        effect = self.group[0]
+        return effect.of_dry if isinstance(effect, PartOfFriction) else None
+
+    @property
+    def shape(self) -> dict[str, Any]:
+        """Numbers that the form of the effect has besides its size, by name."""
+        effect: Any = self.group[0]
+        return {f.name: getattr(effect, f.name) for f in (fields(effect) if is_dataclass(effect) else ())}
+
+    @property
+    def incidents(self) -> tuple[str, ...]:
+        """Names of the columns of what begins at some instant (see `INCIDENTAL`); none of what lasts."""
+        effect = self.group[0]
+        return effect.columns if isinstance(effect, Incident) else ()
 
     @property
     def course(self) -> TimeCourse | None:

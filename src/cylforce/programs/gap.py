@@ -6,25 +6,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer import answer, apart, off_clock, shifted
 from cylforce.diagnosis.clocks import Slip, slips
 from cylforce.diagnosis.diagnosis import examined
 from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.forward import forward
 from cylforce.diagnosis.idle import idle
-from cylforce.diagnosis.residuals import contributed, ends
 from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
-from cylforce.diagnosis.shaking import shaking
-from cylforce.diagnosis.shape import confirm, told, unexplained
+from cylforce.diagnosis.shaking import noises, shaking
+from cylforce.diagnosis.shape import unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
-from cylforce.diagnosis.verdict import Judged, Search, Verdict, judged, searched
-from cylforce.diagnosis.where import where
+from cylforce.diagnosis.strangers import frozen, strange
+from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.where import Spot, where
 from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
+from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
@@ -81,14 +80,15 @@ def diagnose(
         return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
     only = _only(library, question.only, loaded.service.machine)
     watch("clocks", None)
-    late = _late(loaded, [*clean, *faulty], library)
-    if late and not _tells(late, clean):
-        return _off_clock(late)
-    clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
-    viewer, known = _viewer(loaded, question, clean)
-    if kept is not None:
-        names = frozenset(path.name for path in question.reference)
-        viewer = KeepingViewer(viewer.model, viewer.tares, kept, names, loaded.sha256)
+    late, odd = (_late(loaded, group, library) for group in (faulty, clean))
+    clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
+    model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
+    stuck = frozen(model, faulty)
+    if stuck or (late and not clean):
+        return _nothing("; ".join(stuck)) if stuck else _off_clock([*late, *odd])
+    clean, unlike = _alike(model, idle(model, clean))
+    viewer, known = viewed_by(loaded, question, clean)
+    viewer = _keeping(viewer, loaded, question, kept) if kept is not None else viewer
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
     watch("causes", None)
@@ -96,21 +96,34 @@ def diagnose(
     verdict = judged(everything, found, contributed(found))
     if late and not _by_clock(verdict):
         return _off_clock(late)
-    seconds = float(np.sum(found.blocks.faulty_rows)) / RATE_HZ
+    seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / RATE_HZ
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    whole = answer(found, verdict, size, ends(found), where(found, size.nominal, rng), forward(found, size))
-    whole["unknown"] = told(unexplained(found, verdict), loaded.service.machine)
+    verdict = _seen(verdict, spots := where(found.original, size, rng))
+    whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)
     motions = said(planned(everything, found))
     whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    noisy = shaking(loaded.service.machine, faulty, clean)
-    warnings = (refuted, shifted(whole, verdict) if not clean else "", apart(late) if late else "", noisy)
-    whole["warnings"] = [text for text in warnings if text]
+    noise = noises(loaded.service.machine, faulty, clean)
+    whole["noise"] = [each._asdict() for each in noise]
+    here = "" if clean else shifted(whole, verdict), apart(late) if late else "", shaking(noise)
+    whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole)
+
+
+def _keeping(viewer: Viewer, loaded: Loaded, question: Question, kept: RowCache) -> Viewer:
+    """A viewer that keeps the references' rows."""
+    names = frozenset(path.name for path in question.reference)
+    return KeepingViewer(viewer.model, viewer.tares, kept, names, loaded.sha256)
+
+
+def _seen(verdict: Judged, spots: Sequence[Spot]) -> Judged:
+    """Where a joint differs, there is a gap, whatever explains it."""
+    hidden = verdict.verdict is Verdict.NO_GAP and any(spot.found for spot in spots)
+    return verdict._replace(verdict=Verdict.UNKNOWN) if hidden else verdict
 
 
 def _nothing(reason: str) -> Diagnosed:
@@ -125,10 +138,22 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
     return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
 
 
-def _tells(late: Sequence[Slip], clean: Sequence[Recorded]) -> bool:
-    """Whether the clean recordings are on one clock, so that they show what the faulty ones are like without the
-    delay."""
-    return bool(clean) and {slip.name for slip in late}.isdisjoint(each.name for each in clean)
+def _alike(model: Model, clean: Sequence[Recorded]) -> tuple[list[Recorded], list[str]]:
+    """The references that are alike, and sentences about the others."""
+    stuck = frozen(model, clean)
+    dead = {each.name for each in clean if any(f" in {each.name} while" in sentence for sentence in stuck)}
+    kept = [each for each in clean if each.name not in dead]
+    unlike = strange(model, kept)
+    said = [f"{sentence}; it is left out of the references" for sentence in stuck]
+    said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
+    return [each for each in kept if each.name not in unlike], said
+
+
+def _left_out(odd: Sequence[Slip], others: bool) -> str:
+    """The sentence that names references whose clocks are apart."""
+    names = ", ".join(dict.fromkeys(slip.name for slip in odd))
+    compared = "the other references" if others else "the model alone"
+    return f"{names} is no reference: {apart(odd)}; the diagnosis compares with {compared}" if odd else ""
 
 
 def _by_clock(judged: Judged) -> bool:
@@ -199,7 +224,7 @@ def _not_known(name: str, library: tuple[Group, ...]) -> str:
     return f"effect {name!r} is not known: choose one of {known}"
 
 
-def _viewer(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:
+def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:
     """Model and tares: identified ones, else those of the clean recordings, else the data sheet, without friction."""
     service = loaded.service
     if question.identified is None and not clean:

@@ -17,7 +17,7 @@ from cylforce.files.atomic import replacing
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.tables import print_table
 from cylforce.programs.gap import Diagnosed
-from cylforce.programs.reports.plain import MOST_OF, Plain, looked, percent, plain
+from cylforce.programs.wording.plain import MOST_OF, Plain, looked, percent, plain
 from cylforce.signals.estimate import Array
 
 

@@ -1,6 +1,7 @@
 """Friction that is larger in one direction than in the other."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,6 +14,8 @@ class AsymmetricFriction:
     """Friction that is larger in one direction than in the other. With `way` 0 the mean of both directions stays as it
     was: force f |sgn(v)|, beside the symmetric f_c sgn(v). With `way` 1 or -1 only extending or only retracting
     changes: force f sgn(v) in that direction, none in the other. Lip seals rub more one way than the other."""
+
+    depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 
     rounding: float = 0.0005  # m/s, speed scale of the smooth sgn(v)
     way: int = 0  # 1: only extending, -1: only retracting, 0: more one way, less the other

@@ -1,6 +1,7 @@
 """Dry (Coulomb) friction of a cylinder."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from cylforce.signals.estimate import Array
 @dataclass(frozen=True, slots=True)
 class CoulombFriction:
     """Dry friction of a cylinder: force f sgn(v). As a fault: by how much it is larger (f > 0) than in the model."""
+
+    depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 
     rounding: float = 0.002  # m/s, speed scale of the smooth sgn(v)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.effect import Halves, Parameter
+from cylforce.effects.effect import Halves, Parameter, depends_on
 from cylforce.effects.fault import ForceLaw
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
@@ -26,6 +26,11 @@ class Friction:
 
     name: str
     law: ForceLaw
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """What of a motion the law depends on."""
+        return depends_on(self.law)
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """The coefficient of every cylinder."""

@@ -1,6 +1,7 @@
 """Viscous friction of a cylinder."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from cylforce.effects.fault import About, Place
 from cylforce.signals.estimate import Array
@@ -10,6 +11,8 @@ from cylforce.signals.estimate import Array
 class ViscousFriction:
     """Friction in proportion to the cylinder's speed: force f v. As a fault: by how much it is larger than in the
     model."""
+
+    depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 
     @property
     def about(self) -> About:

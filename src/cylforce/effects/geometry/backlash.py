@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cylforce.effects.fault import About, Place
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.reading import angle_signal, followed, measured_torque
 from cylforce.signals.estimate import Array
-
-NEARLY = 1.5  # factor by which `turning` may be wrong either way; chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +36,12 @@ class Backlash:
         signal = angle_signal(machine, where)
         if signal is None:
             return values
-        side, found = self._side(machine, values, where, self.turning), values.copy()
+        side, found = self._side(machine, values, where), values.copy()
         found[:, signal] += size / 2.0 * followed(side, t, self.crossing)
         return found
 
-    def jumps(self, machine: Machine, values: Array, where: int) -> NDArray[np.bool_]:
-        """Samples (T,) at which the load changes sides, or would with `turning` larger or smaller by NEARLY."""
-        less, more = (self._side(machine, values, where, f * self.turning) for f in (1.0 / NEARLY, NEARLY))
-        changed = [np.diff(side, prepend=side[:1]) != 0.0 for side in (less, more)]
-        return np.asarray((less != more) | changed[0] | changed[1])
-
-    @staticmethod
-    def _side(machine: Machine, values: Array, where: int, turning: float) -> Array:
+    def _side(self, machine: Machine, values: Array, where: int) -> Array:
         torque = measured_torque(machine, values, where)
-        clear = np.abs(torque) > turning
+        clear = np.abs(torque) > self.turning
         last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))
         return np.asarray(np.sign(torque[last]))

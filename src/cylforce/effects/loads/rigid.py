@@ -1,6 +1,7 @@
 """Gravity and inertia of the links: three base parameters (J, X, Z) each (mechanics/README.md, sections 3 and 5)."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,6 +16,8 @@ class Rigid:
     static_j = sum_{i<j} l_i qd_i qd_j B_ij - sum_{k>j} l_j qd_j qd_k B_jk + g (X_j cos q_j - Z_j sin q_j),
     with A_ij = Re(c_j e), B_ij = Im(c_j e), c = X + i Z, e = exp(i (q_j - q_i)): momentum and the other terms of the
     generalised forces Q_j of the absolute angles."""
+
+    depends_on: ClassVar[tuple[str, ...]] = ("q", "qd", "g")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """J [kg m^2], X and Z [kg m] of every link, house outwards."""

@@ -2,6 +2,7 @@
 measures it."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ class Slew:
 
     J, X and Z are the parameters of `Rigid` (the regressor adds columns of the same name); D = J + D_excess. For
     slender links D_excess and E are zero."""
+
+    depends_on: ClassVar[tuple[str, ...]] = ("a", "slew")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """J [kg m^2], X, Z [kg m], D_excess and E [kg m^2] of every link, house outwards."""

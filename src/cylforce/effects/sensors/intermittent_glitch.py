@@ -1,5 +1,6 @@
 """A sensor whose reading jumps for moments: a loose contact."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +19,15 @@ USUAL, CLEAR = 98.0, 2.0  # per cent of all steps from sample to sample; factor 
 @dataclass(frozen=True, slots=True)
 class IntermittentGlitch:
     """A sensor whose reading jumps by size times its range, up or down, once at a random instant of each stretch of
-    `every` seconds, for `shortest` to `longest` seconds. The instants are those of the `seed`: a diagnosis cannot know
-    them, and finds the jumps in the readings (`glitches`)."""
+    `every` seconds, for `shortest` to `longest` seconds. The instants are those of the `seed`; a diagnosis cannot know
+    them, finds the jumps in the readings (`glitches`), and says when they were: `jumps` holds begin [s], duration [s]
+    and direction (1 or -1) of each, one after the other. Where it is not empty it stands instead of the seed's."""
 
     every: float = 6.0  # s
     shortest: float = 0.05  # s
     longest: float = 0.3  # s
     seed: int = 0
+    jumps: tuple[float, ...] = ()
 
     @property
     def about(self) -> About:
@@ -42,13 +45,20 @@ class IntermittentGlitch:
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with signal `where` changed by size times its range during each jump."""
         signal, found = machine.signals[where], values.copy()
+        for begin, length, way in self._when(t):
+            inside = slice(*np.searchsorted(t, (begin, begin + length)))
+            found[inside, where] += way * size * (signal.high - signal.low)
+        return found
+
+    def _when(self, t: Array) -> Iterator[tuple[float, float, float]]:
+        """Begin [s], duration [s] and direction of every jump within times t (T,) [s]."""
+        if self.jumps:
+            yield from zip(self.jumps[::3], self.jumps[1::3], self.jumps[2::3], strict=True)
+            return
         for number in range(int(np.min(t) // self.every), int(np.max(t) // self.every) + 1):
             at, lasting, way = np.random.default_rng((self.seed, number)).random(3)
             length = self.shortest + lasting * (self.longest - self.shortest)
-            begin = number * self.every + at * (self.every - length)
-            inside = (t >= begin) & (t < begin + length)
-            found[inside, where] += (size if way < 0.5 else -size) * (signal.high - signal.low)
-        return found
+            yield number * self.every + at * (self.every - length), length, 1.0 if way < 0.5 else -1.0
 
 
 def glitches(reading: Array, dt: float) -> NDArray[np.bool_]:

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cylforce.diagnosis.rows import Recorded
-from cylforce.diagnosis.spread import Kept, Spread
 from cylforce.estimation.segments import parts
 from cylforce.files.recording import Events, open_pieces
 from cylforce.files.tables import Table
 from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.programs.common.readings import check_machine
+from cylforce.programs.common.spread import Kept, Spread
 from cylforce.service.assembler import Assembler
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import Loaded

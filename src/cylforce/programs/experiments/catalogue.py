@@ -29,7 +29,7 @@ WARM_S = 1800.0  # of work, after which the oil is warm
 TURN, TURN_S = 1.2, 4.0  # rad and s of a swing of the house
 
 
-class Motion(NamedTuple):
+class Trial(NamedTuple):
     """A motion: the `words` that ask for it, the scene, the load [kg], the pitch of the ground [rad], and how long the
     machine has worked before [s]."""
 
@@ -40,7 +40,7 @@ class Motion(NamedTuple):
     after: float = 0.0
 
 
-def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Motion]:
+def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Trial]:
     """All motions; `joints`: those that are moved alone."""
     middle = _middle(machine)
     for j in joints:
@@ -49,12 +49,12 @@ def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Motion]:
             _scene(machine, middle, {j: _strokes(machine, middle, j, speeds)}) for speeds in ((SLOW,), (SLOW, 1.0))
         )
         little = _scene(machine, middle, {j: _little(machine, middle, j)})
-        yield Motion(f"move the {name} alone, slowly, from end to end and back", slow)
-        yield Motion(f"move the {name} alone, from end to end and back, in turns slowly and fast", two)
-        yield Motion(f"move the {name} alone a few centimetres to and fro, slowly, at several angles", little)
+        yield Trial(f"move the {name} alone, slowly, from end to end and back", slow)
+        yield Trial(f"move the {name} alone, from end to end and back, in turns slowly and fast", two)
+        yield Trial(f"move the {name} alone a few centimetres to and fro, slowly, at several angles", little)
         yield _loaded(machine, f"move the {name} alone, slowly, from end to end and back", slow)
         brisk = _scene(machine, middle, {j: _along(machine, middle, j, cycle(PART), cycle((1.0,)), REST_S)})
-        yield Motion(f"move the {name} alone, with quick starts and stops, to and fro by a quarter of its way", brisk)
+        yield Trial(f"move the {name} alone, with quick starts and stops, to and fro by a quarter of its way", brisk)
     stairs, together, slowly = (
         _stairs(machine, middle),
         _together(machine, middle, WHOLE, PACES),
@@ -62,21 +62,21 @@ def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Motion]:
     )
     postures = "go to a dozen very different postures and hold each for three seconds"
     whole = "move all joints at once to and fro, each at a speed of its own"
-    yield Motion(postures, stairs)
+    yield Trial(postures, stairs)
     yield _loaded(machine, postures, stairs)
-    yield Motion(whole, together)
-    yield Motion("move all joints at once to and fro by a quarter of their way, slowly", slowly)
+    yield Trial(whole, together)
+    yield Trial("move all joints at once to and fro by a quarter of their way, slowly", slowly)
     yield _loaded(machine, whole, together)
-    yield Motion(f"{whole}, once the machine has worked for half an hour", together, after=WARM_S)
-    yield Motion(f"{whole}, while the house turns to and fro", together._replace(slew=_turns()))
+    yield Trial(f"{whole}, once the machine has worked for half an hour", together, after=WARM_S)
+    yield Trial(f"{whole}, while the house turns to and fro", together._replace(slew=_turns()))
     if any(s.kind is Kind.PITCH for s in machine.signals):
-        yield Motion(f"{whole}, with the machine on a slope of {np.degrees(SLOPE):.0f} degrees", together, pitch=SLOPE)
+        yield Trial(f"{whole}, with the machine on a slope of {np.degrees(SLOPE):.0f} degrees", together, pitch=SLOPE)
 
 
-def _loaded(machine: Machine, words: str, scene: Scene) -> Motion:
+def _loaded(machine: Machine, words: str, scene: Scene) -> Trial:
     load = LOAD * machine.rated_payload
     dig = carried(load, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach))
-    return Motion(f"{words}, carrying a known load of about {load:.0f} kg", scene._replace(dig=dig), load)
+    return Trial(f"{words}, carrying a known load of about {load:.0f} kg", scene._replace(dig=dig), load)
 
 
 def _middle(machine: Machine) -> Array:

@@ -20,7 +20,7 @@ from cylforce.diagnosis.rows import CENTRE, RATE_HZ, Columns, GapRows, Recorded
 from cylforce.diagnosis.statistics import statistics, white
 from cylforce.diagnosis.verdict import Search
 from cylforce.effects.library import Proposal
-from cylforce.programs.experiments.catalogue import SECONDS, Motion, catalogue
+from cylforce.programs.experiments.catalogue import SECONDS, Trial, catalogue
 from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import true_values
 from cylforce.simulation.simulator import Truth, draw_truth, simulate
@@ -96,7 +96,7 @@ class Separation:
         each = [(seen.rows, seen.rows.effects[..., own], seen.recorded.load) for seen in problem.faulty]
         return self._marginal(*(np.sum(part, axis=0) for part in zip(*(self._told(*e) for e in each), strict=True)))
 
-    def of(self, motion: Motion) -> Array:
+    def of(self, motion: Trial) -> Array:
         """The same in a recording of a motion, as long as the present ones."""
         viewer = self.found.question.viewer
         recorded = Recorded(motion.words, self._values(motion), motion.load, motion.after)
@@ -109,7 +109,7 @@ class Separation:
         """Length of the present recordings."""
         return sum(len(seen.rows.t) for seen in self.found.question.problem.faulty) / RATE_HZ
 
-    def _values(self, motion: Motion) -> Array:
+    def _values(self, motion: Trial) -> Array:
         """Samples (T, S) of ideal sensors."""
         model = self.found.question.viewer.model
         t = np.arange(round(SECONDS * model.filters.rate_hz)) / model.filters.rate_hz

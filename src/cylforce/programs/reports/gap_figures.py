@@ -1,11 +1,16 @@
 """Figures of a gap: evidence, heat map, friction map, signatures, waterfall."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
+from cylforce.diagnosis.problem import Problem
+from cylforce.diagnosis.shape import quantities
+from cylforce.diagnosis.shrinkage import Gap
 from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.programs.reports.drawing import (
     AMBER,
@@ -26,10 +31,19 @@ from cylforce.programs.reports.drawing import (
 from cylforce.programs.reports.evidence import DrawnSamples, push
 from cylforce.programs.reports.gap_shown import Heat, Overlay, Shown, excess, movers, readable
 from cylforce.signals.estimate import Array
+from cylforce.signals.units import DEGREE
 
 MOST_BARS = 12
 WORST = 5.0  # times the normal residual: from here on a cell is as dark as can be
 SPEED_BINS = 16
+BINS = 24
+MOST_POINTS = 4000
+OVER = {
+    "speed": ("speed of its cylinder [asinh of cm/s]", 1.0),
+    "position": ("angle of the joint [°]", 1.0 / DEGREE),
+    "load": ("{detail} [kN]", 1e-3),
+    "time": ("time since the recording began [s]", 1.0),
+}
 
 
 def bars(search: Search, judged: Judged) -> Figure:
@@ -134,9 +148,7 @@ def overlays(shown: tuple[Overlay, ...]) -> Figure:
 
 
 def _laid_over(upper: Axes, lower: Axes, each: Overlay) -> None:
-    upper.plot(
-        each.t, each.residual * 1e-3, color=INK, linewidth=2.2, label="residual without the effect, all else fitted"
-    )
+    upper.plot(each.t, each.residual * 1e-3, color=INK, linewidth=2.2, label="residual without the effect")
     upper.plot(each.t, each.effect * 1e-3, color=ORANGE, linewidth=1.3, label="what the effect explains")
     upper.set_title(f"{each.title} [kN m]")
     upper.tick_params(labelbottom=False, bottom=False)
@@ -170,3 +182,28 @@ def _falling(axes: Axes, values: list[float]) -> None:
     axes.axvline(values[last], color=GREEN, linewidth=0.9, linestyle="--")
     axes.set_xlim(0.0, 1.3 * max(values))
     axes.grid(visible=False, axis="y")
+
+
+def shape(problem: Problem, gap: Gap, unknown: dict[str, Any]) -> Figure:
+    """Residual of the joint over the quantity that predicts it, extending orange, retracting blue, means with scatter;
+    over time, if none does."""
+    machine = problem.model.machine
+    row = [machine.links[j].name for j in machine.rows].index(unknown["at"])
+    each, way = quantities(problem, row)
+    told = next((q for q in each if (q.of, q.detail) == (unknown["of"], unknown["detail"])), each[-1])
+    label, factor = OVER[told.of]
+    x, y = told.values * factor, np.concatenate([e[:, row] for e in gap.left]) * 1e-3
+    figure = canvas(3.4)
+    axes = figure.subplots()
+    low, high = np.percentile(x, [0.5, 99.5]).tolist()
+    edges, step = np.linspace(low, high, BINS + 1), -(-len(x) // MOST_POINTS)
+    for sign, colour, word in ((1.0, ORANGE, "extending"), (-1.0, BLUE, "retracting")):
+        moves = (sign * way > 0.0) & np.isfinite(y)
+        axes.scatter(x[moves][::step], y[moves][::step], s=4, color=colour, alpha=0.5, linewidths=0, label=word)
+        banded(axes, x[moves], y[moves], edges, colour)
+    axes.set_xlabel(label.format(detail=told.detail))
+    axes.legend(loc="upper right", ncols=2, markerscale=3.0)
+    bounded(axes, y[np.isfinite(y)])
+    axes.axhline(0.0, color=PALE, linewidth=0.8)
+    axes.set_ylabel(f"left at the {unknown['at']} [kN m]")
+    return figure

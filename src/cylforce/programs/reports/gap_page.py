@@ -5,16 +5,14 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cylforce.diagnosis.shape import unexplained
 from cylforce.diagnosis.shrinkage import Gap
 from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.programs.reports import gap_figures
-from cylforce.programs.reports.gap_shown import Shown, shown
+from cylforce.programs.reports.gap_shown import shown
 from cylforce.programs.reports.gap_words import least, lines, rivals
-from cylforce.programs.reports.plain import Plain
-from cylforce.programs.reports.shape_figure import shape_figure
 from cylforce.programs.reports.template import Wanted, drawn, rendered
 from cylforce.programs.reports.units import SHOWN
+from cylforce.programs.wording.plain import Plain
 
 NOTHING: dict[str, Any] = {"lines": (), "rivals": (), "least": (), "figures": {}}
 
@@ -35,11 +33,12 @@ def _content(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -
         "lines": lines(machine, judged, answer),
         "rivals": rivals(machine, search, judged),
         "least": least(search),
-        "figures": _figures(search, judged, shown(search, judged, gap), answer),
+        "figures": _figures(search, judged, gap, answer),
     }
 
 
-def _figures(search: Search, judged: Judged, drawing: Shown, answer: dict[str, Any]) -> dict[str, Markup]:
+def _figures(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> dict[str, Markup]:
+    drawing, unknown = shown(search, judged, gap), answer["unknown"]
     spots = {(s["channel"], s["regime"]) for s in answer["where"] if s["found"]}
     wanted: Wanted = {
         "evidence": (lambda: gap_figures.bars(search, judged), "evidence of the candidates"),
@@ -50,10 +49,9 @@ def _figures(search: Search, judged: Judged, drawing: Shown, answer: dict[str, A
         ),
         "friction": (lambda: gap_figures.friction(search, drawing), "residual force over cylinder speed"),
     }
-    lie = unexplained(search, judged)
-    if lie is not None and lie.shapes[0].of != "none":
-        machine = search.original.model.machine
-        wanted["shape"] = (lambda: shape_figure(lie, machine), "residual over what it is a function of")
+    if unknown and unknown["of"] != "none":
+        figure = (lambda: gap_figures.shape(search.original, gap, unknown), "residual over what it is a function of")
+        wanted["shape"] = figure
     if drawing.overlays:
         wanted["signatures"] = (lambda: gap_figures.overlays(drawing.overlays), "effects laid over the residual")
     return drawn(wanted)

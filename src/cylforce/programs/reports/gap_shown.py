@@ -5,15 +5,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.evidence import Blocks, Evidence, Term
 from cylforce.diagnosis.problem import Problem, Seen
-from cylforce.diagnosis.residuals import fixed
-from cylforce.diagnosis.rows import BLOCK, RATE_HZ, Viewer
+from cylforce.diagnosis.residuals import rms
+from cylforce.diagnosis.rows import RATE_HZ, Viewer
 from cylforce.diagnosis.shrinkage import Gap, Simulation, written
-from cylforce.diagnosis.verdict import Judged, Named, Search
+from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.diagnosis.where import REGIMES
+from cylforce.effects.fault import Place
+from cylforce.effects.library import Proposal
+from cylforce.mechanics.machine import Machine
 from cylforce.programs.reports import evidence
 from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
 
 STRETCH_S = 30.0
 
@@ -30,8 +33,8 @@ class Heat(NamedTuple):
 
 
 class Overlay(NamedTuple):
-    """The stretch in which an effect shows most: title, recording, times (T,) [s], residual (T,) [N m] without
-    the effect, all else refitted, and the torque (T,) [N m] of it that the effect explains."""
+    """The stretch in which an effect shows most at the joint it acts on: title, recording, times (T,) [s], residual
+    (T,) [N m] without the effect, and the torque (T,) [N m] of it that the effect explains, simulated."""
 
     title: str
     recording: str
@@ -53,21 +56,30 @@ class Shown(NamedTuple):
 
 def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
     """What is drawn of a diagnosis."""
+    causes = written(search, judged)
+    simulation = Simulation(search, causes)
+    stages = [gap.nominal, *(simulation.left(causes[:k]) for k in range(1, len(causes))), *([gap.left] * bool(causes))]
+    labels = ("parameters refitted", *(f"+ {readable(cause.key)}" for cause in causes), "noise floor")
+    sizes = (gap.refit, *(rms(stage) for stage in stages[1:]), gap.floor)
     return Shown(
-        _heat(search, fixed(search)[0], gap.nominal, gap.left),
+        _heat(search, gap),
         _points(search.original, gap.nominal),
         _points(search.original, gap.left),
-        _overlays(search, judged.named),
-        _steps(search, judged, gap),
+        tuple(_overlay(search, n.cause.proposal, *stages[k : k + 2]) for k, n in enumerate(judged.named)),
+        (("as it was, parameters fixed", gap.fixed), *zip(labels, sizes, strict=True)),
     )
 
 
-def _heat(search: Search, clean: list[Array], before: list[Array], after: list[Array]) -> Heat:
+def _heat(search: Search, gap: Gap) -> Heat:
     problem = search.original
     machine = problem.model.machine
-    groups = ((problem.faulty, before), (problem.faulty, after), (problem.clean, clean))
+    groups = (
+        (problem.faulty, gap.nominal),
+        (problem.faulty, gap.left),
+        (problem.clean if gap.clean else (), gap.clean),
+    )
     tables = [np.array([_row(problem, *g, r) for r in range(len(machine.rows))]) for g in groups]
-    normal = np.where(np.isfinite(tables[2]), tables[2], search.floor.rms[:, None])
+    normal = np.where(np.isfinite(tables[2]), tables[2], gap.floor[:, None])
     return Heat(tuple(machine.links[j].name for j in machine.rows), tuple(REGIMES), tables[0], tables[1], normal)
 
 
@@ -101,34 +113,27 @@ def movers(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(model.machine.rows), tuple(acting[0] for acting in model.acting)
 
 
-def _overlays(search: Search, named: tuple[Named, ...]) -> tuple[Overlay, ...]:
-    """Fits without and with each named effect: the difference of their residuals is what it explains."""
-    problem, terms = search.original, [c.term for c in search.causes]
-    blocks = problem.blocks(search.floor)
-    admitted = _left(problem, blocks, terms)
-    return tuple(_overlay(search, n, _left(problem, blocks, _without(n, terms)), admitted) for n in named)
+def acts_on(machine: Machine, proposal: Proposal) -> list[int]:
+    """The measured joints, by row, on which an effect acts by itself: those that its cylinder, sensor or link moves."""
+    place, where = proposal.about.place, proposal.where
+    joints: tuple[int, ...] = machine.rows
+    if place in (Place.PRESSURE, Place.ANGLE, Place.SENSOR):
+        signal = machine.signals[where]
+        angle = signal.kind in (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
+        joints = (signal.index,) if angle else machine.spans[signal.index]
+    elif place is Place.CYLINDER:
+        joints = machine.spans[where]
+    elif place is Place.LINK:
+        joints = (where,)
+    return [r for r, j in enumerate(machine.rows) if j in joints] or list(range(len(machine.rows)))
 
 
-def _without(named: Named, terms: list[Term]) -> list[Term]:
-    return [term for term in terms if term is not named.cause.term]
-
-
-def _overlay(search: Search, named: Named, denied: list[Array], admitted: list[Array]) -> Overlay:
+def _overlay(search: Search, proposal: Proposal, denied: list[Array], admitted: list[Array]) -> Overlay:
     machine, own = search.original.model.machine, [a - b for a, b in zip(denied, admitted, strict=True)]
-    k, r, span = _most(search, own)
+    k, r, span = _most(search, own, acts_on(machine, proposal))
     seen = search.original.faulty[k]
-    title = f"{readable(named.cause.key)}: {machine.links[machine.rows[r]].name} torque"
+    title = f"{readable((proposal.name, proposal.at))}: {machine.links[machine.rows[r]].name} torque"
     return Overlay(title, seen.recorded.name, seen.rows.t[span], denied[k][span, r], own[k][span, r])
-
-
-def _left(problem: Problem, blocks: Blocks, terms: list[Term]) -> list[Array]:
-    """What is left of the faulty recordings (T, R) [N m], all fitted to all of them."""
-    solved = Evidence(blocks, terms)
-    each = solved.left(terms, solved.fitted)[1]
-    return [
-        np.einsum("trk,tk->tr", problem.columns(seen), np.repeat(each[a:b], BLOCK, axis=0)[: len(seen.rows.t)])
-        for seen, (a, b) in zip(problem.faulty, problem.spans, strict=True)
-    ]
 
 
 def readable(key: tuple[str, str]) -> str:
@@ -136,38 +141,18 @@ def readable(key: tuple[str, str]) -> str:
     return f"{key[0].replace('_', ' ')} at {key[1]}"
 
 
-def _most(search: Search, own: list[Array]) -> tuple[int, int, slice]:
-    """The recording, row and stretch in which a signature is largest against the floor."""
-    length, best, most = round(STRETCH_S * RATE_HZ), (0, 0, slice(0, None)), -1.0
+def _most(search: Search, own: list[Array], rows: list[int]) -> tuple[int, int, slice]:
+    """The recording, one of some rows and the stretch in which a signature is largest against the floor."""
+    length, best, most = round(STRETCH_S * RATE_HZ), (0, rows[0], slice(0, None)), -1.0
     for k, signature in enumerate(own):
-        usable = np.isfinite(search.original.faulty[k].rows.left)
-        squares = np.where(usable, signature / search.floor.rms, 0.0) ** 2
+        squares = np.nan_to_num((signature / search.question.floor.rms)[:, rows]) ** 2
         totals = np.cumsum(np.vstack([np.zeros_like(squares[:1]), squares]), axis=0)
         width = min(length, len(squares))
         inside = totals[width:] - totals[:-width]
         at, r = np.unravel_index(int(np.argmax(inside)), inside.shape)
         if inside[at, r] > most:
-            most, best = float(inside[at, r]), (k, int(r), slice(int(at), int(at) + width))
+            most, best = float(inside[at, r]), (k, rows[int(r)], slice(int(at), int(at) + width))
     return best
-
-
-def _steps(search: Search, judged: Judged, gap: Gap) -> tuple[tuple[str, Array], ...]:
-    """The gap as effect after effect is simulated, with the sizes that they have together."""
-    named = written(search, judged)
-    labels = [f"+ {readable(cause.key)}" for cause in named]
-    parts = [named[: k + 1] for k in range(len(labels) - 1)]
-    simulation = Simulation(search, named)
-    steps = [*(_mean(simulation.left(part)) for part in parts), gap.after]
-    return (
-        ("as it was, parameters fixed", gap.fixed),
-        ("parameters refitted", gap.refit),
-        *zip(labels, steps, strict=False),
-        ("noise floor", gap.floor),
-    )
-
-
-def _mean(residuals: list[Array]) -> Array:
-    return np.asarray([_rms([e[:, r] for e in residuals]) for r in range(residuals[0].shape[1])])
 
 
 def excess(heat: Heat, values: Array) -> NDArray[np.float64]:

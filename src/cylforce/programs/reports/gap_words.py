@@ -8,8 +8,8 @@ from cylforce.diagnosis.posterior import UNKNOWN
 from cylforce.diagnosis.verdict import Judged, Search
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.reports.fault_words import fault, place
 from cylforce.programs.reports.units import interval, shown
+from cylforce.programs.wording.fault_words import fault, place
 from cylforce.signals.kinds import Kind
 
 FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit

@@ -5,28 +5,35 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.bars import measured
-from cylforce.diagnosis.baselines import baselines
 from cylforce.diagnosis.clocks import Slip
-from cylforce.diagnosis.forward import Forward
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
-from cylforce.diagnosis.residuals import Ends
+from cylforce.diagnosis.problem import Problem, Seen
+from cylforce.diagnosis.residuals import pushed, rms, weighed
 from cylforce.diagnosis.shrinkage import Gap, written
 from cylforce.diagnosis.verdict import Cause, Judged, Named, Search, Suspect, Verdict
 from cylforce.diagnosis.where import Spot
 from cylforce.effects.incidents.clock_fault import ClockFault
-from cylforce.effects.library import Proposal
-from cylforce.signals.units import DEGREE
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.units import BAR
 
 CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
 SUREST = 0.99
 FEW = 3  # causes of which none stands out, that are told
 WIDE = 1.6449  # standard errors of a 90 % interval
+CONFIRM = {  # whether a shape of what is left is real
+    "speed": "move the {at} alone at five speeds, both ways: does it follow the same curve?",
+    "position": "move the {at} alone, slowly, thrice through its range and back: does it return at the same angles?",
+    "load": "repeat the same moves of the {at} empty and with two known loads: does it grow with the load?",
+    "time": "repeat the same moves of the {at} every ten minutes: does it go on changing?",
+    "moments": "repeat the moves at which it shows, see the plot of the {at}: does it return?",
+}
 
 
-def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spot], ahead: Forward) -> dict[str, Any]:
-    """The whole answer; SI units."""
-    hidden = _hidden(search)
+def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shape: dict[str, Any]) -> dict[str, Any]:
+    """The whole answer; SI units. `shape`: of what is left."""
+    hidden, unknown = _hidden(search), shape if judged.verdict in (Verdict.UNKNOWN, Verdict.PARTLY) else None
+    ends = {"payload_kg": weighed, "tip_force_n": pushed}
     return {
         "verdict": str(judged.verdict),
         "gap": _gap(search, judged, gap),
@@ -36,20 +43,15 @@ def answer(search: Search, judged: Judged, gap: Gap, ends: Ends, spots: list[Spo
         "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
         "explained": judged.explained,
         "end_quantities": {
-            "payload_kg": {"before": ends.payload[0], "after": ends.payload[1]},
-            "tip_force_n": {"before": ends.force[0], "after": ends.force[1]},
-        },
-        "forward": {
-            "horizon_s": ahead.horizon_s,
-            "before_deg": _known(ahead.before / DEGREE),
-            "after_deg": _known(ahead.after / DEGREE),
+            name: {"before": error(search.question, gap.nominal), "after": error(search.question, gap.left)}
+            for name, error in ends.items()
         },
         "probabilities": probabilities(search),
         "set": [{"name": name, "at": at} for name, at in search.belief.credible],
         "not_observable": hidden,
         "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
-        "baselines": {method: {"name": p.name, "at": p.at} for method, p in baselines(search).items()},
+        "unknown": unknown,
     }
 
 
@@ -93,13 +95,39 @@ def _spot(spot: Spot) -> dict[str, Any]:
 
 
 def _bars(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
-    """Per measured cylinder."""
-    machine = search.original.model.machine
-    names = [machine.cylinders[c].name for c in measured(machine)]
-    return {
-        name: {"fixed": a, "after": b, "floor": c}
-        for name, a, b, c in zip(names, *(x.tolist() for x in gap.bar), strict=True)
-    }
+    """Per measured cylinder, as pressure on its head side [bar, rms]."""
+    problem = search.original
+    quiet = (problem.clean, gap.clean)
+    if not gap.clean:
+        quiet = (problem.faulty, [np.broadcast_to(gap.floor, e.shape) for e in gap.nominal])
+    pairs = ((problem.faulty, gap.nominal), (problem.faulty, gap.left), quiet)
+    kinds = [rms(bars(problem, *pair)).tolist() for pair in pairs]
+    names = [problem.model.machine.cylinders[c].name for c in measured(problem.model.machine)]
+    return {name: {"fixed": a, "after": b, "floor": c} for name, a, b, c in zip(names, *kinds, strict=True)}
+
+
+def measured(machine: Machine) -> list[int]:
+    """The cylinders (from 0) whose force is measured and tells a torque."""
+    acting = {c for c, span in enumerate(machine.spans) if set(span) & set(machine.rows)}
+    return [c for c in sorted(acting) if machine.forces_measured[c]]
+
+
+def bars(problem: Problem, seen: Sequence[Seen], left: Sequence[Array]) -> list[Array]:
+    """Residuals (T, R) [N m] of recordings as pressures (T, C) [bar] on the head side of the measured cylinders, the
+    rod side as recorded: N m / lever / area. Where several cylinders move a joint they share it by their levers."""
+    machine = problem.model.machine
+    return [_pressed(machine, s.rows.posture, e) for s, e in zip(seen, left, strict=True)]
+
+
+def _pressed(machine: Machine, theta: Array, left: Array) -> Array:
+    chosen, rows = measured(machine), list(machine.rows)
+    lever = machine.geometry(theta).lever[:, chosen][:, :, rows]  # (T, C, R)
+    unknown = np.isnan(left)
+    force = np.einsum("trc,tr->tc", np.linalg.pinv(lever), np.where(unknown, 0.0, left))
+    acts = np.array([[j in machine.spans[c] for j in rows] for c in chosen])
+    lost = np.any(unknown[:, None, :] & acts, axis=-1)
+    area = np.array([machine.cylinders[c].area_head for c in chosen])
+    return np.asarray(np.where(lost, np.nan, force / area / BAR))
 
 
 def _place(cause: Cause, judged: Judged) -> dict[str, Any]:
@@ -153,7 +181,8 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
     can be concluded from what does not belong together."""
     worst = slips[0]
     verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
-    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(worst)]
+    each = [s for k, s in enumerate(slips) if not any({*s.sensors} <= {*larger.sensors} for larger in slips[:k])]
+    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(slip) for slip in each]
     cure = [ClockFault().about.confirm]
     return verdict, {"verdict": str(verdict), "effects": effects, "reason": apart(slips), "next_experiment": cure}
 
@@ -161,10 +190,13 @@ def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
 def apart(slips: Sequence[Slip]) -> str:
     """The sentence that pressures and angles are not on one clock, the largest lag first."""
     worst, names = slips[0], ", ".join(dict.fromkeys(slip.name for slip in slips))
+    whose = "the pressures" if worst.whole else f"{' and '.join(worst.sensors)}, and no other pressures,"
+    others = "".join(f", or {_late(a)} and {_late(b)}" for a, b in worst.others)
+    also = f" (as the motion repeats itself, it may also be{others[4:]})" if others else ""
     return (
-        f"pressures and angles are not on one clock in {names}: in {worst.name} the pressures are "
-        f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s. Pair them "
-        "by the time at which they were measured, not by their number, and record again"
+        f"pressures and angles are not on one clock in {names}: in {worst.name} {whose} are "
+        f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s{also}. Pair "
+        "them by the time at which they were measured, not by their number, and record again"
     )
 
 
@@ -179,16 +211,18 @@ def _clock_fault(slip: Slip) -> dict[str, Any]:
     return {
         "name": about.name,
         "at": "machine",
+        "sensors": list(slip.sensors),
         "when": f"{slip.first:.2f} s at {slip.begins:.0f} s, {slip.last:.2f} s at {slip.ends:.0f} s of {slip.name}",
         "parameters": {"size": size},
         "shape": {},
-        "confidence": float(min(slip.closed, SUREST)),
+        "confidence": min(slip.probability, SUREST),
         "confused_with": [],
+        "alternatives": [{"first_s": first, "last_s": last} for first, last in slip.others],
     }
 
 
-def _total(rms: "np.ndarray[Any, np.dtype[np.float64]]") -> float:
-    return float(np.sqrt(np.mean(rms**2)))
+def _total(each: Array) -> float:
+    return float(np.sqrt(np.mean(each**2)))
 
 
 def _known(value: float) -> float | None:
@@ -210,7 +244,7 @@ def _effect(named: Named, gap: Gap) -> dict[str, Any]:
         "at": proposal.at,
         "when": cause.when,
         "parameters": parameters(cause),
-        "shape": shape(proposal),
+        "shape": proposal.shape,
         "confidence": named.confidence,
         "confused_with": [{"name": r.key[0], "at": r.key[1]} for r in named.confused],
         "closure": {"value": _known(gap.closure), "low": _known(gap.low), "high": _known(gap.high)},
@@ -223,17 +257,9 @@ def _effect(named: Named, gap: Gap) -> dict[str, Any]:
 def parameters(cause: Cause) -> dict[str, dict[str, Any]]:
     """Sizes with their 90 % intervals."""
     about = cause.proposal.about
-    error = float(np.sqrt(np.mean(cause.errors[: about.axes] ** 2)))
-    value = cause.size if about.axes > 1 or len(cause.sizes) > len(set(cause.term.columns)) else None
-    value = float(cause.sizes[0]) if value is None else value
+    error = float(np.sqrt(np.mean(cause.errors[:, : about.axes] ** 2)))
+    value = cause.size if about.axes > 1 or len(cause.sizes) > 1 else float(cause.sizes[0, 0])
     return {"size": {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}}
-
-
-def shape(proposal: Proposal) -> dict[str, Any]:
-    """Numbers that the form of the effect has besides its size."""
-    effect = proposal.group[0]
-    fields = getattr(effect, "__dataclass_fields__", {})
-    return {name: getattr(effect, name) for name in fields}
 
 
 def _hidden(search: Search) -> list[dict[str, Any]]:
@@ -244,6 +270,11 @@ def _hidden(search: Search) -> list[dict[str, Any]]:
         for (name, at), size in search.least.items()
         if name != UNKNOWN[0] and size > largest[name, at] / 2.0
     ]
+
+
+def confirm(unknown: dict[str, Any] | None) -> list[str]:
+    """The experiment that would tell whether a shape is real."""
+    return [CONFIRM[unknown["of"]].format(at=unknown["at"])] if unknown and unknown["of"] in CONFIRM else []
 
 
 def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:

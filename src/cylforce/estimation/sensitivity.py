@@ -7,13 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.effects.effect import Effect
-from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
-from cylforce.effects.friction.coulomb_friction import CoulombFriction
-from cylforce.effects.friction.friction import Friction
-from cylforce.effects.friction.viscous_friction import ViscousFriction
-from cylforce.effects.loads.rigid import Rigid
-from cylforce.effects.loads.slew import Slew
+from cylforce.effects.effect import Effect, depends_on
 from cylforce.estimation.channels import Channels
 from cylforce.estimation.filters import Filter, fours, mean, slope
 from cylforce.estimation.model import Model
@@ -21,10 +15,6 @@ from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.machine import Geometry, Link, Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
-
-# What of a motion these effects, or laws of friction, depend on; all others may depend on anything.
-NEEDED: dict[type, tuple[str, ...]] = {Rigid: ("q", "qd", "g"), Slew: ("a", "slew")}
-NEEDED |= dict.fromkeys((CoulombFriction, ViscousFriction, AsymmetricFriction), ("speed", "lever"))
 
 
 @dataclass(frozen=True)
@@ -138,5 +128,4 @@ def _changed(values: Array, plain: Array) -> NDArray[np.bool_]:
 
 
 def _alike(effect: Effect, one: Motion, other: Motion) -> bool:
-    needed = NEEDED.get(type(effect.law if isinstance(effect, Friction) else effect))
-    return needed is not None and all(np.array_equal(getattr(one, k), getattr(other, k)) for k in needed)
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in depends_on(effect))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
 from cylforce.diagnosis.verdict import Verdict
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.reports.fault_words import amount, fault, number
+from cylforce.programs.wording.fault_words import amount, fault, number
 
 MOST = 0.6  # of a joint's difference, from which on a sentence says when it shows; as for shapes
 MOST_WHEN = 2  # circumstances that are told
@@ -24,15 +24,10 @@ WHEN = {
     "angle high": "at its larger angles",
 }
 SHAPES = {
-    "constant": "it is always the same",
     "speed": "it depends on how fast the cylinder moves",
     "position": "it depends on the joint's angle",
     "load": "it depends on the load",
-    "turning": "it depends on how fast the base turns",
     "time": "it changes with time",
-    "reversal": "it fades after the motion turned back",
-    "periodic": "it comes back in waves along the joint's angle",
-    "swinging": "it swings in time",
     "moments": "it comes for moments only",
 }
 SURE = ((0.95, "Almost certainly"), (0.8, "Very probably"), (0.5, "Probably"), (0.0, "Possibly"))  # convention
@@ -42,7 +37,7 @@ NEXT = "Do next"
 Lines = tuple[str, ...]
 
 
-class Point(NamedTuple):
+class Paragraph(NamedTuple):
     """A part of the answer: its title and one line or several."""
 
     title: str
@@ -53,21 +48,21 @@ class Plain(NamedTuple):
     """The answer in one sentence, and its parts."""
 
     headline: str
-    points: tuple[Point, ...]
+    points: tuple[Paragraph, ...]
 
 
 def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
     """What is wrong, how much, where, how sure, what else it may be, what it does, how much is explained, the next
     step."""
     points = (
-        Point("How much", _sizes(machine, answer)),
-        Point("Where", _where(answer)),
-        Point("How sure", _sure(answer)),
-        Point("It may also be" if answer["effects"] else "It may be", _others(machine, answer)),
-        Point("What it does", _harm(answer)),
-        Point("Once corrected" if answer["effects"] else "How large", _shrinks(answer)),
-        Point("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
-        Point(NEXT, _next(answer)),
+        Paragraph("How much", _sizes(machine, answer)),
+        Paragraph("Where", _where(answer)),
+        Paragraph("How sure", _sure(answer)),
+        Paragraph("It may also be" if answer["effects"] else "It may be", _others(machine, answer)),
+        Paragraph("What it does", _harm(answer)),
+        Paragraph("Once corrected" if answer["effects"] else "How large", _shrinks(answer)),
+        Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
+        Paragraph(NEXT, _next(answer)),
     )
     return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
 

@@ -1,0 +1,117 @@
+"""Recordings that a diagnosis cannot use as they are: an answer with its uncertainty, or a sentence that names the
+file; never a confident name. (Files that cannot be read, and recordings too short or at rest: test_gap.py.)"""
+
+import numpy as np
+import pytest
+
+from cylforce.diagnosis.rows import Recorded
+from cylforce.diagnosis.strangers import frozen, strange
+from cylforce.effects.imposed import imposed
+from cylforce.estimation.model import Model
+from cylforce.files.atomic import RecordingError
+from cylforce.files.tables import Table, write_table
+from cylforce.programs.gap import ALWAYS, Question, diagnose
+from cylforce.programs.sim import run_sim
+from cylforce.settings.machine_file import load
+from cylforce.simulation import scenario
+from cylforce.simulation.sensing import run, sensors
+from scenarios import CONFIG, SEED, truth_of
+
+LOADED = load(CONFIG / "excavator_stick_bucket.toml")
+SERVICE = LOADED.service
+NAMES = tuple(s.name for s in SERVICE.machine.signals)
+MODEL = Model(SERVICE.machine, SERVICE.filters, ALWAYS)
+RATE = SERVICE.filters.rate_hz
+PRESSURES = [k for k, name in enumerate(NAMES) if "pressure" in name]
+
+
+def moved(motion, *effects):
+    """A minute of the empty machine's moves."""
+    truth = truth_of(LOADED)._replace(effects=effects)
+    scene = scenario.moves(SERVICE.machine, np.random.default_rng((SEED, motion)), 60.0)
+    made, rng = sensors(SERVICE.machine, SERVICE.nodes), np.random.default_rng((SEED, motion, 2))
+    records = run(SERVICE.machine, truth, made, [scene], dt=1.0 / RATE, rng=rng)
+    return np.concatenate([record.values for record in records])
+
+
+@pytest.fixture(scope="module")
+def order():
+    """Four recordings of the machine in order."""
+    return [moved(k) for k in (1, 2, 3, 4)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("input")
+
+
+def written(path, values):
+    write_table(path, Table(np.arange(len(values)) / RATE, values, NAMES))
+    return path
+
+
+def held(values, name):
+    """The same with a sensor that never changes."""
+    found = values.copy()
+    found[:, NAMES.index(name)] = found[0, NAMES.index(name)]
+    return found
+
+
+def slowed(values):
+    """The same with all pressures at half speed."""
+    found, k = values.copy(), np.arange(len(values))
+    for s in PRESSURES:
+        found[:, s] = np.interp(0.5 * k, k, values[:, s])
+    return found
+
+
+def named(values):
+    return [Recorded(f"run {k}", each, 0.0) for k, each in enumerate(values)]
+
+
+def test_references_in_order_are_alike(order):
+    assert strange(MODEL, named(order)) == []
+    assert frozen(MODEL, named(order)) == []
+
+
+def test_the_reference_that_is_unlike_the_others_is_named(order):
+    faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
+    assert strange(MODEL, named([*order, faulty])) == ["run 4"]
+
+
+def test_of_two_references_neither_is_called_wrong(order):
+    faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
+    assert strange(MODEL, named([order[0], faulty])) == []
+
+
+def test_a_reference_of_another_machine_is_refused(order, folder, capsys):
+    """Its header names the machine file; a table lacks its signals."""
+    other = CONFIG / "excavator_20t.toml"
+    run_sim(other, scenario="moves", duration=30.0, seed=SEED, log=folder / "other.log")
+    capsys.readouterr()
+    field = written(folder / "field.csv", order[1])
+    with pytest.raises((RecordingError, ValueError), match=r"excavator_20t\.toml"):
+        diagnose(LOADED, Question((field,), (folder / "other.log",)))
+    write_table(folder / "less.csv", Table(np.arange(len(order[0])) / RATE, order[0][:, 1:], NAMES[1:]))
+    with pytest.raises((RecordingError, ValueError), match=r"less\.csv"):
+        diagnose(LOADED, Question((field,), (folder / "less.csv",)))
+
+
+def test_a_frozen_pressure_in_the_field_is_told(order, folder):
+    path = written(folder / "stuck.csv", held(order[0], "bucket_rod_pressure"))
+    found = diagnose(LOADED, Question((path,), (written(folder / "order.csv", order[1]),)))
+    assert (found.answer["verdict"], found.answer["effects"]) == ("not_observable", [])
+    assert "bucket_rod_pressure never changes in stuck.csv" in found.answer["reason"]
+
+
+def test_references_that_are_none_are_named_and_the_diagnosis_goes_on(order, folder):
+    """One with clocks apart, one with a frozen sensor; two are left, and the field is as these are."""
+    paths = [written(folder / f"reference_{k}.csv", values) for k, values in enumerate(order[:2])]
+    paths.append(written(folder / "late.csv", slowed(order[2])))
+    paths.append(written(folder / "stuck.csv", held(order[2], "bucket_rod_pressure")))
+    found = diagnose(LOADED, Question((written(folder / "field.csv", order[3]),), tuple(paths)))
+    assert found.answer["verdict"] == "no_gap"
+    warned = " ".join(found.answer["warnings"])
+    assert "late.csv is no reference" in warned
+    assert "bucket_rod_pressure never changes in stuck.csv" in warned
+    assert "reference_" not in warned
