@@ -176,7 +176,7 @@ def test_orders_from_a_terminal():
         return found
 
     target, following, cancel, shown, silent = asyncio.run(main())
-    assert scale.told(target[1]) == "truck 1: 0.0 kg of 9000.0 kg in 0 buckets; last booking 0"
+    assert scale.told(target[1], SERVICE.tools) == "truck 1: 0.0 kg of 9000.0 kg in 0 buckets; last booking 0"
     assert following[1].number == shown[1].number == 2
     assert (cancel[0].done, cancel[0].why) == (False, "08000022")
     assert (silent[0].done, silent[0].why) == (False, "no answer")
@@ -187,12 +187,15 @@ def test_orders_from_a_terminal():
     [
         ("dance", None, "is no order: use show, zero"),
         ("target", None, "needs a number"),
-        ("zero", 1.0, "takes no number"),
+        ("zero", "1.0", "takes no number"),
+        ("target", "much", "target much: is no number"),
+        ("attachment", None, "needs the name of an attachment"),
+        ("attachment", "crab", "crab: is no attachment of the machine file: use standard, grab"),
     ],
 )
 def test_what_is_no_order_is_said(order, number, words):
     with pytest.raises(ValueError, match=words):
-        scale.check(order, number)
+        scale.number_of(order, number, ("standard", "grab"))
 
 
 class Web:

@@ -47,7 +47,8 @@ class Painter:
             "force": _force(values, names.SOIL, (names.SOIL_X_ERROR, names.SOIL_Z_ERROR)),
             "resultant": _force(values, names.FORCES, (names.X_ERROR, names.Z_ERROR)),
             "arm": self._arm(sample),
-            "rated": self._machine.rated_payload,
+            "rated": self._rated(loading),
+            "tools": self._listener.service.tools,
             "truck": loading.known._asdict() | _advice(loading, weight) if loading.known else None,
             "buckets": [bucket._asdict() for bucket in loading.buckets],
             "marks": self._marks._asdict(),
@@ -85,6 +86,11 @@ class Painter:
         shapes = {"links": found.links, "cylinders": found.cylinders, "rockers": found.rockers, "bars": found.bars}
         drawn: Picture = {name: [_points(shape) for shape in each] for name, each in shapes.items()}
         return drawn | {"tool": _points([tool])[0], "reach": self._reach, "fresh": not any(sample.reasons)}
+
+    def _rated(self, loading: Loading) -> float:
+        """Rated payload [kg] with the tool that is chosen."""
+        service, number = self._listener.service, loading.known.tool if loading.known else 0
+        return service.fitted(service.tools[number]).machine.rated_payload if number < len(service.tools) else 0.0
 
     @property
     def _reach(self) -> float:

@@ -32,6 +32,7 @@ MISSING = 0x8250  # a sensor's PDOs stopped
 
 OnEstimate = Callable[[Estimate], None]
 NOT_MEASURED = "the measurement was interrupted before the bucket was seen empty"
+OTHER_TOOL = "the empty tool is off zero: other bucket? dirt? clean it, or choose the attachment"
 NOT_SEEN_EMPTY = "the bucket was not seen empty clearly enough before the next load"
 
 
@@ -42,6 +43,7 @@ class LastLogged(NamedTuple):
     status: Status
     booked: int
     missed: int = 0
+    other_tool: bool = False
 
 
 class Daemon(Station[State]):
@@ -59,7 +61,7 @@ class Daemon(Station[State]):
         super().__init__(core.service, partial(step, core), core.begin(kept), bus, log)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
-        self._books = Ledger(self.node, recorder, kept)
+        self._books = Ledger(self.node, recorder, kept, core.service.tools)
         booked = kept.booking.number if kept.booking else 0
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
 
@@ -89,14 +91,23 @@ class Daemon(Station[State]):
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
         missed = self.state.weighing.books.missed.number
-        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed)
+        off = self.state.weighing.tool.off
+        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed, off is not None)
         if now[:2] != self._logged[:2]:
             self._say_measurement(reason)
         if estimate.booking is not None and now.booked != self._logged.booked:
             self._say_booking(estimate.booking)
         if now.missed != self._logged.missed:
             self._say_missed(self.state.weighing.books.missed)
+        if now.other_tool != self._logged.other_tool:
+            self._say_tool(off)
         self._logged = now
+
+    def _say_tool(self, off: float | None) -> None:
+        if off is None:
+            self._tell.info("the empty tool is at zero again", attachment=self.state.tool)
+        else:
+            self._tell.warning("nothing is booked", attachment=self.state.tool, off_kg=round(off, 1), why=OTHER_TOOL)
 
     def _say_measurement(self, reason: Reason) -> None:
         if reason is Reason.NONE:

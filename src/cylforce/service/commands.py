@@ -12,6 +12,7 @@ SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # both spellings of t
 LOADING = 0x2190  # ours: the truck that is being loaded
 TARGET, PRODUCT, NEXT, CANCEL, ACCEPT = 1, 2, 3, 4, 5  # its sub-indices that are commands
 NEXT_WORD = b"next"
+TOOL = 12  # ... and the one that chooses a tool by its number
 KG = 0.1  # kg, of the target's integer
 WRONG_VALUE = 0x06090030  # the same code: the written value is not the signature
 FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, or with size 4 (CiA 301)
@@ -32,6 +33,23 @@ class LoadingCommand(NamedTuple):
     data: bytes
 
 
+class ToolCommand(NamedTuple):
+    """Another tool is on the machine: its number."""
+
+    number: int
+
+
+AnyCommand = Command | LoadingCommand | ToolCommand
+
+
+class ToolRuling(NamedTuple):
+    """The tool after a command; 0, or the SDO abort code; what was decided, in words."""
+
+    tool: str
+    verdict: int
+    words: str
+
+
 class Answer(NamedTuple):
     """The new (zero, tare) [kg]; the verdict: 0, or the SDO abort code; what was decided and why, in words."""
 
@@ -40,14 +58,16 @@ class Answer(NamedTuple):
     words: str
 
 
-def read(frame: Frame, node_id: int) -> Command | LoadingCommand | None:
-    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5 of our node; None for any
-    other frame. A download of another length is refused by the SDO server itself."""
+def read(frame: Frame, node_id: int) -> AnyCommand | None:
+    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5 or 12 of our node; None
+    for any other frame. A download of another length is refused by the SDO server itself."""
     if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
     if index == LOADING and TARGET <= frame.data[3] <= ACCEPT:
         return LoadingCommand(frame.data[3], frame.data[4:8])
+    if index == LOADING and frame.data[3] == TOOL:
+        return ToolCommand(int.from_bytes(frame.data[4:8], "little"))
     if index not in SIGNATURES or frame.data[3] != 1:
         return None
     return Command("zero" if index == ZERO else "tare", frame.data[4:8])
@@ -88,6 +108,16 @@ def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
         return next_truck(truck)
     words = f"next truck refused: the four bytes written must be the word next, not {command.data!r}"
     return Ruling(truck, WRONG_VALUE, words)
+
+
+def fitted(number: int, tools: tuple[str, ...], present: str) -> ToolRuling:
+    """Which tool of `tools` a number means; the one `present` is chosen once more without effect."""
+    if number >= len(tools):
+        known = ", ".join(f"{k} {name}" for k, name in enumerate(tools))
+        return ToolRuling(present, TOO_FAR, f"attachment refused: {number} is none of {known}")
+    if tools[number] == present:
+        return ToolRuling(present, 0, f"attachment {present} is chosen already")
+    return ToolRuling(tools[number], 0, f"attachment {tools[number]} chosen: zero and tare are 0")
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:

@@ -22,6 +22,7 @@ from cylforce.estimation.residual import (
 )
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled, unseen
+from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, invalid, invalid_load
 
@@ -74,12 +75,13 @@ class Weight(NamedTuple):
 
 
 class Weighing(NamedTuple):
-    """State of the weighing: the present lift, what is to be booked or was booked last, and when something was measured
-    last [us] (None: not yet)."""
+    """State of the weighing: the present lift, what is to be booked or was booked last, when something was measured
+    last [us] (None: not yet), and whether the tool is the one that was chosen."""
 
     lift: Lift
     books: Books
     seen_us: int | None = None
+    tool: ToolCheck = NOT_CHECKED
 
 
 @dataclass(frozen=True)
@@ -274,10 +276,24 @@ class Weigher:
             return Reason.NOT_A_LOAD
         return Reason.UNCERTAIN if weight.standard_error >= self.model.machine.rated_payload else None
 
+    def _checked(self, check: ToolCheck, lift: Lift, weight: Weight) -> ToolCheck:
+        """The check of the tool with the weight of a lift that goes on in motion."""
+        limit, settled = SMALLEST * self.model.machine.rated_payload, MIN_SECONDS * self.model.filters.rate_hz
+        noise = sqrt(lift.covariance[0, 0])
+        if lift.refused or lift.moving < settled or noise > GOOD_ENOUGH * self.model.machine.rated_payload:
+            return check
+        certain = abs(weight.mass) > max(limit, 3.0 * weight.standard_error)
+        plausible = self._plausible(weight)
+        impossible = not plausible and (weight.mass < 0.0 or not certain)
+        return checked(check, weight.mass, limit, empty=plausible and not certain, impossible=impossible)
+
     def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift) -> Weighing:
         """The state with what is to be booked, looked at every LATER_S of a lift."""
         often = round(LATER_S * self.model.filters.rate_hz)
-        if state.lift.taken % often or self._doubt(state.lift, weight) is not None:
+        if state.lift.taken % often:
+            return state
+        state = state._replace(tool=self._checked(state.tool, state.lift, weight))
+        if self._doubt(state.lift, weight) is not None:
             return state
         rated, weighed = self.model.machine.rated_payload, self._weighed(state.lift)
         return state._replace(books=noted(state.books, weighed, rated, t_us, self.tares, drift))

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from cylforce.settings.arm import (
+    AttachmentTable,
     CylinderTable,
     LinkTable,
     MachineTable,
@@ -233,6 +234,9 @@ class MachineFile(SettingsTable):
         min_length=1, strict=False, description="The arm's links, from the house outwards."
     )
     tool: ToolTable = Field(description="The tooth line, where forces act.")
+    attachments: tuple[AttachmentTable, ...] = Field(
+        default=(), strict=False, description="Other tools that can take the last link's place."
+    )
     cylinders: tuple[CylinderTable, ...] = Field(min_length=1, strict=False, description="The arm's cylinders.")
     nodes: tuple[NodeTable, ...] = Field(min_length=1, strict=False, description="The sensor nodes on the bus.")
     sensors: tuple[SensorTable, ...] = Field(min_length=1, strict=False, description="What is measured.")

@@ -53,6 +53,7 @@ class Reason(IntEnum):
     NOT_IDENTIFIED = 23
     NOT_THIS_MACHINE = 24
     NO_CONTACT = 25
+    OTHER_TOOL = 26
 
 
 class Sample(NamedTuple):

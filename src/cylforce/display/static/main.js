@@ -60,6 +60,10 @@ for (const button of document.querySelectorAll("[data-command]")) {
 }
 at("target").addEventListener("click", target);
 at("product").addEventListener("click", product);
+at("attachment").addEventListener("change", async () => {
+  at("attachment").blur();
+  await command("attachment", Number(at("attachment").value));
+});
 at("cancel").addEventListener("click", () => command("cancel", last?.truck?.last ?? 0));
 window.addEventListener("hashchange", show);
 blank();

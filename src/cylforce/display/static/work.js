@@ -13,6 +13,14 @@ export function showWork(picture) {
   drawArm(at("arm"), picture.arm, picture.force,
     hanging ? { share: picture.weight.net / picture.rated, text: `${kg(picture.weight.net)} kg` } : null);
   showTruck(picture);
+  showTools(picture);
+}
+
+function showTools({ tools, truck }) {
+  const box = at("attachment");
+  box.hidden = tools.length < 2;
+  if (box.options.length !== tools.length) box.replaceChildren(...tools.map((name, k) => new Option(`${t("Attachment")}: ${name}`, k)));
+  if (truck && document.activeElement !== box) box.value = truck.tool;
 }
 
 function showWeight(weight, rated) {
