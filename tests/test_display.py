@@ -25,8 +25,9 @@ from cylforce.display.serving import Display, Served
 from cylforce.display.stream import Feed
 from cylforce.display.words import FOLDER, PAGE, REASONS, catalogue, languages, messages, spoken
 from cylforce.programs import scale
+from cylforce.programs.common.addresses import host_and_port
 from cylforce.programs.common.readings import make_core
-from cylforce.programs.display import host_and_port, read_pin
+from cylforce.programs.display import read_pin
 from cylforce.programs.run import Daemon
 from cylforce.service.publication import frames
 from cylforce.service.state import NOTHING_KEPT
@@ -342,9 +343,9 @@ def test_other_computers_need_a_pin(tmp_path):
     with pytest.raises(ValueError, match="cannot be read"):
         read_pin(tmp_path / "absent", "127.0.0.1")
     assert read_pin(None, "127.0.0.1") == ""
-    assert host_and_port("[::1]:80") == ("::1", 80)
+    assert host_and_port("--listen", "[::1]:80") == ("::1", 80)
     with pytest.raises(ValueError, match="is no address: write HOST:PORT"):
-        host_and_port("8080")
+        host_and_port("--listen", "8080")
 
 
 def test_the_pictures_of_its_chapter_are_small():
