@@ -48,7 +48,7 @@ def _write_node(loaded: Loaded, outputs: DescriptionFiles) -> None:
     if outputs.eds is not None:
         _write(outputs.eds, eds(service.publication, round(1e3 * service.heartbeat_s), sync_us))
     if outputs.dbc is not None:
-        _write(outputs.dbc, dbc(service.publication, service.node_id))
+        _write(outputs.dbc, dbc(service.publication, service.node_id, service.nodes, round(1e3 * service.heartbeat_s)))
 
 
 def _schema() -> str:
