@@ -74,6 +74,7 @@ class Service(NamedTuple):
     effects: tuple[str, ...]  # names of the friction laws from which the identification chooses
     adapt: bool = True  # whether friction and pressure zeros are adapted in service to temperature and wear
     attachments: tuple[Attachment, ...] = ()
+    j1939_address: int | None = None  # source address on J1939; None: nothing is sent there
 
     @property
     def tools(self) -> tuple[str, ...]:

@@ -191,6 +191,7 @@ def _service(file: MachineFile, built: Machine, parts: Parts) -> Service:
         effects=tuple(sorted(set(file.friction.effects), key=FRICTION.index)),
         adapt=file.friction.adapt,
         attachments=parts.attachments,
+        j1939_address=file.publication.j1939_address,
     )
 
 

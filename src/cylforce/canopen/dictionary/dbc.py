@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from cylforce.canopen.j1939 import OURS, VEHICLE_WEIGHT, identifier
 from cylforce.mechanics.installation import SensorNode
 from cylforce.service.publication import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
 from cylforce.signals.contact import EventKind
@@ -46,11 +47,20 @@ class DbcMessage(NamedTuple):
     note: str
 
 
-def dbc(pdos: Sequence[Pdo], node_id: int, sensors: Sequence[SensorNode] = (), heartbeat_ms: int = 500) -> str:
-    """The file's text (ASCII): our TPDOs, heartbeat and emergency message, and those of the sensors; little endian."""
+def dbc(
+    pdos: Sequence[Pdo],
+    node_id: int,
+    sensors: Sequence[SensorNode] = (),
+    heartbeat_ms: int = 500,
+    j1939: int | None = None,
+) -> str:
+    """The file's text (ASCII): our TPDOs, heartbeat and emergency message, and those of the sensors; little endian.
+    `j1939`: our address there, if any."""
     everything = [(NODE, node_id, pdos, heartbeat_ms)]
     everything += [(node.name, node.node_id, node.pdos, round(1e3 * node.heartbeat_s)) for node in sensors]
-    messages = sorted((m for node in everything for m in _messages(*node)), key=lambda message: message.can_id)
+    found = [message for node in everything for message in _messages(*node)]
+    found += _j1939(j1939, round(1e3 * pdos[0].period_s)) if j1939 is not None else []
+    messages = sorted(found, key=lambda message: message.can_id)
     tables = [pdo for _, _, own, _ in everything for pdo in own]
     return "".join(
         [
@@ -79,6 +89,35 @@ def _messages(name: str, node_id: int, pdos: Sequence[Pdo], heartbeat_ms: int) -
     yield DbcMessage(f"{name}_emergency", 0x80 + node_id, 8, name, _emergency(), 0, f"EMCY of node {node_id}")
 
 
+def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
+    """Our messages on J1939 (`canopen/j1939.py`)."""
+    absent, largest = {0xFFFF: "no_value"}, 64255.0
+    payload, force = ("payload_status", "payload_reason"), ("soil_magnitude_status", "soil_magnitude_reason")
+    weight = [DbcSignal("cargo_weight", 40, 16, False, 2.0, 0.0, "kg", absent, 0.0, 2.0 * largest)]
+    ours = [
+        DbcSignal("payload_standard_error", 0, 16, False, 0.1, 0.0, "kg", absent, 0.0, 0.1 * largest),
+        DbcSignal("soil_magnitude", 16, 16, False, 10.0, 0.0, "N", absent, 0.0, 10.0 * largest),
+        DbcSignal("soil_direction", 32, 16, False, 0.01, -180.0, "deg", absent, -180.0, 180.0),
+        *_quality(*payload, 48),
+        *_quality(*force, 56),
+    ]
+    return [
+        DbcMessage(name, identifier(pgn, address), 8, NODE, signals, period_ms, f"J1939, PGN {pgn}: {what}")
+        for name, pgn, signals, what in (
+            ("vehicle_weight", VEHICLE_WEIGHT, weight, "Vehicle Weight, SPN 181"),
+            (f"{NODE}_j1939", OURS, ours, "Proprietary B"),
+        )
+    ]
+
+
+def _quality(status: str, reason: str, start: int, bits: int = 8) -> list[DbcSignal]:
+    """A quality byte as its two parts."""
+    return [
+        DbcSignal(status, start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status)),
+        DbcSignal(reason, start + _STATUS_BITS, bits - _STATUS_BITS, False, 1.0, 0.0, "", _names(Reason)),
+    ]
+
+
 def _signals(pdo: Pdo) -> list[DbcSignal]:
     found: list[DbcSignal] = []
     start = 0
@@ -93,9 +132,7 @@ def _field(field: Field, start: int) -> Iterable[DbcSignal]:
         return
     if field.signal in (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values()):
         what = field.signal.removesuffix("_quality")
-        yield DbcSignal(f"{what}_status", start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status))
-        bits = 8 * CODES[field.code] - _STATUS_BITS
-        yield DbcSignal(f"{what}_reason", start + _STATUS_BITS, bits, False, 1.0, 0.0, "", _names(Reason))
+        yield from _quality(f"{what}_status", f"{what}_reason", start, 8 * CODES[field.code])
         return
     unit, size = _UNITS.get(field.unit, (field.unit, 1.0))
     words = {} if field.code == "f" else {int(not_available(field.code)): "no_value"}
