@@ -11,7 +11,7 @@ import pytest
 
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.addresses import host_and_port
-from cylforce.programs.mqtt import Broker, pass_on, run_mqtt, summaries
+from cylforce.programs.live.mqtt import Broker, pass_on, run_mqtt, summaries
 from cylforce.records.outbox import pending
 from cylforce.records.recorder import Recorder
 from cylforce.records.schema import MIGRATIONS, migrate, open_labels

@@ -125,8 +125,9 @@ def request(what: str, value: float) -> tuple[int, int, bytes] | None:
     numbers["attachment"] = commands.TOOL
     if what in fixed:
         return fixed[what]
-    if what == "target" and abs(value) < 1e8:
-        return commands.LOADING, commands.TARGET, pack("<i", round(value / KG))
+    masses = {"target": commands.TARGET, "add": commands.ADD}
+    if what in masses and abs(value) < 1e8:
+        return commands.LOADING, masses[what], pack("<i", round(value / KG))
     if what in numbers and 0 <= value < 1 << 32:
         return commands.LOADING, numbers[what], pack("<I", int(value))
     return None

@@ -41,8 +41,14 @@ def ticket_page(made: Ticket, language: str) -> str:
 
 
 def _rows(made: Ticket, language: str) -> list[str]:
+    say = catalogue(language).gettext
     cells = [
-        (str(line.number), _time(line.t_us, language), line.product, f"{_kg(line.mass, language)} kg")
+        (
+            str(line.number),
+            _time(line.t_us, language),
+            line.product,
+            f"{_kg(line.mass, language)} kg" + f" ({say('by hand')})" * line.by_hand,
+        )
         for line in made.lines
     ]
     return [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells]

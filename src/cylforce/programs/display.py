@@ -17,7 +17,7 @@ def display(
     address: str,
     names: tuple[str, ...],
     pin_file: Path | None,
-    marks: tuple[float, float, float],
+    marks: tuple[float, float, float, float],
     language: str,
 ) -> None:
     """Serve until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
@@ -27,13 +27,29 @@ def display(
     except ImportError as error:
         raise ValueError(f"the display needs more packages ({error.name}): pip install 'cylforce[display]'") from error
     host, port = host_and_port("--listen", address)
-    shares = tuple(0.01 * mark for mark in marks)
-    if not 0.0 < shares[0] <= shares[1] <= shares[2]:
-        raise ValueError("--amber, --green, --red: must rise, in percent of the target, e.g. 75, 95, 110")
+    shares = Marks(*shares_of(marks))
     pin = read_pin(pin_file, host)
     service = load_machine(machine).service
-    served = Served(service, records, host, port, names, pin, Marks(*shares), language)
+    served = Served(service, records, host, port, names, pin, shares, language)
     run_display(served, open_shared_bus(bus), partial(print, flush=True))
+
+
+def display_in_terminal(machine: Path, bus: str, marks: tuple[float, float, float, float], language: str) -> None:
+    """The same as text, until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
+    from cylforce.display.picture import Marks
+    from cylforce.display.terminal import run_terminal
+
+    shares, service = Marks(*shares_of(marks)), load_machine(machine).service
+    run_terminal(service, open_shared_bus(bus), shares, language)
+
+
+def shares_of(marks: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The marks of the target bar, given in percent, as shares, and the minutes of the reminder. Raises ValueError
+    unless they rise."""
+    amber, green, red = (0.01 * mark for mark in marks[:3])
+    if not 0.0 < amber <= green <= red:
+        raise ValueError("--amber, --green, --red: must rise, in percent of the target, e.g. 75, 95, 110")
+    return amber, green, red, marks[3]
 
 
 def read_pin(pin_file: Path | None, host: str) -> str:

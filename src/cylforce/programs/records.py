@@ -95,7 +95,10 @@ def ticket_text(made: Ticket) -> str:
     copy = "" if made.printed == 1 else f" (copy {made.printed - 1})"
     head = [f"Ticket {made.number}{copy}, truck {made.truck}", f"{made.machine}, {iso(made.t_us)}"]
     labels = [f"{name}: {text}" for name, text in made.labels.items() if text]
-    lines = [f"{x.number:6d}  {iso(x.t_us)}  {x.mass:8.1f} kg  {x.product}".rstrip() for x in made.lines]
+    lines = [
+        f"{x.number:6d}  {iso(x.t_us)}  {x.mass:8.1f} kg  {x.product}{' by hand' * x.by_hand}".rstrip()
+        for x in made.lines
+    ]
     total = f"Total: {made.mass:.1f} kg +- {made.standard_error:.1f} kg in {len(made.lines)} buckets"
     return "\n".join([*head, *labels, *lines, total])
 

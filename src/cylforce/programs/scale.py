@@ -11,7 +11,7 @@ from cylforce.display.words import REFUSALS
 from cylforce.programs.common.machine_file import load_machine
 
 SHOW = "show"
-ALONE, NUMBERED = ("zero", "tare", "next"), ("target", "product", "cancel", "accept")
+ALONE, NUMBERED = ("zero", "tare", "next"), ("target", "product", "cancel", "accept", "add")
 ATTACHMENT = "attachment"
 ORDERS = (SHOW, *ALONE, *NUMBERED, ATTACHMENT)
 

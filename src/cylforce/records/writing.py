@@ -8,6 +8,7 @@ from cylforce.service.loading.truck import KEPT, Bucket, Truck
 from cylforce.service.state import Memory, Scale
 from cylforce.signals.estimate import Booking
 
+BY_HAND = "BY_HAND"  # status of a booking that the operator gave
 RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"
 
 

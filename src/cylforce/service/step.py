@@ -69,12 +69,24 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
 def _commanded(core: Core, state: State, command: commands.AnyCommand) -> tuple[State, Output]:
     if isinstance(command, commands.ToolCommand):
         return _with_tool(core, state, command.number)
+    if isinstance(command, commands.LoadingCommand) and command.sub == commands.ADD:
+        return _by_hand(state, command.data)
     if isinstance(command, commands.LoadingCommand):
         truck, verdict, words = commands.obey_loading(command, state.truck)
         return state._replace(truck=truck), Output(verdict, words=words)
     rated = core.fitted[state.tool].service.machine.rated_payload
     scale, verdict, words = commands.obey(command, state.scale, state.estimate.load.mass, rated)
     return state._replace(scale=Scale(*scale)), Output(verdict, words=words)
+
+
+def _by_hand(state: State, data: bytes) -> tuple[State, Output]:
+    """The state with a bucket that was not weighed. A booking that was still becoming more precise is left as it is."""
+    books = state.weighing.books
+    made, (truck, verdict, words) = commands.added(data, books.booking, state.estimate.t_us, state.truck)
+    if made is not None:
+        weighing = state.weighing._replace(books=books._replace(booking=made, dumped=None))
+        state = state._replace(weighing=weighing, truck=truck)
+    return state, Output(verdict, words=words)
 
 
 def _with_tool(core: Core, state: State, number: int) -> tuple[State, Output]:
@@ -111,7 +123,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
-    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting)
+    curled = _curled(core, channels)
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting, curled=curled)
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
@@ -128,6 +141,12 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         interaction=interaction,
     )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
+
+
+def _curled(core: Core, channels: Array) -> bool:
+    """Whether the bucket is curled as far as the machine file wants it for a booking."""
+    machine = core.service.machine
+    return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
 
 
 def _booked(state: State, before: Booking | None) -> State:

@@ -24,7 +24,7 @@ from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled, unseen
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information
-from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, invalid, invalid_load
+from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
@@ -106,17 +106,8 @@ class Weigher:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        return Lift(
-            root,
-            *solution(root),
-            nothing,
-            0,
-            0,
-            0,
-            np.zeros(len(machine.rows)),
-            np.stack([information(root, nothing)] * 2),
-            mixed=False,
-        )
+        rested, marks = np.zeros(len(machine.rows)), np.stack([information(root, nothing)] * 2)
+        return Lift(root, *solution(root), nothing, 0, 0, 0, rested, marks, mixed=False)
 
     @property
     def _again(self) -> Lift:
@@ -146,10 +137,12 @@ class Weigher:
         t_us: int,
         drift: Drift | None = None,
         drifting: Array | None = None,
+        *,
+        curled: bool = True,
     ) -> tuple[Weighing, Load]:
         """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
         [us]; the `drift`, which is already subtracted from the residual, and its columns `drifting` (R, D). Without
-        them friction and zeros are those of the tares."""
+        them friction and zeros are those of the tares. A load is noted for booking while the bucket is `curled`."""
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
@@ -161,8 +154,11 @@ class Weigher:
         elif not lift.taken and state.lift.taken:
             state = state._replace(books=spilled(state.books))
         weight = self._conclude(lift, drift)
-        state = self._note(state._replace(lift=lift, seen_us=t_us), weight, t_us, drift)
-        return state, self._judge(lift, weight)
+        state = state._replace(lift=lift, seen_us=t_us)
+        load = self._judge(lift, weight)
+        if not curled and weight.mass >= SMALLEST * self.model.machine.rated_payload:
+            return state, Load(*(degraded(q, Reason.NOT_CURLED) for q in load))
+        return self._note(state, weight, t_us, drift), load
 
     def is_empty(self, load: Load) -> bool:
         """Whether the bucket is known to be empty and in the air: a load without a value is no empty bucket."""

@@ -113,6 +113,9 @@ class ToolTable(SettingsTable):
     """The tooth line, where forces act."""
 
     point_m: XZ = Field(description="[x, z] of the tooth line (or hook) in the last link's frame.")
+    curled_deg: AngleRange | None = Field(
+        default=None, description="Angles of the last joint at which loads are booked: bucket curled. Default: any."
+    )
 
 
 class AttachmentTolerance(SettingsTable):

@@ -15,6 +15,7 @@ from cylforce.settings.arm import (
     LinkTable,
     MachineTable,
     Pin,
+    ToolTable,
     TriangleTable,
 )
 from cylforce.settings.error import FaultError, Inspection
@@ -44,6 +45,7 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
         payload_reach=file.machine.payload_reach_m or abs(tool),
         slew_axis=file.machine.slew_axis_m,
         gravity=gravity,
+        curled=_curled(file.tool),
     )
 
 
@@ -70,7 +72,12 @@ def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
         tool=tool,
         rated_payload=table.rated_payload_kg,
         payload_reach=table.payload_reach_m or abs(tool),
+        curled=standard.curled if table.kind == "bucket" else None,
     )
+
+
+def _curled(table: ToolTable) -> tuple[float, float] | None:
+    return None if table.curled_deg is None else (table.curled_deg[0] * DEGREE, table.curled_deg[1] * DEGREE)
 
 
 def _gravity(table: MachineTable) -> float:

@@ -102,7 +102,7 @@ def mqtt(
 ) -> None:
     """Pass bookings on to an MQTT broker, until Ctrl-C; what it has not confirmed waits."""
     from cylforce.programs.common.addresses import host_and_port, secret_of
-    from cylforce.programs.mqtt import Broker, run_mqtt
+    from cylforce.programs.live.mqtt import Broker, run_mqtt
 
     host, port = host_and_port("--broker", broker)
     password = secret_of("--password-file", password_file) if password_file else ""

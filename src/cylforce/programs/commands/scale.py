@@ -13,7 +13,7 @@ def scale(
     machine: MachineFile,
     order: Annotated[
         str,
-        typer.Argument(help="show, zero, tare, target KG, product N, next, cancel N, accept N, attachment NAME."),
+        typer.Argument(help="show, zero, tare, next; target, add KG; product, cancel, accept N; attachment NAME."),
     ],
     value: Annotated[str | None, typer.Argument(help="What the order needs.")] = None,
     bus: Bus = "socketcan:can0",

@@ -21,9 +21,9 @@ from cylforce.canopen.dictionary.object_dictionary import (
 from cylforce.canopen.node import Node
 from cylforce.mechanics.installation import STANDARD
 from cylforce.records.recorder import Recorder
-from cylforce.records.writing import BookedBucket, Change, Start
+from cylforce.records.writing import BY_HAND, BookedBucket, Change, Start
 from cylforce.service.commands import KG, PRODUCT, TARGET
-from cylforce.service.loading.cycle import ended
+from cylforce.service.loading.cycle import LastBucket, ended
 from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, State
 from cylforce.settings.machine_file import Loaded
@@ -103,6 +103,8 @@ def _booked(state: State, before: Memory) -> BookedBucket | None:
     booking, cycle = state.weighing.books.booking, ended(state.ended)
     if booking is None or not is_new(booking, before.booking):
         return None
+    if booking.by_hand:
+        return BookedBucket(booking, LastBucket(0.0, 0.0, 0.0), 0.0, BY_HAND)
     return BookedBucket(booking, cycle, state.drift.mass, state.estimate.load.mass.status.name)
 
 

@@ -60,7 +60,7 @@ def summaries(connection: sqlite3.Connection, topic: str) -> dict[str, str]:
     return {f"{topic}/totals": json.dumps(sums), f"{topic}/telematics": json.dumps(telematics(connection))}
 
 
-class Link:
+class BrokerLink:
     """The connection to a broker; it comes back by itself. Raises RecordingError where paho-mqtt is missing."""
 
     def __init__(self, broker: Broker) -> None:
@@ -108,7 +108,7 @@ def run_mqtt(records: Path, broker: Broker, stop: Event | None = None) -> None:
     """Pass on until a signal comes or `stop` is set. Raises RecordingError with a sentence."""
     with closing(open_labels(records)) as connection:
         check_outbox(connection)
-        with closing(Link(broker)) as link:
+        with closing(BrokerLink(broker)) as link:
             _until(stop or _signalled(), connection, broker, link.publish)
 
 
