@@ -24,9 +24,9 @@ ROOT = Path(__file__).resolve().parents[1]
 NODE_ID = 64
 PUBLICATION = publication(NODE_ID, 0.1, 1500.0, 300e3, 0.02, default_filters())
 EXCAVATOR = publication(NODE_ID, 0.05, 1500.0, 300e3, 0.02, default_filters())  # of the file in config
-SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": dbc(EXCAVATOR, NODE_ID)}
-
 SERVICE = load(ROOT / "config" / "excavator_20t.toml").service
+WHOLE = dbc(SERVICE.publication, SERVICE.node_id, SERVICE.nodes, 500)
+SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": WHOLE}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -92,7 +92,7 @@ def test_units_and_digits_give_back_the_resolution():
 
 @pytest.fixture(scope="module")
 def database():
-    return cantools.database.load_string(SHIPPED["cylforce.dbc"], "dbc")
+    return cantools.database.load_string(dbc(EXCAVATOR, NODE_ID), "dbc")
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -147,8 +147,7 @@ def test_real32_and_gaps():
 
 @pytest.fixture(scope="module")
 def whole():
-    text = dbc(SERVICE.publication, SERVICE.node_id, SERVICE.nodes, 500)
-    return cantools.database.load_string(text, "dbc")
+    return cantools.database.load_string(WHOLE, "dbc")
 
 
 class TestWholeBus:

@@ -409,7 +409,7 @@ def test_a_bucket_by_hand_is_marked_in_the_records_and_on_the_ticket(path):
         (row,) = bookings(connection)
         assert (row["mass"], row["standard_error"], row["status"]) == (850.0, 0.0, "BY_HAND")
         assert [line.by_hand for line in ticket(connection, 1, 5).lines] == [True]
-        assert ticket_text(ticket(connection, 1, 6)).splitlines()[3].endswith("850.0 kg   by hand")
+        assert ticket_text(ticket(connection, 1, 6)).splitlines()[2].endswith("850.0 kg   by hand")
     again = Recorder(path, START)
     again.close()
     assert (again.kept.truck.total, again.kept.booking.number) == (850.0, 1)
