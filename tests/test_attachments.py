@@ -1,19 +1,25 @@
 """Other tools on the same arm: the machine file's attachments, their tares, the choice, and a tool that is another one
 than was chosen."""
 
+import io
 import struct
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
-from cylforce.commissioning.identification import Identification, identify_attachment
+from cylforce.commissioning.guidance import Guide, Judgement
+from cylforce.commissioning.identification import Identification, attachment_prior, identify_attachment
 from cylforce.estimation.attachment import tool_of, with_tool
 from cylforce.estimation.model import Tares
+from cylforce.files.atomic import RecordingError
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.mechanics.machine import base_parameters
+from cylforce.programs import sim
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import make_core, model_of, tool_models
+from cylforce.programs.identify import How, run_identify, show
 from cylforce.programs.sim import START_US
 from cylforce.service import commands
 from cylforce.service.loading.tool import NOT_CHECKED, checked
@@ -150,6 +156,41 @@ def identified_file(path, loaded, tares):
     model = tool_models(loaded, "standard", tares)[0]
     found = Identification(model, tares, None, (), 60.0, {}, (), np.ones(3), ())
     write_identified(path, found, loaded, [("empty.log", "0" * 64)])
+
+
+class TestCommands:
+    def test_the_simulated_machine_with_the_tool_is_identified_into_the_same_file(self, tmp_path, loaded, tares):
+        """What `sim --attachment`, `identify --attachment` and `replay --identified` do."""
+        path, table = tmp_path / "identified.toml", tmp_path / "grab.csv"
+        identified_file(path, loaded, tares)
+        sim.run_sim(loaded.path, scenario="moves", duration=40.0, seed=3, attachment="grab", table=table)
+        found = run_identify(loaded, [table], path, How(attachment="grab"))
+        show(found, Console(file=io.StringIO()))
+        np.testing.assert_array_equal(read_attachments(path, loaded)["grab"].values, found.tares.values)
+
+    def test_what_does_not_go_together_is_refused(self, tmp_path, loaded):
+        how = How(attachment="grab", lift=tmp_path / "lift.csv", known_kg=1000.0)
+        table = tmp_path / "t.csv"
+        table.write_text("t_s\n0\n")
+        with pytest.raises(RecordingError, match="--attachment: takes scale and laws from the standard tool"):
+            run_identify(loaded, [table], tmp_path / "identified.toml", how)
+
+    def test_without_the_standard_tools_tares_there_is_no_arm_to_begin_from(self, tmp_path, loaded):
+        table = tmp_path / "t.csv"
+        table.write_text("t_s\n0\n")
+        with pytest.raises(SettingsError, match=r"cannot be read .*; run `cylforce identify` first"):
+            run_identify(loaded, [table], tmp_path / "absent.toml", How(attachment="grab"))
+
+    def test_the_guidance_ends_after_a_minute(self, loaded):
+        """The arm is known: missing strokes are asked for up to a minute, not for four and a half."""
+        common = model_of(loaded).data_sheet
+        known = common._replace(covariance=1e-6 * common.covariance, identified=True)
+        standard, other = tool_models(loaded, "grab", known)
+        guide = Guide(other, 5.0, attachment_prior(known, standard, other))
+        state = guide.begin()._replace(moved_s=61.0, judgement=Judgement(5.0, None))
+        assert guide.advice(state).done
+        assert not guide.advice(state._replace(moved_s=59.0)).done
+        assert not Guide(other, 5.0).advice(state).done
 
 
 class TestFile:
