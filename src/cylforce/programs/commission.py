@@ -153,7 +153,8 @@ def _check_outcome(guide: Guide, view: View) -> None:
 
 
 def _stop(loaded: Loaded, order: Order, view: View, console: Console) -> None:
-    again = f"cylforce identify {loaded.path} {order.log} -o {order.output}"
+    tool = "" if order.attachment == STANDARD else f" --attachment {order.attachment}"
+    again = f"cylforce identify {loaded.path} {order.log} -o {order.output}{tool}"
     if view.advice.seconds < MIN_SECONDS:
         text = f"stopped after {view.advice.seconds:.0f} s of motion, too few to identify anything; the log is kept"
     else:
