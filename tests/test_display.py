@@ -25,8 +25,9 @@ from cylforce.display.serving import Display, Served
 from cylforce.display.stream import Feed
 from cylforce.display.words import FOLDER, PAGE, REASONS, catalogue, languages, messages, spoken
 from cylforce.programs import scale
+from cylforce.programs.common.addresses import host_and_port
 from cylforce.programs.common.readings import make_core
-from cylforce.programs.display import host_and_port, read_pin
+from cylforce.programs.display import read_pin
 from cylforce.programs.run import Daemon
 from cylforce.service.publication import frames
 from cylforce.service.state import NOTHING_KEPT
@@ -176,7 +177,7 @@ def test_orders_from_a_terminal():
         return found
 
     target, following, cancel, shown, silent = asyncio.run(main())
-    assert scale.told(target[1]) == "truck 1: 0.0 kg of 9000.0 kg in 0 buckets; last booking 0"
+    assert scale.told(target[1], SERVICE.tools) == "truck 1: 0.0 kg of 9000.0 kg in 0 buckets; last booking 0"
     assert following[1].number == shown[1].number == 2
     assert (cancel[0].done, cancel[0].why) == (False, "08000022")
     assert (silent[0].done, silent[0].why) == (False, "no answer")
@@ -187,12 +188,15 @@ def test_orders_from_a_terminal():
     [
         ("dance", None, "is no order: use show, zero"),
         ("target", None, "needs a number"),
-        ("zero", 1.0, "takes no number"),
+        ("zero", "1.0", "takes no number"),
+        ("target", "much", "target much: is no number"),
+        ("attachment", None, "needs the name of an attachment"),
+        ("attachment", "crab", "crab: is no attachment of the machine file: use standard, grab"),
     ],
 )
 def test_what_is_no_order_is_said(order, number, words):
     with pytest.raises(ValueError, match=words):
-        scale.check(order, number)
+        scale.number_of(order, number, ("standard", "grab"))
 
 
 class Web:
@@ -339,9 +343,9 @@ def test_other_computers_need_a_pin(tmp_path):
     with pytest.raises(ValueError, match="cannot be read"):
         read_pin(tmp_path / "absent", "127.0.0.1")
     assert read_pin(None, "127.0.0.1") == ""
-    assert host_and_port("[::1]:80") == ("::1", 80)
+    assert host_and_port("--listen", "[::1]:80") == ("::1", 80)
     with pytest.raises(ValueError, match="is no address: write HOST:PORT"):
-        host_and_port("8080")
+        host_and_port("--listen", "8080")
 
 
 def test_the_pictures_of_its_chapter_are_small():

@@ -15,7 +15,7 @@ from cylforce.canopen.dictionary.object_dictionary import own_objects, unit_and_
 from cylforce.canopen.dictionary.object_table import dictionary
 from cylforce.canopen.dictionary.vendor_eds import default_mapping, mapped_code, profile, read
 from cylforce.service.publication import FAST, publication
-from cylforce.settings.machine_file import default_filters
+from cylforce.settings.machine_file import default_filters, load
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.layout import CODES, Field, not_available
@@ -24,7 +24,9 @@ ROOT = Path(__file__).resolve().parents[1]
 NODE_ID = 64
 PUBLICATION = publication(NODE_ID, 0.1, 1500.0, 300e3, 0.02, default_filters())
 EXCAVATOR = publication(NODE_ID, 0.05, 1500.0, 300e3, 0.02, default_filters())  # of the file in config
-SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": dbc(EXCAVATOR, NODE_ID)}
+SERVICE = load(ROOT / "config" / "excavator_20t.toml").service
+WHOLE = dbc(SERVICE.publication, SERVICE.node_id, SERVICE.nodes, 500)
+SHIPPED = {"cylforce.eds": eds(PUBLICATION, 500, 10_000), "cylforce.dbc": WHOLE}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -90,7 +92,7 @@ def test_units_and_digits_give_back_the_resolution():
 
 @pytest.fixture(scope="module")
 def database():
-    return cantools.database.load_string(SHIPPED["cylforce.dbc"], "dbc")
+    return cantools.database.load_string(dbc(EXCAVATOR, NODE_ID), "dbc")
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -141,6 +143,40 @@ def test_real32_and_gaps():
     assert made.decode_message(pdo.can_id, data)["temperature"] == pytest.approx(300.0, rel=1e-6)
     assert "DefaultValue=0x7FC00000" in eds([pdo, PUBLICATION[1]])
     assert math.isnan(not_available("f"))
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return cantools.database.load_string(WHOLE, "dbc")
+
+
+class TestWholeBus:
+    """The DBC of `describe --dbc`: the sensors' frames too, as cantools reads them."""
+
+    def test_every_frame_of_every_node_is_there(self, whole):
+        sent = {pdo.can_id: node.name for node in SERVICE.nodes for pdo in node.pdos}
+        sent |= {pdo.can_id: "cylforce" for pdo in SERVICE.publication}
+        found = {m.frame_id: m.senders[0] for m in whole.messages if "_tpdo" in m.name}
+        assert found == sent
+
+    def test_what_a_sensor_sends_is_decoded(self, whole):
+        for node in SERVICE.nodes:
+            for pdo in node.pdos:
+                values = {f.signal: (f.low + 2.0 * f.high) / 3.0 for f in pdo.fields if f.signal}
+                data = encode(pdo, values)
+                seen = whole.decode_message(pdo.can_id, data)
+                for field in pdo.fields:
+                    if field.signal:
+                        size = math.pi / 180.0 if field.unit == "rad" else 1.0
+                        assert seen[field.signal] * size == pytest.approx(decode(pdo, data)[field.signal], abs=1e-9)
+
+    def test_how_often_it_comes_what_it_is_and_its_range(self, whole):
+        payload = whole.get_message_by_name("cylforce_tpdo1")
+        assert (payload.cycle_time, payload.comment) == (50, "TPDO 1 of node 64, by a timer")
+        gross = payload.get_signal_by_name("payload_gross")
+        assert (gross.minimum, gross.maximum, gross.unit) == (-750.0, 3000.0, "kg")
+        assert all(m.cycle_time for m in whole.messages if "_tpdo" in m.name)
+        assert whole.get_message_by_name("cylforce_heartbeat").cycle_time == 500
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import json
 import random
 import signal
 import sqlite3
+import struct
 import subprocess
 import sys
 import time
@@ -18,6 +19,7 @@ import pytest
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.live.books import Ledger
+from cylforce.programs.records import ticket_text
 from cylforce.records.export import export, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import bookings, totals
@@ -25,13 +27,15 @@ from cylforce.records.recorder import Recorder
 from cylforce.records.schema import MIGRATIONS, VERSION, open_labels, open_reading
 from cylforce.records.ticket import ticket
 from cylforce.records.writing import BookedBucket, Change, Start
+from cylforce.service import commands
 from cylforce.service.booking import Weighed
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import Truck, judged, loaded, next_truck, refined
 from cylforce.service.state import Memory, Scale
-from cylforce.service.step import Core
+from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
+from cylforce.signals.events import Frame
 from scenarios import EXCAVATOR
 
 START = Start(1_700_000_000_000_000, "0.1.0", "Excavator")
@@ -42,7 +46,7 @@ def booked(kept, mass, t_us=0):
     """What the service hands over for one more bucket."""
     number = kept.booking.number + 1 if kept.booking else 1
     booking = Booking(number, START.t_us + t_us, mass + 12.0, 4.0, 12.0, 2.0, mass, 5.0)
-    after = Memory(kept.scale, loaded(kept.truck, booking, kept.scale.tare), booking)
+    after = Memory(kept.scale, loaded(kept.truck, booking, kept.scale.tare), booking, kept.tool)
     return Change(booking.t_us, after, BookedBucket(booking, CYCLE, 1.5, "OK"), "")
 
 
@@ -388,3 +392,33 @@ def test_killed_at_random_moments_nothing_is_lost_or_doubled(path):
         assert (totals(found)[0].loads, totals(found)[0].mass) == tuple(sums)
     assert numbers == list(range(1, len(numbers) + 1))
     assert len(numbers) >= told
+
+
+def test_a_bucket_by_hand_is_marked_in_the_records_and_on_the_ticket(path):
+    """From the command to the ticket: the ledger hands it over as such, a restart does not forget it."""
+    loaded_file = load(EXCAVATOR)
+    core, recorder = Core(loaded_file.service, model_of(loaded_file).data_sheet), Recorder(path, START)
+    state = core.begin(recorder.kept)
+    ledger = Ledger(Put(), recorder, state.memory)
+    order = struct.pack("<BHBi", 0x23, commands.LOADING, commands.ADD, 8500)
+    state, _ = step(core, state, Frame(1, 0x600 + core.service.node_id, order))
+    ledger.look(state)
+    ledger.look(state)
+    recorder.close()
+    with closing(open_labels(path)) as connection:
+        (row,) = bookings(connection)
+        assert (row["mass"], row["standard_error"], row["status"]) == (850.0, 0.0, "BY_HAND")
+        assert [line.by_hand for line in ticket(connection, 1, 5).lines] == [True]
+        assert ticket_text(ticket(connection, 1, 6)).splitlines()[2].endswith("850.0 kg   by hand")
+    again = Recorder(path, START)
+    again.close()
+    assert (again.kept.truck.total, again.kept.booking.number) == (850.0, 1)
+
+
+def test_the_tool_is_in_every_booking_and_survives_a_restart(path):
+    shift(path, 1, Memory(tool="grab"))
+    again = Recorder(path, START)
+    again.close()
+    assert again.kept.tool == "grab"
+    with closing(open_reading(path)) as connection:
+        assert [row["attachment"] for row in bookings(connection)] == ["grab"]

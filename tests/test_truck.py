@@ -1,10 +1,14 @@
 """The truck that is being loaded: its buckets add up whatever the operator does, and every refusal says why."""
 
+import math
 import struct
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cylforce.estimation.recursive import known
+from cylforce.estimation.residual import Residual
 from cylforce.service import commands
 from cylforce.service.loading.cycle import NO_CYCLE, advanced, ended
 from cylforce.service.loading.truck import KEPT, NO_TRUCK, Truck, judged, loaded
@@ -91,3 +95,50 @@ def test_a_cycle_counts_contact_and_keeps_the_largest_force():
         soil = invalid_force(Reason.STARTING)._replace(magnitude=force)
         cycle = advanced(cycle, air._replace(soil=soil) if k in (2, 3) else air)
     assert ended(cycle) == (3.0, 2.0, 3000.0)
+
+
+class TestByHand:
+    def test_a_bucket_that_was_not_weighed_counts_and_is_marked(self):
+        state, out = written(commands.ADD, struct.pack("<i", 8500))
+        booking = state.weighing.books.booking
+        assert (out.verdict, out.words) == (0, "booking 1 by hand: 850.0 kg")
+        assert (booking.number, booking.dumped, booking.by_hand) == (1, 850.0, True)
+        assert (state.truck.total, state.truck.filled) == (850.0, 1)
+        state, out = written(commands.CANCEL, struct.pack("<I", 1), state)
+        assert (out.verdict, state.truck.total, state.truck.filled) == (0, 0.0, 0)
+
+    def test_it_has_the_next_number_and_the_tare_does_not_count(self):
+        begun = CORE.begin(Memory(Scale(3.0, 50.0), Truck(), Booking(17, 5, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0)))
+        state, _ = written(commands.ADD, struct.pack("<i", 8500), begun)
+        assert (state.weighing.books.booking.number, state.truck.total) == (18, 850.0)
+
+    def test_what_is_no_mass_is_refused_in_words(self):
+        for mass in (0, -5, 2_000_000_000):
+            state, out = written(commands.ADD, struct.pack("<i", mass))
+            assert (out.verdict, state.truck) == (commands.TOO_FAR, NO_TRUCK)
+            assert "bucket by hand refused" in out.words
+
+
+def test_a_bucket_that_is_not_curled_is_not_noted_for_booking():
+    """It says so while the load hangs; the same load curled is noted."""
+    weigher = CORE.weigher
+    heavy = weigher.begin().lift._replace(values=np.array([900.0, 500.0, 100.0, 300.0]), taken=299, moving=250)
+    heavy = heavy._replace(covariance=np.eye(4), root=known(heavy.values, np.ones(4)))
+    rows = len(CORE.service.machine.rows)
+    columns = np.zeros((rows, len(CORE.model.parameters)))
+    left = Residual(np.zeros(rows), np.ones(rows), np.zeros(rows), columns)
+    noted = {}
+    for curled in (True, False):
+        state = weigher.begin()._replace(lift=heavy)
+        after, load = weigher.step(state, left, np.ones(rows, dtype=bool), 1, curled=curled)
+        noted[curled] = (after.books.newest is not None, load.mass.reason)
+    assert noted[True][0]
+    assert noted[False] == (False, Reason.NOT_CURLED)
+
+
+def test_the_machine_file_says_where_the_bucket_is_curled(tmp_path):
+    path = tmp_path / "machine.toml"
+    path.write_text(EXCAVATOR.read_text().replace("[tool]", "[tool]\ncurled_deg = [-138, -60]"))
+    low, high = load(path).service.machine.curled
+    assert (round(math.degrees(low)), round(math.degrees(high))) == (-138, -60)
+    assert MACHINE.service.machine.curled is None

@@ -27,10 +27,15 @@ def keys_table() -> str:
         (table,) = _tables(of_key, schema)
         meaning = of_key.get("description") or table["description"]
         lines.append(f"| **`{header}`** | **{meaning}** | | {_default(of_key, name, schema)} |")
-        lines.extend(_rows(table, "", schema))
+        lines.extend(row for row in _rows(table, "", schema) if not _repeats(row, lines))
         if name == "cylinders":
             lines.extend(_rows(schema["$defs"]["Pin"], "linkage.PIN.", schema))
     return "\n".join(lines)
+
+
+def _repeats(row: str, lines: list[str]) -> bool:
+    """Whether it is a key of an inner table that another section has with the same words."""
+    return "." in row.partition("` |")[0] and row in lines
 
 
 def _rows(table: Schema, prefix: str, schema: Schema) -> Iterator[str]:

@@ -6,12 +6,14 @@ from functools import partial
 from canopen.objectdictionary import ODVariable
 
 from cylforce.canopen.dictionary.object_dictionary import (
+    ADD,
     INT16,
     INT32,
     LOADING,
     STATUS,
     TARE,
     TARE_VALUE,
+    TOOL,
     TRUCK,
     ZERO,
     channels,
@@ -44,7 +46,9 @@ def own_node(service: Service, verdict: Callable[[], int | None], on_peer: OnPee
     ]
     sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0
     objects = own_objects(service.publication, round(1e3 * service.heartbeat_s), sync_us, watched)
-    commands = Commands(frozenset({(ZERO, 1), (TARE, 1), *((LOADING, sub) for sub in range(1, TRUCK))}), verdict)
+    commands = Commands(
+        frozenset({(ZERO, 1), (TARE, 1), *((LOADING, sub) for sub in (*range(1, TRUCK), TOOL, ADD))}), verdict
+    )
     node = Node(
         service.node_id,
         dictionary(objects, service.node_id),

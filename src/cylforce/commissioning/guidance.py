@@ -17,7 +17,7 @@ from cylforce.commissioning.reaches import Reach, next_reach
 from cylforce.commissioning.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
 from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
-from cylforce.estimation.batch import Fit, least_squares
+from cylforce.estimation.batch import Fit, Prior, least_squares
 from cylforce.estimation.blocks import Factors, chosen, joined
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS, Observed, block_factors, observe
@@ -27,6 +27,7 @@ from cylforce.signals.estimate import Array
 
 FIRST_S = 16.0  # s of motion before the first judgement; chosen
 LONGEST_S = 270.0  # s of motion after which missing strokes are no longer asked for; chosen
+SHORT_S = 60.0  # the same where the arm is known already; chosen: the minute that another tool may take
 UNMOVED_S = 60.0  # s of motion of other joints, after which a joint that never moved is asked for first; chosen
 CREEPING_S = 10.0  # s of motion that is too slow to count, after which faster motion is asked for; chosen
 GOOD_ENOUGH = 0.01  # times the rated payload: expected error, the scale's apart, at which it ends; chosen
@@ -85,6 +86,7 @@ class Guide:
 
     model: Model
     every_s: float = BLOCK_SECONDS
+    common: Prior | None = None  # of a machine whose arm is known from another tool: a minute is enough
 
     @cached_property
     def plan(self) -> Plan:
@@ -151,7 +153,7 @@ class Guide:
         if not np.any(data.samples):
             return state
         noise = row_noise(data, self.model.prior)
-        fit = least_squares(data, noise, self.model.prior)
+        fit = least_squares(data, noise, self.common or self.model.prior)
         refusal = doubt(self.model, state.data, state.evidence)
         return state._replace(waiting=0, judgement=Judgement(self._weight_error(data, noise, fit), refusal))
 
@@ -176,7 +178,8 @@ class Guide:
     def advice(self, state: Collected) -> Advice:
         """The advice in this state."""
         judged, enough = state.judgement, GOOD_ENOUGH * self.model.machine.rated_payload
-        complete = state.stroke is None or state.moved_s >= LONGEST_S
+        longest = LONGEST_S if self.common is None else SHORT_S
+        complete = state.stroke is None or state.moved_s >= longest
         done = complete and judged.refusal is None and judged.weight_error <= enough
         say = judged.refusal or ("enough: the machine may rest" if done else self._say(state))
         seen = reaches.visited(self._places, state.planes)

@@ -14,9 +14,10 @@ from cylforce.commissioning.soundness import soundness
 from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.commissioning.zeros import between_strokes, correlation
+from cylforce.estimation.attachment import with_tool
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, settled
-from cylforce.estimation.model import FRICTION, TYPICAL, Model, Tares
+from cylforce.estimation.model import EXPECTED, FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
 from cylforce.signals.estimate import Array
 
@@ -64,9 +65,9 @@ def identify(
     Raises ValueError, in a sentence, when the recording is too short, does not move, moves a cylinder one way only, or
     is refused, or when a joint's torque stays unexplained (`soundness`)."""
     evidence = [nothing(model.machine)]
-    whole = observed_factors(model, _watched(model, segments, evidence))
+    whole = observed_factors(model, watched(model, segments, evidence))
     factors = chosen(whole, list(range(len(model.parameters))))
-    seconds = _enough(model, factors)
+    seconds = enough(model, factors)
     noise = row_noise(factors, model.prior)
     if refuse:
         sentence = doubt(model, whole, evidence[0])
@@ -119,14 +120,14 @@ def under_load(model: Model, covariance: Array) -> Array:
     return wider
 
 
-def _watched(model: Model, segments: Iterable[Array], evidence: list[SignalHistory]) -> Iterator[Array]:
+def watched(model: Model, segments: Iterable[Array], evidence: list[SignalHistory]) -> Iterator[Array]:
     """The segments unchanged; `evidence` (a list of one) is updated with their raw samples as they pass."""
     for segment in segments:
         evidence[0] = gathered(model, evidence[0], segment, joins=False)
         yield segment
 
 
-def _enough(model: Model, factors: Factors) -> float:
+def enough(model: Model, factors: Factors) -> float:
     """Time of usable motion [s]. Raises ValueError, in one sentence, when it is too short or in one direction only."""
     seconds = float(np.max(np.sum(factors.samples + factors.others, axis=0)) / model.filters.rate_hz)
     if seconds == 0.0:
@@ -232,3 +233,36 @@ def _not_told(model: Model, fit: Fit) -> tuple[str, ...]:
     found = np.sqrt(np.diag(fit.covariance))
     lost = np.logical_or(np.logical_not(fit.excited), found > DETERMINED * prior)
     return tuple(p.name for p, is_lost in zip(model.parameters, lost, strict=True) if is_lost)
+
+
+def attachment_prior(common: Tares, standard: Model, other: Model) -> Prior:
+    """What is known of the machine with another tool before it moves: the common arm, the tool's data sheet, and that
+    friction is another one on another day (`EXPECTED`)."""
+    known = with_tool(common, standard, other)
+    changes = np.zeros(len(known.values))
+    changes[other.changing_friction] = EXPECTED.friction * known.values[other.changing_friction]
+    return Prior(known.values, known.covariance + np.diag(changes**2))
+
+
+def identify_attachment(
+    common: Tares, standard: Model, other: Model, segments: Iterable[Array], *, refuse: bool = True
+) -> Identification:
+    """Tares of `other`, which is `standard` with another tool, from gapless segments of samples (T, S) of the empty
+    machine; both models have the friction laws of the `common` tares, which were identified with the standard tool.
+
+    Raises ValueError, in a sentence, as `identify`."""
+    evidence = [nothing(other.machine)]
+    whole = observed_factors(other, watched(other, segments, evidence))
+    factors = chosen(whole, list(range(len(other.parameters))))
+    seconds = enough(other, factors)
+    sentence = doubt(other, whole, evidence[0]) if refuse else None
+    if sentence is not None:
+        raise ValueError(sentence)
+    prior = attachment_prior(common, standard, other)
+    fit = least_squares(factors, row_noise(factors, prior), prior)
+    seen = np.sum(factors.samples, axis=0) > 0
+    left = np.where(seen, np.maximum(fit.row_error, 1e-3 * common.row_error), common.row_error)
+    tares = common._replace(values=fit.values, covariance=under_load(other, fit.covariance), row_error=left)
+    explained = quality(other, factors, fit.values, fit.covariance).explained
+    lost = tuple(p.name for p, found in zip(other.parameters, fit.excited, strict=True) if not found)
+    return Identification(other, tares, fit, lost, seconds, {}, (), explained, ())

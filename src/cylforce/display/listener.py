@@ -6,12 +6,14 @@ from typing import NamedTuple
 from cylforce.canopen.bus_load import longest_frame
 from cylforce.mechanics.installation import Service
 from cylforce.service.assembler import Assembler
+from cylforce.service.commands import ZERO
 from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Sample
 from cylforce.signals.events import Frame
 
 LATE_US = 500_000  # from this age on a published value is not shown; chosen
 SECOND_US = 1_000_000
+ZEROED = bytes((0x60, ZERO & 0xFF, ZERO >> 8, 1))  # the SDO answer to a zero that was done
 
 
 class Heard(NamedTuple):
@@ -42,6 +44,7 @@ class Listener:
         self.emergencies: dict[int, int] = {}
         self._traffic: deque[tuple[int, int]] = deque()
         self._bits = 0
+        self.zeroed_us = 0  # when the service last obeyed a zero command
 
     def on_frame(self, frame: Frame) -> None:
         """A frame from the bus."""
@@ -51,6 +54,8 @@ class Listener:
             self._heard[frame.can_id] = Heard(frame.t_us, frame.data)
         elif frame.can_id in self._assembler.decoders:
             self._inputs = self._assembler.receive(self._inputs, frame, self._still)
+        elif frame.can_id == 0x580 + self.service.node_id and frame.data[:4] == ZEROED:
+            self.zeroed_us = frame.t_us
         elif kind == 0x700 and len(frame.data) == 1:
             self.nodes[node] = NodeHeard(frame.data[0] & 0x7F, frame.t_us)
         elif kind == 0x080 and node and len(frame.data) >= 2:

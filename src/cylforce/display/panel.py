@@ -23,13 +23,14 @@ FIELDS = (  # of Known: sub-index, type
     (commands.PRODUCT, "I"),
     (commands.TARGET, "i"),
     (RECORDS, "B"),
+    (commands.TOOL, "I"),
 )
 NOT_KNOWN, NO_ANSWER = "unknown", "no answer"
 
 
 class Known(NamedTuple):
     """The truck as the service has it: number, mass and target [kg], buckets, product; numbers of the last booking, of
-    the last one on disk; state of the records."""
+    the last one on disk; state of the records; number of the tool."""
 
     number: int
     total: float
@@ -39,6 +40,7 @@ class Known(NamedTuple):
     product: int
     target: float
     records: int
+    tool: int = 0
 
 
 class SeenBucket(NamedTuple):
@@ -120,10 +122,12 @@ def request(what: str, value: float) -> tuple[int, int, bytes] | None:
         "next": (commands.LOADING, commands.NEXT, commands.NEXT_WORD),
     }
     numbers = {"product": commands.PRODUCT, "cancel": commands.CANCEL, "accept": commands.ACCEPT}
+    numbers["attachment"] = commands.TOOL
     if what in fixed:
         return fixed[what]
-    if what == "target" and abs(value) < 1e8:
-        return commands.LOADING, commands.TARGET, pack("<i", round(value / KG))
+    masses = {"target": commands.TARGET, "add": commands.ADD}
+    if what in masses and abs(value) < 1e8:
+        return commands.LOADING, masses[what], pack("<i", round(value / KG))
     if what in numbers and 0 <= value < 1 << 32:
         return commands.LOADING, numbers[what], pack("<I", int(value))
     return None

@@ -21,18 +21,20 @@ LAST_SHARE = 1.2  # of the usual bucket: what remains is less, so the next bucke
 
 
 class Marks(NamedTuple):
-    """From which share of the target on the bar is amber, green, red."""
+    """Settings of the page: from which share of the target on the bar is amber, green, red; after how many minutes
+    without a new zero it reminds of it (0: never)."""
 
     amber: float = 0.75
     green: float = 0.95
     red: float = 1.1
+    check_zero_min: float = 0.0
 
 
 class Painter:
     """Makes pictures of one machine."""
 
     def __init__(self, listener: Listener, marks: Marks) -> None:
-        self._listener, self._marks = listener, marks
+        self._listener, self._marks, self._begun_us = listener, marks, 0
         service = listener.service
         self._machine = service.machine
         self._channels = Channels(service.machine, service.filters)
@@ -47,10 +49,12 @@ class Painter:
             "force": _force(values, names.SOIL, (names.SOIL_X_ERROR, names.SOIL_Z_ERROR)),
             "resultant": _force(values, names.FORCES, (names.X_ERROR, names.Z_ERROR)),
             "arm": self._arm(sample),
-            "rated": self._machine.rated_payload,
-            "truck": loading.known._asdict() | _advice(loading, weight) if loading.known else None,
+            "rated": self._rated(loading),
+            "tools": self._listener.service.tools,
+            "truck": loading.known._asdict() | _advice(loading, weight, self._marks.red) if loading.known else None,
             "buckets": [bucket._asdict() for bucket in loading.buckets],
             "marks": self._marks._asdict(),
+            "check_zero": self._check_zero(t_us),
         }
 
     def engineering(self, loading: Loading, t_us: int) -> Picture:
@@ -85,6 +89,17 @@ class Painter:
         shapes = {"links": found.links, "cylinders": found.cylinders, "rockers": found.rockers, "bars": found.bars}
         drawn: Picture = {name: [_points(shape) for shape in each] for name, each in shapes.items()}
         return drawn | {"tool": _points([tool])[0], "reach": self._reach, "fresh": not any(sample.reasons)}
+
+    def _check_zero(self, t_us: int) -> bool:
+        """Whether the zero was not set for too long; from the start of the display on."""
+        self._begun_us = self._begun_us or t_us
+        after_us = 60e6 * self._marks.check_zero_min
+        return 0.0 < after_us < t_us - max(self._begun_us, self._listener.zeroed_us)
+
+    def _rated(self, loading: Loading) -> float:
+        """Rated payload [kg] with the tool that is chosen."""
+        service, number = self._listener.service, loading.known.tool if loading.known else 0
+        return service.fitted(service.tools[number]).machine.rated_payload if number < len(service.tools) else 0.0
 
     @property
     def _reach(self) -> float:
@@ -151,15 +166,21 @@ def _force(values: Mapping[str, float], of: tuple[str, ...], errors: tuple[str, 
     return known | {"status": status, "reason": reason}
 
 
-def _advice(loading: Loading, weight: Picture) -> Picture:
+def _advice(loading: Loading, weight: Picture, red: float) -> Picture:
     """Share of the target that is in the truck, and with the bucket that hangs now; what remains [kg]; whether the next
-    bucket is the last one."""
+    bucket is the last one, which share of a usual bucket it needs, whether a usual one would overload (beyond `red`
+    times the target); what to tip off of the bucket that hangs [kg]."""
     known = loading.known
     if known is None or known.target <= 0.0:
-        return {"share": None, "with_bucket": None, "remaining": None, "last_bucket": False}
+        nothing = dict.fromkeys(("share", "with_bucket", "remaining", "next_share", "tip_off"))
+        return nothing | {"last_bucket": False, "overloads": False}
     hanging = max(weight["net"] or 0.0, 0.0)
     remaining = known.target - known.total
     usual = known.total / known.filled if known.filled else None
     last = usual is not None and 0.0 < remaining <= LAST_SHARE * usual
     shares = {"share": known.total / known.target, "with_bucket": (known.total + hanging) / known.target}
-    return shares | {"remaining": remaining, "last_bucket": last}
+    next_share = min(1.0, remaining / usual) if usual and usual > 0.0 and remaining > 0.0 else None
+    tip_off = hanging - remaining if remaining > 0.0 and hanging > remaining else None
+    overloads = usual is not None and known.total + usual > red * known.target
+    rest = {"next_share": next_share, "tip_off": tip_off, "overloads": overloads}
+    return shares | rest | {"remaining": remaining, "last_bucket": last}

@@ -41,9 +41,11 @@ def ticket_page(made: Ticket, language: str) -> str:
 
 
 def _rows(made: Ticket, language: str) -> list[str]:
+    say = catalogue(language).gettext
+    marks = [f" ({say('by hand')})" if line.by_hand else "" for line in made.lines]
     cells = [
-        (str(line.number), _time(line.t_us, language), line.product, f"{_kg(line.mass, language)} kg")
-        for line in made.lines
+        (str(line.number), _time(line.t_us, language), line.product, f"{_kg(line.mass, language)} kg{mark}")
+        for line, mark in zip(made.lines, marks, strict=True)
     ]
     return [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells]
 

@@ -37,6 +37,8 @@ REASONS = {
     Reason.NOT_IDENTIFIED: "not commissioned",
     Reason.NOT_THIS_MACHINE: "parameters of another machine, or a sensor has changed",
     Reason.NO_CONTACT: "nothing touches the tool",
+    Reason.NOT_CURLED: "bucket not curled: nothing is booked",
+    Reason.OTHER_TOOL: "empty, but off zero: other bucket? dirt? Clean it, or choose the attachment",
 }
 SILENT = "the service sends nothing"
 STATUSES = {Status.OK: "OK", Status.DEGRADED: "uncertain", Status.HOLD: "held", Status.INVALID: "no weight"}
@@ -59,6 +61,8 @@ PAGE = (
     "There are no records: start the service with --records.", "PIN", "Done.", "Target in kg; 0: none", "all",
     "Information only: no safety function.", "good", "late", "Set to zero", "OK", "Cancel", "Print", "Copy",
     "Customer", "Job", "Operator", "Note", "Machine", "Total", "Standard error", "rated",
+    "Attachment", "of a usual bucket", "tip off", "a full bucket overloads", "Add by hand", "by hand",
+    "Check zero: empty the bucket, lift it, press Zero", "Mass in kg that was loaded unweighed",
 )  # fmt: skip
 
 

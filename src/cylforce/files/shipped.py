@@ -10,6 +10,7 @@ SUFFIXES = (
     ".json",
     ".eds",
     ".dbc",
+    ".xml",
     ".service",
     ".network",
     ".link",

@@ -47,9 +47,21 @@ class Health(NamedTuple):
     max_step_s: float
 
 
+STANDARD = "standard"  # the tool that the machine file's last link describes
+
+
+class Attachment(NamedTuple):
+    """A tool that can take the last link's place: its name, kind (bucket, grab, fork), and the machine with it."""
+
+    name: str
+    kind: str
+    machine: Machine
+
+
 class Service(NamedTuple):
     """All settings of a running service: the machine, the sensor nodes, the TPDOs that it publishes, its own node id,
-    whether it sends SYNC, its heartbeat period [s], filters and limits."""
+    whether it sends SYNC, its heartbeat period [s], filters and limits. `machine` has the standard tool; `attachments`:
+    the others."""
 
     machine: Machine
     nodes: tuple[SensorNode, ...]
@@ -61,3 +73,19 @@ class Service(NamedTuple):
     health: Health
     effects: tuple[str, ...]  # names of the friction laws from which the identification chooses
     adapt: bool = True  # whether friction and pressure zeros are adapted in service to temperature and wear
+    attachments: tuple[Attachment, ...] = ()
+    j1939_address: int | None = None  # source address on J1939; None: nothing is sent there
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Names of all tools; a tool's number is its place here."""
+        return (STANDARD, *(attachment.name for attachment in self.attachments))
+
+    def fitted(self, tool: str) -> "Service":
+        """The settings with a tool. Raises ValueError where there is none of this name."""
+        if tool == STANDARD:
+            return self
+        found = next((attachment for attachment in self.attachments if attachment.name == tool), None)
+        if found is None:
+            raise ValueError(f"{tool}: is no attachment of {self.machine.name}: use one of {', '.join(self.tools)}")
+        return self._replace(machine=found.machine)

@@ -81,6 +81,7 @@ booked.command("ticket", epilog=records.TICKET_EXAMPLE)(records.ticket)
 booked.command("label", epilog=records.LABEL_EXAMPLE)(records.label)
 booked.command("export", epilog=records.EXPORT_EXAMPLE)(records.export)
 booked.command("telematics", epilog=records.TELEMATICS_EXAMPLE)(records.telematics)
+booked.command("mqtt", epilog=records.MQTT_EXAMPLE)(records.mqtt)
 app.add_typer(booked, name="records")
 
 configs = typer.Typer(no_args_is_help=True, help="List or copy machine files and others that are shipped.")

@@ -14,20 +14,21 @@ from cylforce.can.bus import Bus, BusError
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_shared_bus
 from cylforce.commissioning.guidance import GOOD_ENOUGH, Guide
-from cylforce.commissioning.identification import MIN_SECONDS, Identification
+from cylforce.commissioning.identification import MIN_SECONDS, Identification, attachment_prior
 from cylforce.estimation.model import Tares
 from cylforce.files.atomic import RecordingError, check_outputs
 from cylforce.files.logfile import LogWriter, file_sha256
+from cylforce.mechanics.installation import STANDARD
 from cylforce.programs.common.progress import progress_bar
-from cylforce.programs.common.readings import calibrated, check_known_kg, header_of, model_of
-from cylforce.programs.identify import run_identify, show
+from cylforce.programs.common.readings import calibrated, check_known_kg, header_of, model_of, tool_models
+from cylforce.programs.identify import How, run_identify, show
 from cylforce.programs.live.collector import Collector, View
 from cylforce.programs.live.picture import Screen, known, picture, summary
 from cylforce.programs.live.station import serve
 from cylforce.programs.run import Daemon, configure_messages, status_line
 from cylforce.service.state import NOTHING_KEPT
 from cylforce.service.step import Core
-from cylforce.settings.identified import write_identified
+from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import Loaded
 
 LOOK_S = 0.25
@@ -37,12 +38,14 @@ LIMIT_S = 600.0  # of motion
 
 
 class Order(NamedTuple):
-    """What is wanted: the bus, `identified.toml`, the log of the motion, a weight [kg] to be lifted afterwards."""
+    """What is wanted: the bus, `identified.toml`, the log of the motion, a weight [kg] to be lifted afterwards, the
+    tool on the machine."""
 
     bus: str
     output: Path
     log: Path
     known_kg: float | None = None
+    attachment: str = STANDARD
 
     @property
     def lift_log(self) -> Path:
@@ -55,16 +58,26 @@ def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
     RecordingError, BusError or SettingsError with a sentence."""
     _check(loaded, order)
     configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
-    guide = Guide(model_of(loaded), every_s=THINK_S)
+    guide = _guide(loaded, order)
     view = _collected(loaded, guide, order, console)
     if not view.advice.done:
         _stop(loaded, order, view, console)
         return False
     with progress_bar() as watch:
-        found = run_identify(loaded, [order.log], order.output, watch=watch)
+        found = run_identify(loaded, [order.log], order.output, How(attachment=order.attachment), watch)
     show(found, console)
     console.print(Text(f"written: {order.output}{'' if order.known_kg else unbooked(found.tares)}"), soft_wrap=True)
     return order.known_kg is None or _scaled(loaded, found, order, order.known_kg, console)
+
+
+def _guide(loaded: Loaded, order: Order) -> Guide:
+    if order.attachment == STANDARD:
+        return Guide(model_of(loaded), every_s=THINK_S)
+    if order.known_kg is not None:
+        raise RecordingError("--known-kg: the scale is the arm's: lift the known weight with the standard tool")
+    common = read_identified(order.output, loaded)
+    standard, other = tool_models(loaded, order.attachment, common)
+    return Guide(other, THINK_S, attachment_prior(common, standard, other))
 
 
 def unbooked(tares: Tares) -> str:
@@ -140,7 +153,8 @@ def _check_outcome(guide: Guide, view: View) -> None:
 
 
 def _stop(loaded: Loaded, order: Order, view: View, console: Console) -> None:
-    again = f"cylforce identify {loaded.path} {order.log} -o {order.output}"
+    tool = "" if order.attachment == STANDARD else f" --attachment {order.attachment}"
+    again = f"cylforce identify {loaded.path} {order.log} -o {order.output}{tool}"
     if view.advice.seconds < MIN_SECONDS:
         text = f"stopped after {view.advice.seconds:.0f} s of motion, too few to identify anything; the log is kept"
     else:

@@ -12,6 +12,7 @@ KINDS = {
     ".json": "JSON schema of the machine file, for editors",
     ".link": "systemd-networkd: transmit queue of can0",
     ".network": "systemd-networkd: bit rate of can0",
+    ".xml": "PlotJuggler layout for the tables of `cylforce replay -o`",
     ".service": "systemd unit of the service",
 }
 

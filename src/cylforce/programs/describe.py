@@ -6,6 +6,7 @@ from typing import NamedTuple
 from cylforce.canopen.dictionary.dbc import dbc
 from cylforce.canopen.dictionary.eds import eds
 from cylforce.files.atomic import check_outputs, replacing
+from cylforce.mechanics.installation import Service
 from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.description.drawing import drawing
 from cylforce.programs.description.page import page
@@ -48,7 +49,7 @@ def _write_node(loaded: Loaded, outputs: DescriptionFiles) -> None:
     if outputs.eds is not None:
         _write(outputs.eds, eds(service.publication, round(1e3 * service.heartbeat_s), sync_us))
     if outputs.dbc is not None:
-        _write(outputs.dbc, dbc(service.publication, service.node_id))
+        _write(outputs.dbc, _dbc_of(service))
 
 
 def _schema() -> str:
@@ -71,3 +72,8 @@ def _show(loaded: Loaded) -> None:
     print(f"{machine.name}: {links}; rated payload {machine.rated_payload:.0f} kg")
     rows = ", ".join(machine.links[j].name for j in machine.rows)
     print(f"torque is measured at: {rows}; {len(machine.signals)} signals from {len(service.nodes)} nodes")
+
+
+def _dbc_of(service: Service) -> str:
+    heartbeat_ms = round(1e3 * service.heartbeat_s)
+    return dbc(service.publication, service.node_id, service.nodes, heartbeat_ms, service.j1939_address)

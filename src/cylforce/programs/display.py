@@ -4,6 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from cylforce.can.opening import open_shared_bus
+from cylforce.programs.common.addresses import host_and_port, secret_of
 from cylforce.programs.common.machine_file import load_machine
 
 LEAST_PIN = 4
@@ -16,7 +17,7 @@ def display(
     address: str,
     names: tuple[str, ...],
     pin_file: Path | None,
-    marks: tuple[float, float, float],
+    marks: tuple[float, float, float, float],
     language: str,
 ) -> None:
     """Serve until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
@@ -25,22 +26,30 @@ def display(
         from cylforce.display.serving import Served, run_display
     except ImportError as error:
         raise ValueError(f"the display needs more packages ({error.name}): pip install 'cylforce[display]'") from error
-    host, port = host_and_port(address)
-    shares = tuple(0.01 * mark for mark in marks)
-    if not 0.0 < shares[0] <= shares[1] <= shares[2]:
-        raise ValueError("--amber, --green, --red: must rise, in percent of the target, e.g. 75, 95, 110")
+    host, port = host_and_port("--listen", address)
+    shares = Marks(*shares_of(marks))
     pin = read_pin(pin_file, host)
     service = load_machine(machine).service
-    served = Served(service, records, host, port, names, pin, Marks(*shares), language)
+    served = Served(service, records, host, port, names, pin, shares, language)
     run_display(served, open_shared_bus(bus), partial(print, flush=True))
 
 
-def host_and_port(address: str) -> tuple[str, int]:
-    """Of HOST:PORT; an IPv6 address stands in square brackets. Raises ValueError."""
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 65535:
-        raise ValueError(f"--listen {address}: is no address: write HOST:PORT, e.g. 127.0.0.1:8080")
-    return host.strip("[]"), int(port)
+def display_in_terminal(machine: Path, bus: str, marks: tuple[float, float, float, float], language: str) -> None:
+    """The same as text, until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
+    from cylforce.display.picture import Marks
+    from cylforce.display.terminal import run_terminal
+
+    shares, service = Marks(*shares_of(marks)), load_machine(machine).service
+    run_terminal(service, open_shared_bus(bus), shares, language)
+
+
+def shares_of(marks: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The marks of the target bar, given in percent, as shares, and the minutes of the reminder. Raises ValueError
+    unless they rise."""
+    amber, green, red = (0.01 * mark for mark in marks[:3])
+    if not 0.0 < amber <= green <= red:
+        raise ValueError("--amber, --green, --red: must rise, in percent of the target, e.g. 75, 95, 110")
+    return amber, green, red, marks[3]
 
 
 def read_pin(pin_file: Path | None, host: str) -> str:
@@ -51,10 +60,7 @@ def read_pin(pin_file: Path | None, host: str) -> str:
         if not is_loopback(host):
             raise ValueError(f"--listen {host}: other computers reach it, so changes need a PIN: give --pin-file FILE")
         return ""
-    try:
-        pin = pin_file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"--pin-file {pin_file}: cannot be read: write a PIN into a text file") from error
+    pin = secret_of("--pin-file", pin_file)
     if len(pin) < LEAST_PIN:
         raise ValueError(f"--pin-file {pin_file}: the PIN is too short: write at least {LEAST_PIN} characters")
     return pin

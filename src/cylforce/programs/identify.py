@@ -9,14 +9,22 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from cylforce.commissioning.identification import Identification, identify
+from cylforce.commissioning.identification import Identification, identify, identify_attachment
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
+from cylforce.mechanics.installation import STANDARD
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.common.readings import calibrated, check_known_kg, check_machine, model_of, named_segments
+from cylforce.programs.common.readings import (
+    calibrated,
+    check_known_kg,
+    check_machine,
+    model_of,
+    named_segments,
+    tool_models,
+)
 from cylforce.programs.common.tables import print_table
-from cylforce.settings.identified import write_identified
+from cylforce.settings.identified import read_identified, write_attachment, write_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 
@@ -24,13 +32,15 @@ from cylforce.signals.estimate import Array
 class How(NamedTuple):
     """How to identify: in the paper's two steps, with physical laws enforced, with a lift of a known weight [kg];
     `refuse`: end with a sentence when the machine was loaded, in contact or wired wrongly, or a joint stays
-    unexplained."""
+    unexplained. `attachment`: the tool that is on the machine; the common arm is then taken from the file that is
+    written, where its tares are added."""
 
     two_steps: bool = False
     enforce: bool = False
     lift: Path | None = None
     known_kg: float | None = None
     refuse: bool = True
+    attachment: str = STANDARD
 
 
 JOINTLY = How()
@@ -45,6 +55,8 @@ def run_identify(
         raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
     if how.known_kg is not None:
         check_known_kg(how.known_kg, loaded)
+    if how.attachment != STANDARD:
+        return _attached(loaded, recordings, output, how, watch)
     found = identify(
         model_of(loaded),
         _then_fit(loaded, recordings, watch),
@@ -55,6 +67,18 @@ def run_identify(
     if how.lift is not None and how.known_kg is not None:
         found = calibrated(loaded, found, how.lift, how.known_kg)
     write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
+    return found
+
+
+def _attached(loaded: Loaded, recordings: Sequence[Path], output: Path, how: How, watch: Watch) -> Identification:
+    """The tares with another tool, added to `output`."""
+    if how.lift is not None or how.two_steps or how.enforce:
+        raise RecordingError("--attachment: takes scale and laws from the standard tool: leave --lift and the like out")
+    common = read_identified(output, loaded)
+    models = tool_models(loaded, how.attachment, common)
+    segments = _then_fit(loaded, recordings, watch)
+    found = identify_attachment(common, *models, segments, refuse=how.refuse)
+    write_attachment(output, how.attachment, found.tares, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
 
 
@@ -90,7 +114,8 @@ def show(found: Identification, console: Console) -> None:
     shares = (f"{n} {_percent(share)}" for n, share in zip(names, found.explained, strict=True))
     console.print(f"explained share of the variance of the torque: {', '.join(shares)}")
     tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
-    console.print(f"friction: {', '.join(model.friction)} (mean squared error in data left out of the fit: {tried})")
+    errors = f" (mean squared error in data left out of the fit: {tried})" if tried else ""
+    console.print(f"friction: {', '.join(model.friction)}{errors}")
     if found.knows_scale:
         console.print(f"scale from the known weight: {found.tares.scale:.4f} +- {found.tares.scale_error:.4f}")
     for sentence in found.violations:

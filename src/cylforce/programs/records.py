@@ -16,7 +16,7 @@ from cylforce.records.export import export, iso, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import Total, bookings, last_truck, totals
 from cylforce.records.schema import open_labels, open_reading
-from cylforce.records.ticket import Ticket, ticket
+from cylforce.records.ticket import Ticket, TicketLine, ticket
 
 
 def microseconds(text: str) -> int:
@@ -95,9 +95,14 @@ def ticket_text(made: Ticket) -> str:
     copy = "" if made.printed == 1 else f" (copy {made.printed - 1})"
     head = [f"Ticket {made.number}{copy}, truck {made.truck}", f"{made.machine}, {iso(made.t_us)}"]
     labels = [f"{name}: {text}" for name, text in made.labels.items() if text]
-    lines = [f"{x.number:6d}  {iso(x.t_us)}  {x.mass:8.1f} kg  {x.product}".rstrip() for x in made.lines]
+    lines = [_line(x) for x in made.lines]
     total = f"Total: {made.mass:.1f} kg +- {made.standard_error:.1f} kg in {len(made.lines)} buckets"
     return "\n".join([*head, *labels, *lines, total])
+
+
+def _line(x: TicketLine) -> str:
+    mark = "by hand" if x.by_hand else ""
+    return f"{x.number:6d}  {iso(x.t_us)}  {x.mass:8.1f} kg  {x.product} {mark}".rstrip()
 
 
 def label(path: Path, truck: int | None, labels: dict[str, str], product: tuple[int, str] | None) -> None:

@@ -2,7 +2,7 @@
 
 import csv
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,12 +16,15 @@ from cylforce.files.logfile import Header, mismatches
 from cylforce.files.logreader import log_header, with_ticks
 from cylforce.files.recording import Events, open_recording, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
-from cylforce.service.publication import published
+from cylforce.records.export import iso
+from cylforce.service.publication import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY, published
 from cylforce.service.state import State
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
-from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Status
+from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Reason, Status
 from cylforce.signals.events import Event
+
+QUALITIES = (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values())
 
 
 class Replayed(NamedTuple):
@@ -86,18 +89,28 @@ def replay(core: Core, events: Iterable[Event | Sent], state: State) -> Replayed
 
 
 def write_estimates(path: Path, estimates: Iterable[Estimate]) -> None:
-    """CSV: `t_us` and one column per published value, SI; empty where there is no value."""
+    """CSV: the time (`t_us`, `t_s` from the start, `time` as ISO text) and one column per published value, SI; empty
+    where there is no value; status and reason as words."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        rows = _rows(estimates)
-        writer = csv.writer(file)
-        for k, row in enumerate(rows):
-            if k == 0:
+        writer, begun = csv.writer(file), None
+        for estimate in estimates:
+            begun = estimate.t_us if begun is None else begun
+            row = _row(estimate, begun)
+            if estimate.t_us == begun:
                 writer.writerow(row)
-            writer.writerow("" if np.isnan(v) else repr(v) for v in row.values())
+            writer.writerow(row.values())
 
 
-def _rows(estimates: Iterable[Estimate]) -> Iterator[dict[str, float]]:
-    return ({"t_us": estimate.t_us, **published(estimate)} for estimate in estimates)
+def _row(estimate: Estimate, begun: int) -> dict[str, str]:
+    t_us = estimate.t_us
+    row = {"t_us": str(t_us), "t_s": f"{1e-6 * (t_us - begun):.6f}", "time": iso(t_us)}
+    for name, value in published(estimate).items():
+        if name in QUALITIES:
+            what, code = name.removesuffix("_quality"), int(value)
+            row |= {f"{what}_status": Status(code & 3).name, f"{what}_reason": Reason(code >> 2).name}
+        else:
+            row[name] = "" if np.isnan(value) else repr(value)
+    return row
 
 
 def column(estimates: list[Estimate], name: str) -> Array:

@@ -16,8 +16,10 @@ from cylforce.can.bus import Bus
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_shared_bus
 from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
+from cylforce.canopen.j1939 import J1939, Claim, name_of
 from cylforce.files.atomic import RecordingError, check_outputs, warn
 from cylforce.files.logfile import Header, LogWriter, Rotation
+from cylforce.mechanics.installation import Service
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, open_recorder
 from cylforce.programs.live.station import Counts, Station, serve
@@ -27,11 +29,13 @@ from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status
+from cylforce.signals.events import Frame
 
 MISSING = 0x8250  # a sensor's PDOs stopped
 
 OnEstimate = Callable[[Estimate], None]
 NOT_MEASURED = "the measurement was interrupted before the bucket was seen empty"
+OTHER_TOOL = "the empty tool is off zero: other bucket? dirt? clean it, or choose the attachment"
 NOT_SEEN_EMPTY = "the bucket was not seen empty clearly enough before the next load"
 
 
@@ -42,6 +46,7 @@ class LastLogged(NamedTuple):
     status: Status
     booked: int
     missed: int = 0
+    other_tool: bool = False
 
 
 class Daemon(Station[State]):
@@ -59,9 +64,22 @@ class Daemon(Station[State]):
         super().__init__(core.service, partial(step, core), core.begin(kept), bus, log)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
-        self._books = Ledger(self.node, recorder, kept)
+        self._j1939 = _j1939_of(core.service, bus)
+        self._books = Ledger(self.node, recorder, kept, core.service.tools)
         booked = kept.booking.number if kept.booking else 0
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Join the bus."""
+        super().start(loop)
+        if self._j1939 is not None:
+            self._j1939.claim(now_us())
+
+    def on_frame(self, frame: Frame) -> None:
+        """A frame from the bus."""
+        super().on_frame(frame)
+        if self._j1939 is not None:
+            self._j1939.take(frame)
 
     def before_tick(self, t_us: int) -> None:
         """When the log is full: a new file, which begins with what the service remembers now."""
@@ -72,6 +90,8 @@ class Daemon(Station[State]):
         """Publish the adaptation's state, log what has changed."""
         if self.counts.steps % self._every[1] == 0:
             self._show_drift()
+        if self._j1939 is not None and self.counts.steps % self._every[1] == 0:
+            self._j1939.publish(self.state.estimate)
         self._books.look(self.state)
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
@@ -89,14 +109,23 @@ class Daemon(Station[State]):
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
         missed = self.state.weighing.books.missed.number
-        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed)
+        off = self.state.weighing.tool.off
+        now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed, off is not None)
         if now[:2] != self._logged[:2]:
             self._say_measurement(reason)
         if estimate.booking is not None and now.booked != self._logged.booked:
             self._say_booking(estimate.booking)
         if now.missed != self._logged.missed:
             self._say_missed(self.state.weighing.books.missed)
+        if now.other_tool != self._logged.other_tool:
+            self._say_tool(off)
         self._logged = now
+
+    def _say_tool(self, off: float | None) -> None:
+        if off is None:
+            self._tell.info("the empty tool is at zero again", attachment=self.state.tool)
+        else:
+            self._tell.warning("nothing is booked", attachment=self.state.tool, off_kg=round(off, 1), why=OTHER_TOOL)
 
     def _say_measurement(self, reason: Reason) -> None:
         if reason is Reason.NONE:
@@ -117,6 +146,13 @@ class Daemon(Station[State]):
     def _say_missed(self, missed: Missed) -> None:
         why = NOT_MEASURED if missed.interrupted else NOT_SEEN_EMPTY
         self._tell.warning("not booked", mass_kg=round(missed.mass, 1), why=why)
+
+
+def _j1939_of(service: Service, bus: Bus) -> J1939 | None:
+    """Our node on J1939, where the machine file wants one."""
+    if service.j1939_address is None:
+        return None
+    return J1939(bus.send, Claim(service.j1939_address, name_of(service.node_id)), warn)
 
 
 def _ignore(estimate: Estimate) -> None:

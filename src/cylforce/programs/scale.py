@@ -11,29 +11,42 @@ from cylforce.display.words import REFUSALS
 from cylforce.programs.common.machine_file import load_machine
 
 SHOW = "show"
-ALONE, NUMBERED = ("zero", "tare", "next"), ("target", "product", "cancel", "accept")
-ORDERS = (SHOW, *ALONE, *NUMBERED)
+ALONE, NUMBERED = ("zero", "tare", "next"), ("target", "product", "cancel", "accept", "add")
+ATTACHMENT = "attachment"
+ORDERS = (SHOW, *ALONE, *NUMBERED, ATTACHMENT)
 
 
-def run_scale(machine: Path, bus_name: str, order: str, number: float | None) -> bool:
+def run_scale(machine: Path, bus_name: str, order: str, value: str | None) -> bool:
     """Send an order, print the answer and the truck; whether it was done. Raises ValueError for what is no order."""
-    check(order, number)
     service = load_machine(machine).service
+    number = number_of(order, value, service.tools)
     bus = open_shared_bus(bus_name)
     try:
         reply, known = asyncio.run(ordered(bus, service.node_id, order, number or 0.0))
     finally:
         bus.close()
-    print(REFUSALS[reply.why] if reply.why in REFUSALS else reply.why or told(known))
+    print(REFUSALS[reply.why] if reply.why in REFUSALS else reply.why or told(known, service.tools))
     return reply.done
 
 
-def check(order: str, number: float | None) -> None:
-    """Raises ValueError for an unknown order, and where a number is missing or too much."""
+def number_of(order: str, value: str | None, tools: tuple[str, ...]) -> float | None:
+    """The number that an order needs, of an attachment its place among the tools. Raises ValueError for an unknown
+    order, and where a number is missing, none, or too much."""
     if order not in ORDERS:
         raise ValueError(f"{order}: is no order: use {', '.join(ORDERS)}")
-    if (order in NUMBERED) is not (number is not None):
-        raise ValueError(f"{order}: " + ("needs a number after it" if order in NUMBERED else "takes no number"))
+    if (order in (*NUMBERED, ATTACHMENT)) is not (value is not None):
+        needs = "the name of an attachment" if order == ATTACHMENT else "a number"
+        raise ValueError(f"{order}: " + (f"needs {needs} after it" if value is None else "takes no number"))
+    if value is None:
+        return None
+    if order == ATTACHMENT:
+        if value not in tools:
+            raise ValueError(f"{value}: is no attachment of the machine file: use {', '.join(tools)}")
+        return tools.index(value)
+    try:
+        return float(value)
+    except ValueError:
+        raise ValueError(f"{order} {value}: is no number") from None
 
 
 async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Reply, Known | None]:
@@ -47,11 +60,12 @@ async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Re
     return (reply, known) if known or not reply.done else (Reply(False, NO_ANSWER), None)
 
 
-def told(known: Known | None) -> str:
+def told(known: Known | None, tools: tuple[str, ...]) -> str:
     """The truck in a line."""
     if known is None:
         return ""
     target = f" of {known.target:.1f} kg" if known.target else ""
     product = f", product {known.product}" if known.product else ""
     load = f"{known.total:.1f} kg{target} in {known.filled} buckets{product}"
-    return f"truck {known.number}: {load}; last booking {known.last}"
+    tool = f"; {tools[known.tool]}" if 0 < known.tool < len(tools) else ""
+    return f"truck {known.number}: {load}; last booking {known.last}{tool}"

@@ -12,6 +12,7 @@ from cylforce.files.candump import event_line
 from cylforce.files.logfile import Header, header_lines, running_versions
 from cylforce.files.tables import SUFFIXES, Table, write_table
 from cylforce.files.truth import TruthWriter, truth_columns
+from cylforce.mechanics.installation import STANDARD
 from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import Play, prepare
 from cylforce.programs.live.sim_bus import play_on_bus
@@ -35,6 +36,7 @@ def run_sim(
     effects: Path | None = None,
     payload: float = 0.0,
     turning: bool = False,
+    attachment: str = STANDARD,
     truth: Path | None = None,
     bus: str | None = None,
     log: Path | None = None,
@@ -57,6 +59,8 @@ def run_sim(
         if need be, `shape` (a table of its other parameters), `from_s` and `until_s`.
     payload, turning
         The moves with so much in the bucket [kg], with the house turning to and fro.
+    attachment
+        The tool on the machine.
     truth
         Where the truth goes (CSV after one line of JSON), never to be read by the daemon.
     bus
@@ -67,7 +71,7 @@ def run_sim(
 
     Raises
     ------
-    SettingsError, RecordingError, BusError
+    SettingsError, RecordingError, BusError, ValueError
         One sentence each.
     """
     _check(scenario, cycles, duration, mass_error)
@@ -75,6 +79,7 @@ def run_sim(
     check_outputs((truth, log, table), (machine_file, effects), (".csv", "", ""))
     seed = secrets.randbits(32) if seed is None else seed
     loaded = load_machine(machine_file)
+    loaded = loaded._replace(service=loaded.service.fitted(attachment))
     _check_payload(payload, loaded.service.machine.rated_payload)
     play = prepare(
         loaded,

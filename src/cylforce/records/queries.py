@@ -4,7 +4,7 @@ import sqlite3
 from typing import NamedTuple
 
 SHORT, SHIFT, GRAND = "short", "shift", "grand"
-_JOINED = (
+JOINED = (
     "SELECT b.*, s.how AS start_how, t.customer, t.job, t.operator, t.note, p.name AS product_name FROM bookings b "
     "JOIN starts s ON s.id = b.start LEFT JOIN trucks t ON t.number = b.truck "
     "LEFT JOIN products p ON p.number = b.product"
@@ -35,7 +35,7 @@ def bookings(
     where, values = " WHERE b.t_us >= ?", [since_us]
     if truck is not None:
         where, values = where + " AND b.truck = ?", [*values, truck]
-    rows = connection.execute(f"{_JOINED}{where} ORDER BY b.id DESC LIMIT ?", [*values, last])
+    rows = connection.execute(f"{JOINED}{where} ORDER BY b.id DESC LIMIT ?", [*values, last])
     return rows.fetchall()[::-1]
 
 

@@ -43,6 +43,18 @@ MIGRATIONS = (
     CREATE TRIGGER refined AFTER UPDATE OF mass ON bookings WHEN new.accepted AND new.mass <> old.mass BEGIN
         UPDATE totals SET mass = mass + new.mass - old.mass WHERE product = new.product; END;
     """,
+    # `revision`: counts the changes of all bookings; who passes them on remembers the last one that was taken.
+    """
+    ALTER TABLE bookings ADD COLUMN revision INTEGER NOT NULL DEFAULT 0;
+    UPDATE bookings SET revision = id;
+    CREATE INDEX bookings_by_revision ON bookings (revision);
+    CREATE TABLE passed_on (receiver TEXT PRIMARY KEY, revision INTEGER NOT NULL) STRICT;
+    CREATE TRIGGER made AFTER INSERT ON bookings BEGIN
+        UPDATE bookings SET revision = (SELECT max(revision) + 1 FROM bookings) WHERE id = new.id; END;
+    CREATE TRIGGER changed AFTER UPDATE OF mass, accepted, final ON bookings
+        WHEN (new.mass, new.accepted, new.final) <> (old.mass, old.accepted, old.final) BEGIN
+        UPDATE bookings SET revision = (SELECT max(revision) + 1 FROM bookings) WHERE id = new.id; END;
+    """,
 )
 VERSION = len(MIGRATIONS)
 BUSY_S = 10.0  # how long the writer waits for another program that writes labels

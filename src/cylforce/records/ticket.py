@@ -5,16 +5,19 @@ from typing import NamedTuple
 
 from cylforce.files.atomic import RecordingError
 from cylforce.records.queries import bookings, truck
+from cylforce.records.writing import BY_HAND
 
 
 class TicketLine(NamedTuple):
-    """A bucket on a ticket: booking number, time [us], product, mass and standard error [kg]."""
+    """A bucket on a ticket: booking number, time [us], product, mass and standard error [kg], whether the operator gave
+    the mass."""
 
     number: int
     t_us: int
     product: str
     mass: float
     standard_error: float
+    by_hand: bool = False
 
 
 class Ticket(NamedTuple):
@@ -41,7 +44,14 @@ def ticket(connection: sqlite3.Connection, number: int, t_us: int, printing: boo
         raise RecordingError(f"truck {number}: has no booked bucket, so there is no ticket")
     made = _numbered(connection, number, t_us, printing)
     lines = tuple(
-        TicketLine(r["number"], r["t_us"], r["product_name"] or _product(r["product"]), r["mass"], r["standard_error"])
+        TicketLine(
+            r["number"],
+            r["t_us"],
+            r["product_name"] or _product(r["product"]),
+            r["mass"],
+            r["standard_error"],
+            r["status"] == BY_HAND,
+        )
         for r in rows
     )
     machine = connection.execute("SELECT machine FROM starts ORDER BY id DESC LIMIT 1").fetchone()[0]

@@ -8,8 +8,8 @@ from cylforce.service.loading.truck import KEPT, Bucket, Truck
 from cylforce.service.state import Memory, Scale
 from cylforce.signals.estimate import Booking
 
+BY_HAND = "BY_HAND"  # status of a booking that the operator gave
 RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"
-STANDARD = "standard"  # the attachment that the machine file describes
 
 
 class Start(NamedTuple):
@@ -57,16 +57,16 @@ def restored(connection: sqlite3.Connection) -> Memory:
         "FROM bookings ORDER BY id DESC LIMIT 1"
     )
     booking = next((Booking(*row) for row in last), None)
-    row = connection.execute("SELECT zero, tare, truck, target, product FROM kept").fetchone()
+    row = connection.execute("SELECT zero, tare, truck, target, product, attachment FROM kept").fetchone()
     if row is None:
         return Memory(booking=booking)
-    zero, tare, number, target, product = row
+    zero, tare, number, target, product, tool = row
     sums = "SELECT coalesce(sum(mass), 0.0), count(*) FROM bookings WHERE truck = ? AND accepted"
     total, filled = connection.execute(sums, (number,)).fetchone()
     listed = "SELECT number, mass, accepted FROM bookings WHERE truck = ? ORDER BY id DESC LIMIT ?"
     rows = connection.execute(listed, (number, KEPT)).fetchall()
     buckets = tuple(Bucket(found, mass, bool(accepted)) for found, mass, accepted in reversed(rows))
-    return Memory(Scale(zero, tare), Truck(number, target, product, total, filled, buckets), booking)
+    return Memory(Scale(zero, tare), Truck(number, target, product, total, filled, buckets), booking, tool)
 
 
 def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
@@ -100,7 +100,7 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
             "UPDATE bookings SET accepted = ? WHERE truck = ? AND number = ? AND accepted <> ?",
             (bucket.accepted, truck.number, bucket.number, bucket.accepted),
         )
-    values = (*change.kept.scale, STANDARD, truck.number, truck.target, truck.product)
+    values = (*change.kept.scale, change.kept.tool, truck.number, truck.target, truck.product)
     connection.execute("INSERT OR REPLACE INTO kept VALUES (1, ?, ?, ?, ?, ?, ?)", values)
     if change.words:
         row = (start, change.t_us, change.words)
@@ -112,7 +112,7 @@ def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: Book
     booking, (zero, tare) = booked.booking, kept.scale
     weights = (booking.dumped - tare, booking.dumped_error, booking.mass, booking.carry_back - zero)
     place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product)
-    rest = (*booked.cycle, zero, tare, STANDARD, booked.drift, booked.status)
+    rest = (*booked.cycle, zero, tare, kept.tool, booked.drift, booked.status)
     connection.execute(
         "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, mass, standard_error, gross, carry_back, "
         "cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "

@@ -3,8 +3,20 @@ messages of sensors."""
 
 from typing import Literal, NamedTuple
 
-from cylforce.service.loading.truck import NOT_NOW, TOO_FAR, Ruling, Truck, aimed, judged, next_truck, of_product
-from cylforce.signals.estimate import Quantity, Status
+from cylforce.service.loading.truck import (
+    DONE,
+    LARGEST_TARGET,
+    NOT_NOW,
+    TOO_FAR,
+    Ruling,
+    Truck,
+    aimed,
+    judged,
+    loaded,
+    next_truck,
+    of_product,
+)
+from cylforce.signals.estimate import Booking, Quantity, Status
 from cylforce.signals.events import Frame
 
 ZERO, TARE = 0x6125, 0x6139  # CiA 404: auto-zero, auto-tare
@@ -12,6 +24,8 @@ SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # both spellings of t
 LOADING = 0x2190  # ours: the truck that is being loaded
 TARGET, PRODUCT, NEXT, CANCEL, ACCEPT = 1, 2, 3, 4, 5  # its sub-indices that are commands
 NEXT_WORD = b"next"
+TOOL = 12  # ... and the one that chooses a tool by its number
+ADD = 13  # ... and the one that adds a bucket by hand
 KG = 0.1  # kg, of the target's integer
 WRONG_VALUE = 0x06090030  # the same code: the written value is not the signature
 FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, or with size 4 (CiA 301)
@@ -32,6 +46,23 @@ class LoadingCommand(NamedTuple):
     data: bytes
 
 
+class ToolCommand(NamedTuple):
+    """Another tool is on the machine: its number."""
+
+    number: int
+
+
+AnyCommand = Command | LoadingCommand | ToolCommand
+
+
+class ToolRuling(NamedTuple):
+    """The tool after a command; 0, or the SDO abort code; what was decided, in words."""
+
+    tool: str
+    verdict: int
+    words: str
+
+
 class Answer(NamedTuple):
     """The new (zero, tare) [kg]; the verdict: 0, or the SDO abort code; what was decided and why, in words."""
 
@@ -40,14 +71,16 @@ class Answer(NamedTuple):
     words: str
 
 
-def read(frame: Frame, node_id: int) -> Command | LoadingCommand | None:
-    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5 of our node; None for any
-    other frame. A download of another length is refused by the SDO server itself."""
+def read(frame: Frame, node_id: int) -> AnyCommand | None:
+    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12, 13 of our node; None
+    for any other frame. A download of another length is refused by the SDO server itself."""
     if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
-    if index == LOADING and TARGET <= frame.data[3] <= ACCEPT:
+    if index == LOADING and (TARGET <= frame.data[3] <= ACCEPT or frame.data[3] == ADD):
         return LoadingCommand(frame.data[3], frame.data[4:8])
+    if index == LOADING and frame.data[3] == TOOL:
+        return ToolCommand(int.from_bytes(frame.data[4:8], "little"))
     if index not in SIGNATURES or frame.data[3] != 1:
         return None
     return Command("zero" if index == ZERO else "tare", frame.data[4:8])
@@ -88,6 +121,26 @@ def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
         return next_truck(truck)
     words = f"next truck refused: the four bytes written must be the word next, not {command.data!r}"
     return Ruling(truck, WRONG_VALUE, words)
+
+
+def fitted(number: int, tools: tuple[str, ...], present: str) -> ToolRuling:
+    """Which tool of `tools` a number means; the one `present` is chosen once more without effect."""
+    if number >= len(tools):
+        known = ", ".join(f"{k} {name}" for k, name in enumerate(tools))
+        return ToolRuling(present, TOO_FAR, f"attachment refused: {number} is none of {known}")
+    if tools[number] == present:
+        return ToolRuling(present, 0, f"attachment {present} is chosen already")
+    return ToolRuling(tools[number], 0, f"attachment {tools[number]} chosen: zero and tare are 0")
+
+
+def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
+    """The booking, by hand, of a bucket that was not weighed (None where it is refused), and the truck with it."""
+    mass, most = KG * int.from_bytes(data, "little", signed=True), LARGEST_TARGET
+    if not 0.0 < mass <= most:
+        return None, Ruling(truck, TOO_FAR, f"bucket by hand refused: {mass:.1f} kg is not above 0 to {most:.0f} kg")
+    number = last.number + 1 if last else 1
+    made = Booking(number, t_us, mass, 0.0, 0.0, 0.0, mass, 0.0, by_hand=True)
+    return made, Ruling(loaded(truck, made, 0.0), DONE, f"booking {number} by hand: {mass:.1f} kg")
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from cylforce.mechanics.installation import STANDARD
 from cylforce.service.adaptation import Drift
 from cylforce.service.assembler import Inputs
 from cylforce.service.contact.interaction import Interaction
@@ -24,11 +25,13 @@ NO_SCALE = Scale()
 
 
 class Memory(NamedTuple):
-    """What a restart does not change: zero and tare, the truck that is being loaded, the last booking."""
+    """What a restart does not change: zero and tare, the truck that is being loaded, the last booking, the name of the
+    tool."""
 
     scale: Scale = NO_SCALE
     truck: Truck = NO_TRUCK
     booking: Booking | None = None
+    tool: str = STANDARD
 
 
 NOTHING_KEPT = Memory()
@@ -38,7 +41,8 @@ class State(NamedTuple):
     """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
     started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
     it should change because the machine moves; whose machine it is; contact with the ground; the truck that is being
-    loaded; the working cycle so far, and the one that the last booking ended; whether NMT has stopped our node."""
+    loaded; the working cycle so far, and the one that the last booking ended; whether NMT has stopped our node; the
+    name of the tool."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -54,11 +58,12 @@ class State(NamedTuple):
     cycle: Cycle = NO_CYCLE
     ended: Cycle = NO_CYCLE
     stopped: bool = False
+    tool: str = STANDARD
 
     @property
     def memory(self) -> Memory:
         """What a restart does not change."""
-        return Memory(self.scale, self.truck, self.weighing.books.booking)
+        return Memory(self.scale, self.truck, self.weighing.books.booking, self.tool)
 
 
 class Output(NamedTuple):

@@ -1,26 +1,22 @@
 """The whole service as one pure function of events: step(state, event) -> (state, output)."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
-from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual, residual
-from cylforce.mechanics.installation import Service
 from cylforce.service import commands
-from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.assembler import Assembler
-from cylforce.service.contact.interaction import Forces, Interactor
+from cylforce.service.adaptation import Drift
+from cylforce.service.booking import unseen
+from cylforce.service.contact.interaction import Forces
+from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
-from cylforce.service.pipeline import Pipe, Pipeline
-from cylforce.service.publication import GROSS, MAGNITUDE, frames
-from cylforce.service.recognition import Recognizer
-from cylforce.service.state import NOTHING, NOTHING_KEPT, Memory, Output, Scale, State
-from cylforce.service.weighing import Weigher
+from cylforce.service.pipeline import Pipe
+from cylforce.service.publication import GROSS, frames
+from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.signals.estimate import (
     Array,
     Booking,
@@ -31,108 +27,24 @@ from cylforce.signals.estimate import (
     degraded,
     each_component,
     held_estimate,
+    invalid_load,
     is_new,
     less,
     no_estimate,
     within,
 )
 from cylforce.signals.events import Event, Frame, Tick
-from cylforce.signals.kinds import Kind
+
+__all__ = ["Core", "step"]
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
-TICK_SLACK = 0.5  # periods by which a tick may be early or late
-
-
-@dataclass(frozen=True)
-class Core:
-    """The settings of a service and its tares, and the parts of the calculation made from them."""
-
-    service: Service
-    tares: Tares
-
-    @cached_property
-    def model(self) -> Model:
-        """The model whose parameters the tares are."""
-        return Model(self.service.machine, self.service.filters, self.tares.friction)
-
-    @cached_property
-    def assembler(self) -> Assembler:
-        """Frames to samples."""
-        return Assembler(self.service)
-
-    @cached_property
-    def pipeline(self) -> Pipeline:
-        """Samples to rows."""
-        return Pipeline(self.model)
-
-    @cached_property
-    def weigher(self) -> Weigher:
-        """Rows to weight."""
-        return Weigher(self.model, self.tares)
-
-    @cached_property
-    def adapter(self) -> Adapter:
-        """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
-        friction may follow the oil much farther."""
-        return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
-
-    @cached_property
-    def recognizer(self) -> Recognizer:
-        """Rows to whether this is the machine that was identified."""
-        return Recognizer(self.model, self.tares)
-
-    @cached_property
-    def interactor(self) -> Interactor:
-        """Rows of an instant to forces and events."""
-        return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1])
-
-    @cached_property
-    def limits(self) -> dict[str, tuple[float, float]]:
-        """The declared range of every published value."""
-        return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
-
-    @cached_property
-    def tilts(self) -> tuple[int, ...]:
-        """Numbers of the signals that measure the tilt of the chassis."""
-        return tuple(k for k, s in enumerate(self.service.machine.signals) if s.kind in (Kind.PITCH, Kind.ROLL))
-
-    @cached_property
-    def moved_by(self) -> tuple[int | None, ...]:
-        """Per signal the number of the cylinder whose motion changes it; None: that of any cylinder."""
-        return tuple(s.index if s.kind in PRESSURES else None for s in self.service.machine.signals)
-
-    @cached_property
-    def adapts(self) -> bool:
-        """Whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow their
-        errors."""
-        return self.service.adapt and self.tares.identified
-
-    @cached_property
-    def longest_step(self) -> float:
-        """Largest time between two ticks [periods]; after a longer one the filters start again."""
-        return self.service.health.max_step_s * self.service.filters.rate_hz + TICK_SLACK
-
-    @cached_property
-    def period_us(self) -> int:
-        """The fixed step [us]."""
-        return round(1e6 / self.service.filters.rate_hz)
-
-    def begin(self, kept: Memory = NOTHING_KEPT) -> State:
-        """The state of a service before any event, with what was kept from before the restart."""
-        nothing = no_estimate(0, Reason.STARTING, kept.booking)
-        still = (False,) * len(self.service.machine.signals)
-        inputs, known = self.assembler.begin(), self.recognizer.begin()
-        drift, contact = self.adapter.begin(), self.interactor.begin()
-        weighing = self.weigher.begin()
-        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking))
-        return State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, kept.truck)
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
-        state = _tick(core, state, event.t_us)
+        state = _tick(core.fitted[state.tool], state, event.t_us)
         return state, Output(None, state.estimate, frames(core.service.publication, state.estimate))
     obeyed = None if event.can_id in core.assembler.decoders else _obey(core, state, event)
     if obeyed is not None:
@@ -154,13 +66,40 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
     return None
 
 
-def _commanded(core: Core, state: State, command: commands.Command | commands.LoadingCommand) -> tuple[State, Output]:
+def _commanded(core: Core, state: State, command: commands.AnyCommand) -> tuple[State, Output]:
+    if isinstance(command, commands.ToolCommand):
+        return _with_tool(core, state, command.number)
+    if isinstance(command, commands.LoadingCommand) and command.sub == commands.ADD:
+        return _by_hand(state, command.data)
     if isinstance(command, commands.LoadingCommand):
         truck, verdict, words = commands.obey_loading(command, state.truck)
         return state._replace(truck=truck), Output(verdict, words=words)
-    rated = core.service.machine.rated_payload
+    rated = core.fitted[state.tool].service.machine.rated_payload
     scale, verdict, words = commands.obey(command, state.scale, state.estimate.load.mass, rated)
     return state._replace(scale=Scale(*scale)), Output(verdict, words=words)
+
+
+def _by_hand(state: State, data: bytes) -> tuple[State, Output]:
+    """The state with a bucket that was not weighed. A booking that was still becoming more precise is left as it is."""
+    books = state.weighing.books
+    made, (truck, verdict, words) = commands.added(data, books.booking, state.estimate.t_us, state.truck)
+    if made is not None:
+        weighing = state.weighing._replace(books=books._replace(booking=made, dumped=None))
+        state = state._replace(weighing=weighing, truck=truck)
+    return state, Output(verdict, words=words)
+
+
+def _with_tool(core: Core, state: State, number: int) -> tuple[State, Output]:
+    """The state with another tool: the weighing begins anew, zero and tare are 0. Friction and pressure zeros are the
+    arm's, so the drift stays. A load that hangs is not booked."""
+    ruling = commands.fitted(number, core.service.tools, state.tool)
+    if ruling.verdict or ruling.tool == state.tool:
+        return state, Output(ruling.verdict, words=ruling.words)
+    other = core.fitted[ruling.tool]
+    weighing = other.weigher.begin()._replace(books=unseen(state.weighing.books))
+    known = other.recognizer.begin()
+    state = state._replace(weighing=weighing, recognition=known, scale=Scale(), tool=ruling.tool)
+    return _lose(other, state, state.estimate.t_us, Reason.STARTING), Output(0, words=ruling.words)
 
 
 def _tick(core: Core, state: State, t_us: int) -> State:
@@ -184,7 +123,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
-    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting)
+    curled = _curled(core, channels)
+    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting, curled=curled)
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
@@ -201,6 +141,12 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         interaction=interaction,
     )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
+
+
+def _curled(core: Core, channels: Array) -> bool:
+    """Whether the bucket is curled as far as the machine file wants it for a booking."""
+    machine = core.service.machine
+    return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
 
 
 def _booked(state: State, before: Booking | None) -> State:
@@ -264,6 +210,8 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
         forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
+    if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
+        load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
@@ -279,9 +227,6 @@ def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
     return tuple([shaken if c is None else moves[c] for c in core.moved_by])
 
 
-PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
-
-
 def _tilted(core: Core, sample: Sample) -> bool:
     limit = core.service.health.max_tilt
     return any(abs(sample.values[k]) > limit for k in core.tilts)
@@ -291,5 +236,7 @@ def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
     """Why nothing that is published now is OK."""
     if state.recognition.another and core.tares.identified:
         yield Reason.NOT_THIS_MACHINE
+    if state.weighing.tool.off is not None:
+        yield Reason.OTHER_TOOL
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME

@@ -22,8 +22,9 @@ from cylforce.estimation.residual import (
 )
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled, unseen
+from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information
-from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, invalid, invalid_load
+from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
@@ -74,12 +75,13 @@ class Weight(NamedTuple):
 
 
 class Weighing(NamedTuple):
-    """State of the weighing: the present lift, what is to be booked or was booked last, and when something was measured
-    last [us] (None: not yet)."""
+    """State of the weighing: the present lift, what is to be booked or was booked last, when something was measured
+    last [us] (None: not yet), and whether the tool is the one that was chosen."""
 
     lift: Lift
     books: Books
     seen_us: int | None = None
+    tool: ToolCheck = NOT_CHECKED
 
 
 @dataclass(frozen=True)
@@ -104,17 +106,8 @@ class Weigher:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        return Lift(
-            root,
-            *solution(root),
-            nothing,
-            0,
-            0,
-            0,
-            np.zeros(len(machine.rows)),
-            np.stack([information(root, nothing)] * 2),
-            mixed=False,
-        )
+        rested, marks = np.zeros(len(machine.rows)), np.stack([information(root, nothing)] * 2)
+        return Lift(root, *solution(root), nothing, 0, 0, 0, rested, marks, mixed=False)
 
     @property
     def _again(self) -> Lift:
@@ -144,10 +137,12 @@ class Weigher:
         t_us: int,
         drift: Drift | None = None,
         drifting: Array | None = None,
+        *,
+        curled: bool = True,
     ) -> tuple[Weighing, Load]:
         """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
         [us]; the `drift`, which is already subtracted from the residual, and its columns `drifting` (R, D). Without
-        them friction and zeros are those of the tares."""
+        them friction and zeros are those of the tares. A load is noted for booking while the bucket is `curled`."""
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
@@ -159,8 +154,11 @@ class Weigher:
         elif not lift.taken and state.lift.taken:
             state = state._replace(books=spilled(state.books))
         weight = self._conclude(lift, drift)
-        state = self._note(state._replace(lift=lift, seen_us=t_us), weight, t_us, drift)
-        return state, self._judge(lift, weight)
+        state = state._replace(lift=lift, seen_us=t_us)
+        load = self._judge(lift, weight)
+        if not curled and weight.mass >= SMALLEST * self.model.machine.rated_payload:
+            return state, Load(*(degraded(q, Reason.NOT_CURLED) for q in load))
+        return self._note(state, weight, t_us, drift), load
 
     def is_empty(self, load: Load) -> bool:
         """Whether the bucket is known to be empty and in the air: a load without a value is no empty bucket."""
@@ -274,10 +272,24 @@ class Weigher:
             return Reason.NOT_A_LOAD
         return Reason.UNCERTAIN if weight.standard_error >= self.model.machine.rated_payload else None
 
+    def _checked(self, check: ToolCheck, lift: Lift, weight: Weight) -> ToolCheck:
+        """The check of the tool with the weight of a lift that goes on in motion."""
+        limit, settled = SMALLEST * self.model.machine.rated_payload, MIN_SECONDS * self.model.filters.rate_hz
+        noise = sqrt(lift.covariance[0, 0])
+        if lift.refused or lift.moving < settled or noise > GOOD_ENOUGH * self.model.machine.rated_payload:
+            return check
+        certain = abs(weight.mass) > max(limit, 3.0 * weight.standard_error)
+        plausible = self._plausible(weight)
+        impossible = not plausible and (weight.mass < 0.0 or not certain)
+        return checked(check, weight.mass, limit, empty=plausible and not certain, impossible=impossible)
+
     def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift) -> Weighing:
         """The state with what is to be booked, looked at every LATER_S of a lift."""
         often = round(LATER_S * self.model.filters.rate_hz)
-        if state.lift.taken % often or self._doubt(state.lift, weight) is not None:
+        if state.lift.taken % often:
+            return state
+        state = state._replace(tool=self._checked(state.tool, state.lift, weight))
+        if self._doubt(state.lift, weight) is not None:
             return state
         rated, weighed = self.model.machine.rated_payload, self._weighed(state.lift)
         return state._replace(books=noted(state.books, weighed, rated, t_us, self.tares, drift))

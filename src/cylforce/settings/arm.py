@@ -113,6 +113,39 @@ class ToolTable(SettingsTable):
     """The tooth line, where forces act."""
 
     point_m: XZ = Field(description="[x, z] of the tooth line (or hook) in the last link's frame.")
+    curled_deg: AngleRange | None = Field(
+        default=None, description="Angles of the last joint at which loads are booked: bucket curled. Default: any."
+    )
+
+
+class AttachmentTolerance(SettingsTable):
+    """How far an attachment's data may be off: half-widths."""
+
+    mass_percent: MassTolerance = Field(default=10.0, description="Of the mass.")
+    centre_m: CentreTolerance = Field(default=0.05, description="Of each coordinate of the centre of gravity.")
+    inertia_percent: InertiaTolerance = Field(default=25.0, description="Of the moment of inertia.")
+
+
+class AttachmentTable(SettingsTable):
+    """A tool that can take the place of the last link and of [tool]; its data are in that link's frame."""
+
+    name: Name = Field(description='Name, by which it is chosen; the last link itself is called "standard".')
+    kind: Literal["bucket", "grab", "fork"] = Field(description="What it is.")
+    mass_kg: Mass = Field(description="Mass of all that takes the last link's place, quick coupler included.")
+    centre_m: XZ = Field(description="[x, z] of its centre of gravity.")
+    inertia_kg_m2: Inertia | None = Field(
+        default=None,
+        description="Moment of inertia about the centre of gravity. Default: a slender rod's, m l^2 / 12.",
+    )
+    point_m: XZ = Field(description="[x, z] of its tooth line, hook or fork tip.")
+    rated_payload_kg: Payload = Field(description="Rated payload with it.")
+    payload_reach_m: Reach | None = Field(
+        default=None,
+        description="How far from the last pin the middle of a load may lie. Default: as far as point_m.",
+    )
+    tolerance: AttachmentTolerance = Field(
+        default=AttachmentTolerance(), description="How far these data may be off; a small one says: they are trusted."
+    )
 
 
 class Pin(SettingsTable):

@@ -25,7 +25,7 @@ def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple
         problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
         findings.errors.append(FaultError(("publication", "period_ms"), f"{problem}: publish no faster than that"))
     often = max(own.force_period_ms * MILLISECOND, 1.0 / file.filter.rate_hz)
-    rated = file.machine.rated_payload_kg
+    rated = max([file.machine.rated_payload_kg, *(other.rated_payload_kg for other in file.attachments)])
     pdos = publication(own.node_id, own.period_ms * MILLISECOND, rated, own.rated_force_n, often, filters)
     limits: tuple[tuple[str, Key], ...] = (
         ("N", ("publication", "rated_force_n")),

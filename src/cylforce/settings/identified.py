@@ -51,6 +51,18 @@ class IdentifiedParameter(_Strict):
     from_recording: bool
 
 
+class IdentifiedAttachment(_Strict):
+    """The parameters with another tool: `values` and `covariance` in the order of the file's `parameters`."""
+
+    name: str
+    recordings: tuple[str, ...]
+    recording_sha256: tuple[str, ...]
+    date: str
+    unexplained_torque_n_m: tuple[Number, ...]
+    values: tuple[Number, ...]
+    covariance: tuple[tuple[Number, ...], ...]
+
+
 class IdentifiedFile(_Strict):
     """The whole file; `warnings`: sentences why these parameters should not be trusted, which every use repeats."""
 
@@ -65,6 +77,7 @@ class IdentifiedFile(_Strict):
     zero_between_strokes_pa: Number = EXPECTED.zero
     parameters: tuple[IdentifiedParameter, ...]
     covariance: tuple[tuple[Number, ...], ...]
+    attachments: tuple[IdentifiedAttachment, ...] = ()
 
 
 def write_identified(path: Path, found: Identification, loaded: Loaded, recordings: Sequence[tuple[str, str]]) -> None:
@@ -76,7 +89,7 @@ def write_identified(path: Path, found: Identification, loaded: Loaded, recordin
             machine_sha256=loaded.sha256,
             recordings=tuple(name for name, _ in recordings),
             recording_sha256=tuple(sha256 for _, sha256 in recordings),
-            date=datetime.now(UTC).isoformat(timespec="seconds"),
+            date=_now(),
             cylforce=cylforce.__version__,
         ),
         unexplained_torque_n_m=tuple(found.tares.row_error.tolist()),
@@ -90,6 +103,34 @@ def write_identified(path: Path, found: Identification, loaded: Loaded, recordin
         parameters=_parameters(found),
         covariance=tuple(tuple(row) for row in found.tares.covariance.tolist()),
     )
+    _write(path, table)
+
+
+def write_attachment(
+    path: Path, name: str, tares: Tares, loaded: Loaded, recordings: Sequence[tuple[str, str]]
+) -> None:
+    """Add the tares with attachment `name` to a file, or replace them; `recordings` are (name, SHA-256). Raises
+    SettingsError as `read_identified`."""
+    read_identified(path, loaded)
+    made = IdentifiedAttachment(
+        name=name,
+        recordings=tuple(name for name, _ in recordings),
+        recording_sha256=tuple(sha256 for _, sha256 in recordings),
+        date=_now(),
+        unexplained_torque_n_m=tuple(tares.row_error.tolist()),
+        values=tuple(tares.values.tolist()),
+        covariance=tuple(tuple(row) for row in tares.covariance.tolist()),
+    )
+    file = _read(path)
+    others = tuple(other for other in file.attachments if other.name != name)
+    _write(path, file.model_copy(update={"attachments": (*others, made)}))
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _write(path: Path, table: IdentifiedFile) -> None:
     with replacing(path) as temporary:
         temporary.write_text(_COMMENT + tomlkit.dumps(table.model_dump(mode="json")), encoding="utf-8")
 
@@ -123,6 +164,28 @@ def read_identified(path: Path, loaded: Loaded) -> Tares:
     differ = BetweenStrokes(file.friction_between_strokes, file.zero_between_strokes_pa)
     rest = (file.scale, file.scale_standard_error, file.unexplained_correlation_s, differ)
     return Tares(file.friction, names, values, np.array(file.covariance), left, True, *rest)
+
+
+def read_attachments(path: Path, loaded: Loaded) -> dict[str, Tares]:
+    """The tares with each attachment that was identified, by its name. Raises SettingsError."""
+    common, file, found = read_identified(path, loaded), _read(path), dict[str, Tares]()
+    for said in file.attachments:
+        if said.name not in loaded.service.tools:
+            raise SettingsError(f"{path}: attachments: {said.name} is none of {loaded.path}; identify it again")
+        known = file.model_copy(
+            update={"covariance": said.covariance, "unexplained_torque_n_m": said.unexplained_torque_n_m}
+        )
+        _check_numbers(path, known, Model(loaded.service.machine, loaded.service.filters, file.friction))
+        if len(said.values) != len(common.values):
+            raise SettingsError(
+                f"{path}: attachments: {said.name} has not {len(common.values)} values; identify it again"
+            )
+        found[said.name] = common._replace(
+            values=np.array(said.values),
+            covariance=np.array(said.covariance),
+            row_error=np.array(said.unexplained_torque_n_m),
+        )
+    return found
 
 
 def identified_warnings(path: Path) -> tuple[str, ...]:

@@ -1,12 +1,23 @@
 """The machine part of the file as a frozen `Machine`: links, linkages, cylinders."""
 
+from dataclasses import replace
 from math import pi, sqrt
 
 from cylforce.mechanics import chain, linkages
 from cylforce.mechanics.gravity import normal_gravity
 from cylforce.mechanics.linkages import Linkage
 from cylforce.mechanics.machine import Cylinder, Link, Machine
-from cylforce.settings.arm import CylinderTable, DogboneTable, FourBarTable, LinkTable, MachineTable, Pin, TriangleTable
+from cylforce.settings.arm import (
+    AttachmentTable,
+    CylinderTable,
+    DogboneTable,
+    FourBarTable,
+    LinkTable,
+    MachineTable,
+    Pin,
+    ToolTable,
+    TriangleTable,
+)
 from cylforce.settings.error import FaultError, Inspection
 from cylforce.settings.model import MachineFile
 from cylforce.settings.names import CHASSIS
@@ -34,7 +45,39 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
         payload_reach=file.machine.payload_reach_m or abs(tool),
         slew_axis=file.machine.slew_axis_m,
         gravity=gravity,
+        curled=_curled(file.tool),
     )
+
+
+def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
+    """The machine with attachment `k` in the place of its last link."""
+    table, last = file.attachments[k], standard.links[-1]
+    tool = complex(*table.point_m)
+    inertia = table.inertia_kg_m2 or table.mass_kg * abs(tool) ** 2 / 12.0
+    link = Link(
+        name=last.name,
+        length=abs(tool),
+        mass=table.mass_kg,
+        cx=table.centre_m[0],
+        cz=table.centre_m[1],
+        inertia=inertia,
+        angle_low=last.angle_low,
+        angle_high=last.angle_high,
+        length_error=last.length_error,
+        **_errors(table, inertia),
+    )
+    return replace(
+        standard,
+        links=(*standard.links[:-1], link),
+        tool=tool,
+        rated_payload=table.rated_payload_kg,
+        payload_reach=table.payload_reach_m or abs(tool),
+        curled=standard.curled if table.kind == "bucket" else None,
+    )
+
+
+def _curled(table: ToolTable) -> tuple[float, float] | None:
+    return None if table.curled_deg is None else (table.curled_deg[0] * DEGREE, table.curled_deg[1] * DEGREE)
 
 
 def _gravity(table: MachineTable) -> float:
@@ -64,17 +107,17 @@ def _link(file: MachineFile, k: int) -> Link:
         inertia=inertia,
         angle_low=low * DEGREE,
         angle_high=high * DEGREE,
+        length_error=LIMIT * table.tolerance.length_m,
         **_errors(table, inertia),
     )
 
 
-def _errors(table: LinkTable, inertia: float) -> dict[str, float]:
+def _errors(table: LinkTable | AttachmentTable, inertia: float) -> dict[str, float]:
     near = table.tolerance
     return {
         "mass_error": LIMIT * near.mass_percent / 100.0 * table.mass_kg,
         "centre_error": LIMIT * near.centre_m,
         "inertia_error": LIMIT * near.inertia_percent / 100.0 * inertia,
-        "length_error": LIMIT * near.length_m,
     }
 
 

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 from cylforce.estimation.model import FRICTION
 from cylforce.files.atomic import is_stream
 from cylforce.files.tables import TableMap
-from cylforce.mechanics.installation import Filters, Health, SensorNode, Service
+from cylforce.mechanics.installation import Attachment, Filters, Health, SensorNode, Service
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import nodes, own_pdos
-from cylforce.settings.checks.plausibility import doubts
+from cylforce.settings.checks.plausibility import attachment_doubts, doubts
 from cylforce.settings.error import FaultError, Inspection, SettingsError, Source, report, sentences
 from cylforce.settings.limits import unusual
-from cylforce.settings.machine import machine
+from cylforce.settings.machine import attachment, machine
 from cylforce.settings.model import FilterTable, HealthTable, MachineFile
 from cylforce.settings.names import name_faults
 from cylforce.settings.sections import read_sections
@@ -26,8 +26,8 @@ from cylforce.signals.units import DEGREE, MILLISECOND
 
 __all__ = ["Loaded", "SettingsError", "default_filters", "load"]
 
-ARM = frozenset({"machine", "links", "tool", "cylinders"})
-BUS = frozenset({"machine", "nodes", "sensors", "publication", "filter"})
+ARM = frozenset({"machine", "links", "tool", "cylinders", "attachments"})
+BUS = frozenset({"machine", "nodes", "sensors", "publication", "filter", "attachments"})
 
 
 class Loaded(NamedTuple):
@@ -47,6 +47,7 @@ class Parts(NamedTuple):
     """Parts of the settings made from a file; None where an error prevents it."""
 
     machine: Machine | None = None
+    attachments: tuple[Attachment, ...] = ()
     nodes: tuple[SensorNode, ...] = ()
     publication: tuple[Pdo, ...] = ()
     columns: TableMap | None = None
@@ -124,7 +125,8 @@ def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[M
         own = own_pdos(file, _filters(file.filter), findings)
         parts = parts._replace(publication=own, nodes=nodes(file, folder, own, findings))
     if good >= ARM:
-        parts = parts._replace(machine=_machine(file, good, findings))
+        built = _machine(file, good, findings)
+        parts = parts._replace(machine=built, attachments=_attachments(file, built, findings) if built else ())
     if good >= {"sensors", "table"}:
         parts = parts._replace(columns=columns(file, findings))
     for name in sorted(good):
@@ -143,6 +145,18 @@ def _machine(file: MachineFile, good: frozenset[str], findings: Inspection) -> M
         findings.errors.extend(found.errors)
         findings.warnings.extend(found.warnings)
     return built
+
+
+def _attachments(file: MachineFile, standard: Machine, findings: Inspection) -> tuple[Attachment, ...]:
+    """The machine with each attachment, and what is doubtful about it."""
+    made = []
+    for k, table in enumerate(file.attachments):
+        built = attachment(file, k, standard)
+        found = attachment_doubts(built, standard, k)
+        findings.errors.extend(found.errors)
+        findings.warnings.extend(found.warnings)
+        made.append(Attachment(table.name, table.kind, built))
+    return tuple(made)
 
 
 def _unusual(file: MachineFile, name: str) -> list[FaultError]:
@@ -176,6 +190,8 @@ def _service(file: MachineFile, built: Machine, parts: Parts) -> Service:
         health=_health(file.health),
         effects=tuple(sorted(set(file.friction.effects), key=FRICTION.index)),
         adapt=file.friction.adapt,
+        attachments=parts.attachments,
+        j1939_address=file.publication.j1939_address,
     )
 
 

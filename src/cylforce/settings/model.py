@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from cylforce.settings.arm import (
+    AttachmentTable,
     CylinderTable,
     LinkTable,
     MachineTable,
@@ -182,6 +183,9 @@ class PublicationTable(SettingsTable):
     )
     sync_producer: bool = Field(default=True, description="Whether it produces SYNC, at `filter.rate_hz`.")
     heartbeat_ms: int = Field(default=500, ge=1, le=32767, description="Its heartbeat.")
+    j1939_address: int | None = Field(
+        default=None, ge=0, le=253, description="Its source address on J1939 (PGN 65258, 65280). Default: no J1939."
+    )
     rated_force_n: Force = Field(default=300_000.0, description="Greatest tool force; scales what is published.")
 
 
@@ -233,6 +237,9 @@ class MachineFile(SettingsTable):
         min_length=1, strict=False, description="The arm's links, from the house outwards."
     )
     tool: ToolTable = Field(description="The tooth line, where forces act.")
+    attachments: tuple[AttachmentTable, ...] = Field(
+        default=(), strict=False, description="Other tools that can take the last link's place."
+    )
     cylinders: tuple[CylinderTable, ...] = Field(min_length=1, strict=False, description="The arm's cylinders.")
     nodes: tuple[NodeTable, ...] = Field(min_length=1, strict=False, description="The sensor nodes on the bus.")
     sensors: tuple[SensorTable, ...] = Field(min_length=1, strict=False, description="What is measured.")

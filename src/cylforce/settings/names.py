@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from cylforce.estimation.model import FRICTION
+from cylforce.mechanics.installation import STANDARD
 from cylforce.settings.arm import NAME
 from cylforce.settings.error import FaultError, Key, shown
 from cylforce.signals.kinds import Kind
@@ -27,7 +28,7 @@ class RawTable(NamedTuple):
 
 def name_faults(raw: Raw) -> Iterator[FaultError]:
     """Everything that is wrong with names, node-IDs, references, and several sensors at one place."""
-    for table in ("links", "cylinders", "nodes", "sensors"):
+    for table in ("links", "attachments", "cylinders", "nodes", "sensors"):
         yield from _taken_names(raw, table)
     yield from _taken_node_ids(raw)
     yield from _idle_nodes(raw)
@@ -56,7 +57,7 @@ def _names(raw: Raw, table: str) -> list[str]:
 
 
 def _reserved(table: str) -> set[str]:
-    return {"links": {CHASSIS}, "sensors": set(RESERVED)}.get(table, set())
+    return {"links": {CHASSIS}, "sensors": set(RESERVED), "attachments": {STANDARD}}.get(table, set())
 
 
 def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:

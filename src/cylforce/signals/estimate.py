@@ -53,6 +53,8 @@ class Reason(IntEnum):
     NOT_IDENTIFIED = 23
     NOT_THIS_MACHINE = 24
     NO_CONTACT = 25
+    OTHER_TOOL = 26
+    NOT_CURLED = 27
 
 
 class Sample(NamedTuple):
@@ -124,7 +126,8 @@ def invalid_force(reason: Reason) -> Force:
 class Booking(NamedTuple):
     """A weight that was accurate enough to be booked: number of the lift, time of booking [us]; gross `mass`, what
     remained in the bucket after it (`carry_back`), what left it (`dumped`), each with its standard error, all [kg].
-    While the bucket returns, the same booking becomes more precise."""
+    While the bucket returns, the same booking becomes more precise. `by_hand`: the operator gave it, nothing was
+    weighed."""
 
     number: int
     t_us: int
@@ -134,6 +137,7 @@ class Booking(NamedTuple):
     carry_back_error: float
     dumped: float
     dumped_error: float
+    by_hand: bool = False
 
 
 def is_new(booking: Booking | None, before: Booking | None) -> bool:

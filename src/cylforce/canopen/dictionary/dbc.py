@@ -1,8 +1,10 @@
-"""The DBC file of all that our node sends, from the same table as its PDOs and EDS."""
+"""The DBC file of all that our node and the sensors send, from the same tables as their PDOs and EDS."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from cylforce.canopen.j1939 import OURS, VEHICLE_WEIGHT, identifier
+from cylforce.mechanics.installation import SensorNode
 from cylforce.service.publication import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
 from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Reason, Status
@@ -10,13 +12,15 @@ from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import DEGREE
 
 NODE = "cylforce"
+PERIOD = "GenMsgCycleTime"  # the attribute by which CAN tools know how often a message comes
 _UNITS = {"rad": ("deg", DEGREE), "1": ("", 1.0)}  # SI unit: unit shown instead, its size in SI
 _NMT = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}
 _STATUS_BITS = 2
 
 
 class DbcSignal(NamedTuple):
-    """A signal: place and length [bits], scale and offset to `unit`; `words`: names of raw values."""
+    """A signal: place and length [bits], scale and offset to `unit`; `words`: names of raw values; least and greatest
+    value (both 0: not said)."""
 
     name: str
     start: int
@@ -26,26 +30,92 @@ class DbcSignal(NamedTuple):
     offset: float
     unit: str
     words: Mapping[int, str]
+    low: float = 0.0
+    high: float = 0.0
 
 
-def dbc(pdos: Sequence[Pdo], node_id: int) -> str:
-    """The file's text (ASCII): our TPDOs, heartbeat and emergency message, little endian."""
-    messages = [
-        *((f"{NODE}_tpdo{pdo.number}", pdo.can_id, pdo.length, _signals(pdo)) for pdo in pdos),
-        (f"{NODE}_heartbeat", 0x700 + node_id, 1, [DbcSignal("nmt_state", 0, 8, False, 1.0, 0.0, "", _NMT)]),
-        (f"{NODE}_emergency", 0x80 + node_id, 8, _emergency()),
-    ]
-    ordered = sorted(messages, key=lambda message: message[1])
+class DbcMessage(NamedTuple):
+    """A message: name, identifier, length [bytes], sender, signals; how often it is sent [ms] (0: when something
+    happens); what it is."""
+
+    name: str
+    can_id: int
+    length: int
+    sender: str
+    signals: list[DbcSignal]
+    period_ms: int
+    note: str
+
+
+def dbc(
+    pdos: Sequence[Pdo],
+    node_id: int,
+    sensors: Sequence[SensorNode] = (),
+    heartbeat_ms: int = 500,
+    j1939: int | None = None,
+) -> str:
+    """The file's text (ASCII): our TPDOs, heartbeat and emergency message, and those of the sensors; little endian.
+    `j1939`: our address there, if any."""
+    everything = [(NODE, node_id, pdos, heartbeat_ms)]
+    everything += [(node.name, node.node_id, node.pdos, round(1e3 * node.heartbeat_s)) for node in sensors]
+    found = [message for node in everything for message in _messages(*node)]
+    found += _j1939(j1939, round(1e3 * pdos[0].period_s)) if j1939 is not None else []
+    messages = sorted(found, key=lambda message: message.can_id)
+    tables = [pdo for _, _, own, _ in everything for pdo in own]
     return "".join(
         [
             'VERSION ""\n\nNS_ :\n\nBS_:\n\n',
-            f"BU_: {NODE}\n\n",
-            *(_message(*message) for message in ordered),
-            *(_notes(pdo) for pdo in pdos),
-            *(_types(pdo) for pdo in pdos),
-            *(_words(can_id, signal) for _, can_id, _, signals in ordered for signal in signals),
+            f"BU_: {' '.join(name for name, *_ in everything)}\n\n",
+            *map(_message, messages),
+            *(f'CM_ BO_ {message.can_id} "{message.note}";\n' for message in messages),
+            *map(_notes, tables),
+            f'BA_DEF_ BO_ "{PERIOD}" INT 0 3600000;\nBA_DEF_DEF_ "{PERIOD}" 0;\n',
+            *(f'BA_ "{PERIOD}" BO_ {m.can_id} {m.period_ms};\n' for m in messages if m.period_ms),
+            *map(_types, tables),
+            *(_words(message.can_id, signal) for message in messages for signal in message.signals),
         ]
     )
+
+
+def _messages(name: str, node_id: int, pdos: Sequence[Pdo], heartbeat_ms: int) -> Iterator[DbcMessage]:
+    """All that a node sends of itself."""
+    for pdo in pdos:
+        how = "after SYNC" if pdo.synchronous else "by a timer"
+        note = f"TPDO {pdo.number} of node {node_id}, {how}"
+        period = round(1e3 * pdo.period_s)
+        yield DbcMessage(f"{name}_tpdo{pdo.number}", pdo.can_id, pdo.length, name, _signals(pdo), period, note)
+    beat = [DbcSignal("nmt_state", 0, 8, False, 1.0, 0.0, "", _NMT)]
+    yield DbcMessage(f"{name}_heartbeat", 0x700 + node_id, 1, name, beat, heartbeat_ms, f"Heartbeat of node {node_id}")
+    yield DbcMessage(f"{name}_emergency", 0x80 + node_id, 8, name, _emergency(), 0, f"EMCY of node {node_id}")
+
+
+def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
+    """Our messages on J1939 (`canopen/j1939.py`)."""
+    absent, largest = {0xFFFF: "no_value"}, 64255.0
+    payload, force = ("payload_status", "payload_reason"), ("soil_magnitude_status", "soil_magnitude_reason")
+    weight = [DbcSignal("cargo_weight", 40, 16, False, 2.0, 0.0, "kg", absent, 0.0, 2.0 * largest)]
+    ours = [
+        DbcSignal("payload_standard_error", 0, 16, False, 0.1, 0.0, "kg", absent, 0.0, 0.1 * largest),
+        DbcSignal("soil_magnitude", 16, 16, False, 10.0, 0.0, "N", absent, 0.0, 10.0 * largest),
+        DbcSignal("soil_direction", 32, 16, False, 0.01, -180.0, "deg", absent, -180.0, 180.0),
+        *_quality(*payload, 48),
+        *_quality(*force, 56),
+    ]
+    return [
+        DbcMessage(name, identifier(pgn, address), 8, NODE, signals, period_ms, f"J1939, PGN {pgn}: {what}")
+        for name, pgn, signals, what in (
+            ("vehicle_weight", VEHICLE_WEIGHT, weight, "Vehicle Weight, SPN 181"),
+            (f"{NODE}_j1939", OURS, ours, "Proprietary B"),
+        )
+    ]
+
+
+def _quality(status: str, reason: str, start: int, bits: int = 8) -> list[DbcSignal]:
+    """A quality byte as its two parts."""
+    return [
+        DbcSignal(status, start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status)),
+        DbcSignal(reason, start + _STATUS_BITS, bits - _STATUS_BITS, False, 1.0, 0.0, "", _names(Reason)),
+    ]
 
 
 def _signals(pdo: Pdo) -> list[DbcSignal]:
@@ -62,15 +132,15 @@ def _field(field: Field, start: int) -> Iterable[DbcSignal]:
         return
     if field.signal in (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values()):
         what = field.signal.removesuffix("_quality")
-        yield DbcSignal(f"{what}_status", start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status))
-        bits = 8 * CODES[field.code] - _STATUS_BITS
-        yield DbcSignal(f"{what}_reason", start + _STATUS_BITS, bits, False, 1.0, 0.0, "", _names(Reason))
+        yield from _quality(f"{what}_status", f"{what}_reason", start, 8 * CODES[field.code])
         return
     unit, size = _UNITS.get(field.unit, (field.unit, 1.0))
     words = {} if field.code == "f" else {int(not_available(field.code)): "no_value"}
     words |= _names(EventKind) if field.signal == EVENT_KIND else {}
     scale, offset = field.scale / size, field.offset / size
-    yield DbcSignal(field.signal, start, 8 * CODES[field.code], field.code.islower(), scale, offset, unit, words)
+    limits = (field.low / size, field.high / size)
+    signed = field.code.islower()
+    yield DbcSignal(field.signal, start, 8 * CODES[field.code], signed, scale, offset, unit, words, *limits)
 
 
 def _names(words: type[Status] | type[Reason] | type[EventKind]) -> dict[int, str]:
@@ -85,16 +155,17 @@ def _emergency() -> list[DbcSignal]:
     ]
 
 
-def _message(name: str, can_id: int, length: int, signals: Iterable[DbcSignal]) -> str:
-    return f"BO_ {can_id} {name}: {length} {NODE}\n" + "".join(map(_signal, signals)) + "\n"
+def _message(message: DbcMessage) -> str:
+    head = f"BO_ {message.can_id} {message.name}: {message.length} {message.sender}\n"
+    return head + "".join(map(_signal, message.signals)) + "\n"
 
 
 def _signal(signal: DbcSignal) -> str:
     sign = "-" if signal.signed else "+"
     place = f"{signal.start}|{signal.length}@1{sign}"
-    return (
-        f' SG_ {signal.name} : {place} ({signal.scale:.12g},{signal.offset:.12g}) [0|0] "{signal.unit}" Vector__XXX\n'
-    )
+    limits = f"[{signal.low:.12g}|{signal.high:.12g}]"
+    scale = f"({signal.scale:.12g},{signal.offset:.12g})"
+    return f' SG_ {signal.name} : {place} {scale} {limits} "{signal.unit}" Vector__XXX\n'
 
 
 def _notes(pdo: Pdo) -> str:

@@ -35,6 +35,7 @@ ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperat
 
 LOADING = 0x2190  # the truck that is being loaded
 TRUCK, TOTAL, COUNT, LAST, RECORDED, RECORDS = 6, 7, 8, 9, 10, 11  # its sub-indices that are read only
+TOOL, ADD = 12, 13  # number of the tool: a command, and read; a bucket by hand: a command
 NO_RECORDS, RECORDING, RECORDS_STOPPED = 0, 1, 2  # values of sub-index RECORDS
 
 _BASES = range(0x180, 0x580, 0x80)  # COB-IDs of PDOs in CiA 301, to which the node id is added
@@ -104,6 +105,8 @@ def _loading() -> tuple[Entry, ...]:
         Entry(LAST, "Number of the last booking", "I", "ro", 0),
         Entry(RECORDED, "Number of the last booking on disk", "I", "ro", 0),
         Entry(RECORDS, "State of the records: 0 off, 1 on, 2 stopped", "B", "ro", NO_RECORDS),
+        Entry(TOOL, "Number of the attachment; 0: standard", "I", "rw", 0),
+        Entry(ADD, "Bucket by hand, in 0.1 kg", "i", "wo"),
     )
 
 

@@ -17,7 +17,8 @@ function line(booking) {
   const row = document.createElement("tr");
   const weight = `${one(booking.mass_kg)} ± ${one(booking.standard_error_kg)} kg`;
   const product = booking.product_name ?? (booking.product || t("none"));
-  const state = booking.accepted ? t("accepted") : t("cancelled");
+  const taken = booking.status === "BY_HAND" ? t("by hand") : t("accepted");
+  const state = booking.accepted ? taken : t("cancelled");
   for (const text of [booking.booking, when(booking.time), booking.truck, product, weight, state]) {
     row.append(Object.assign(document.createElement("td"), { textContent: text }));
   }

@@ -46,6 +46,11 @@ async function product() {
   if (text !== null) await command("product", Math.round(Number(text)) || 0);
 }
 
+async function add() {
+  const text = await ask(t("Mass in kg that was loaded unweighed"));
+  if (text !== null) await command("add", Number(text.replace(",", ".")) || 0);
+}
+
 function light(night) {
   document.body.classList.toggle("night", night);
   at("night").textContent = t(night ? "Day" : "Night");
@@ -60,6 +65,11 @@ for (const button of document.querySelectorAll("[data-command]")) {
 }
 at("target").addEventListener("click", target);
 at("product").addEventListener("click", product);
+at("add").addEventListener("click", add);
+at("attachment").addEventListener("change", async () => {
+  at("attachment").blur();
+  await command("attachment", Number(at("attachment").value));
+});
 at("cancel").addEventListener("click", () => command("cancel", last?.truck?.last ?? 0));
 window.addEventListener("hashchange", show);
 blank();

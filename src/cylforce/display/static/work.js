@@ -13,6 +13,14 @@ export function showWork(picture) {
   drawArm(at("arm"), picture.arm, picture.force,
     hanging ? { share: picture.weight.net / picture.rated, text: `${kg(picture.weight.net)} kg` } : null);
   showTruck(picture);
+  showTools(picture);
+}
+
+function showTools({ tools, truck }) {
+  const box = at("attachment");
+  box.hidden = tools.length < 2;
+  if (box.options.length !== tools.length) box.replaceChildren(...tools.map((name, k) => new Option(`${t("Attachment")}: ${name}`, k)));
+  if (truck && document.activeElement !== box) box.value = truck.tool;
 }
 
 function showWeight(weight, rated) {
@@ -48,7 +56,7 @@ function colour(share, marks) {
   return share >= marks.amber ? "amber" : "";
 }
 
-function showTruck({ truck, marks, buckets }) {
+function showTruck({ truck, marks, buckets, check_zero: checkZero }) {
   at("alarm").hidden = !(truck && truck.records === 2);
   if (truck && truck.records === 2) at("alarm").textContent = t("Records have stopped: the disk is full or cannot be written.");
   at("saved").textContent = truck && truck.records === 1 ? `${t("booked")} ${truck.last}, ${t("on disk")} ${truck.recorded}` : "";
@@ -65,7 +73,7 @@ function showTruck({ truck, marks, buckets }) {
     const goal = truck.target > 0 ? ` / ${kg(truck.target)}` : "";
     at("truck-text").textContent = `${t("Truck")} ${truck.number}: ${kg(truck.total)}${goal} kg, ${t("Buckets")}: ${truck.filled}` +
       (truck.product ? `, ${t("Product")} ${truck.product}` : "");
-    at("advice").textContent = advice(truck);
+    at("advice").textContent = [advice(truck), checkZero ? t("Check zero: empty the bucket, lift it, press Zero") : ""].filter(Boolean).join(" – ");
   }
   at("buckets").replaceChildren(...buckets.map((bucket) => {
     const item = document.createElement("li");
@@ -78,7 +86,10 @@ function advice(truck) {
   if (truck.remaining === null) return "";
   if (truck.remaining < 0) return `${kg(-truck.remaining)} kg ${t("too much")}`;
   if (truck.remaining === 0) return t("Target reached");
-  return (truck.last_bucket ? `${t("Last bucket")}: ` : "") + `${kg(truck.remaining)} kg ${t("remaining")}`;
+  const share = truck.last_bucket && truck.next_share !== null ? ` (${kg(100 * truck.next_share)} % ${t("of a usual bucket")})` : "";
+  const tip = truck.tip_off === null ? "" : `; ${t("tip off")} ${kg(truck.tip_off)} kg`;
+  const over = truck.overloads ? `; ${t("a full bucket overloads")}` : "";
+  return (truck.last_bucket ? `${t("Last bucket")}: ` : "") + `${kg(truck.remaining)} kg ${t("remaining")}${share}${tip}${over}`;
 }
 
 export function blank() {

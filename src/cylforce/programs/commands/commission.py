@@ -10,6 +10,11 @@ from cylforce.programs.commands.options import INTERRUPTED, Bus, MachineFile, ex
 EXAMPLE = example("cylforce commission machine.toml --bus socketcan:can0 -o identified.toml --known-kg 1000")
 
 
+def _log(output: Path, attachment: str) -> Path:
+    named = "" if attachment == "standard" else f".{attachment}"
+    return output.with_name(f"{output.stem}{named}.log")
+
+
 def commission(
     machine: MachineFile,
     bus: Bus,
@@ -20,6 +25,9 @@ def commission(
     known_kg: Annotated[
         float | None, typer.Option(help="A known weight, to be lifted afterwards for the scale.")
     ] = None,
+    attachment: Annotated[
+        str, typer.Option(help="The tool on the machine: a minute, and its tares are added to the output.")
+    ] = "standard",
 ) -> None:
     """Guide the moves of the empty machine, then identify.
 
@@ -29,6 +37,6 @@ def commission(
     from cylforce.programs.commission import Order, run_commission
     from cylforce.programs.common.machine_file import load_machine
 
-    order = Order(bus, output, log or output.with_suffix(".log"), known_kg)
+    order = Order(bus, output, log or _log(output, attachment), known_kg, attachment)
     if not run_commission(load_machine(machine), order, Console(highlight=False)):
         raise typer.Exit(INTERRUPTED)

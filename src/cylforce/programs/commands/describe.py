@@ -16,7 +16,7 @@ def describe(
     html: Annotated[Path | None, typer.Option(help="Write a page with drawing and tables there.")] = None,
     schema: Annotated[Path | None, typer.Option(help="Write the JSON schema of machine files there.")] = None,
     eds: Annotated[Path | None, typer.Option(help="Write the EDS of cylforce's node there.")] = None,
-    dbc: Annotated[Path | None, typer.Option(help="Write a DBC of all that cylforce sends there.")] = None,
+    dbc: Annotated[Path | None, typer.Option(help="Write a DBC of all frames, the sensors' too, there.")] = None,
 ) -> None:
     """Check a machine file, show it, draw its pins."""
     from cylforce.programs.describe import DescriptionFiles, run_describe

@@ -26,9 +26,14 @@ def display(
     amber: Annotated[float, typer.Option(help="Percent of the target from which the bar is amber.")] = 75.0,
     green: Annotated[float, typer.Option(help="... green.")] = 95.0,
     red: Annotated[float, typer.Option(help="... red.")] = 110.0,
+    check_zero: Annotated[float, typer.Option(help="Remind of the zero after so many minutes; 0: never.")] = 0.0,
     language: Annotated[str, typer.Option(help="For browsers that want none of ours: en or de.")] = "en",
+    terminal: Annotated[bool, typer.Option("--terminal", help="Show it as text here, and serve no page.")] = False,
 ) -> None:
     """Serve a page for the cab: weight, force, truck, history."""
-    from cylforce.programs.display import display
+    from cylforce.programs.display import display, display_in_terminal
 
-    display(machine, bus, records, listen, tuple(name or ()), pin_file, (amber, green, red), language)
+    if terminal:
+        display_in_terminal(machine, bus, (amber, green, red, check_zero), language)
+        return
+    display(machine, bus, records, listen, tuple(name or ()), pin_file, (amber, green, red, check_zero), language)

@@ -20,6 +20,10 @@ def identify(
     lift: Annotated[Path | None, typer.Option(help="A recording of a lift of a known weight, for the scale.")] = None,
     known_kg: Annotated[float | None, typer.Option(help="The known weight.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
+    attachment: Annotated[
+        str,
+        typer.Option(help="The tool on the machine: its tares are added to the file."),
+    ] = "standard",
     refuse: Annotated[
         bool,
         typer.Option(
@@ -47,7 +51,8 @@ def identify(
     check_outputs((output, report), (machine, *recordings, lift), (".toml", ".html"))
     loaded = load_machine(machine)
     with progress_bar() as watch:
-        found = run_identify(loaded, recordings, output, How(two_steps, enforce, lift, known_kg, refuse), watch)
+        how = How(two_steps, enforce, lift, known_kg, refuse, attachment)
+        found = run_identify(loaded, recordings, output, how, watch)
         if report is not None:
             write_report(report, found, named_segments(loaded, recordings, watch), output, watch)
     show(found, Console())

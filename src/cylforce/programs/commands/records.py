@@ -14,6 +14,8 @@ TELEMATICS_EXAMPLE = example("cylforce records telematics records.db")
 TICKET_EXAMPLE = example("cylforce records ticket records.db")
 LABEL_EXAMPLE = example("cylforce records label records.db --product 1 --name gravel")
 
+MQTT_EXAMPLE = example("cylforce records mqtt records.db --broker broker.example:1883 --topic cylforce/machine7")
+
 File = Annotated[Path, typer.Argument(metavar="RECORDS.db", help="What `cylforce run --records` writes.")]
 Since = Annotated[str, typer.Option(metavar="TIME", help="Only from this time on, e.g. 2026-03-31T06:00 (UTC).")]
 Truck = Annotated[int | None, typer.Option(help="Number of the truck.")]
@@ -88,3 +90,20 @@ def label(
         raise RecordingError("--product and --name belong together: give both")
     named = None if product is None or name is None else (product, name)
     label(records, truck, given(customer=customer, job=job, operator=operator, note=note), named)
+
+
+def mqtt(
+    records: File,
+    broker: Annotated[str, typer.Option(metavar="HOST:PORT", help="The MQTT broker.")],
+    topic: Annotated[str, typer.Option(help="First part of all topics.")] = "cylforce",
+    user: Annotated[str, typer.Option(help="User name at the broker.")] = "",
+    password_file: Annotated[Path | None, typer.Option(help="A text file with the password.")] = None,
+    tls: Annotated[bool, typer.Option("--tls", help="Encrypt, and check the broker's certificate.")] = False,
+) -> None:
+    """Pass bookings on to an MQTT broker, until Ctrl-C; what it has not confirmed waits."""
+    from cylforce.programs.common.addresses import host_and_port, secret_of
+    from cylforce.programs.live.mqtt import Broker, run_mqtt
+
+    host, port = host_and_port("--broker", broker)
+    password = secret_of("--password-file", password_file) if password_file else ""
+    run_mqtt(records, Broker(host, port, topic.strip("/"), user, password, tls))

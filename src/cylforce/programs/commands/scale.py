@@ -12,13 +12,14 @@ EXAMPLE = example("cylforce scale machine.toml target 12000 --bus socketcan:can0
 def scale(
     machine: MachineFile,
     order: Annotated[
-        str, typer.Argument(help="show, zero, tare, target KG, product N, next, cancel BOOKING, accept BOOKING.")
+        str,
+        typer.Argument(help="show, zero, tare, next; target, add KG; product, cancel, accept N; attachment NAME."),
     ],
-    number: Annotated[float | None, typer.Argument(help="What the order needs.")] = None,
+    value: Annotated[str | None, typer.Argument(help="What the order needs.")] = None,
     bus: Bus = "socketcan:can0",
 ) -> None:
     """Zero, tare, truck: commands to the running service."""
     from cylforce.programs.scale import run_scale
 
-    if not run_scale(machine, bus, order, number):
+    if not run_scale(machine, bus, order, value):
         raise typer.Exit(1)

@@ -8,7 +8,8 @@ from pydantic import JsonValue
 
 from cylforce.commissioning.identification import Identification
 from cylforce.commissioning.known_load import with_known_load
-from cylforce.estimation.model import Model
+from cylforce.estimation.attachment import with_tool
+from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.segments import gapless
 from cylforce.files.atomic import RecordingError, Tell, warn
 from cylforce.files.checkpoint import packed, unpacked
@@ -22,7 +23,7 @@ from cylforce.service.hanging import hanging
 from cylforce.service.samples import samples
 from cylforce.service.state import NOTHING_KEPT, Memory, Scale, State
 from cylforce.service.step import Core
-from cylforce.settings.identified import identified_warnings, read_identified
+from cylforce.settings.identified import identified_warnings, read_attachments, read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame, Tick
@@ -97,12 +98,29 @@ def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
 def make_core(loaded: Loaded, identified: Path | None, tell: Tell = warn) -> Core:
     """The core of a machine file with its identified tares, or with the data sheet's; what the identified file warns of
     is repeated."""
+    service = loaded.service
     if identified is None:
-        return Core(loaded.service, model_of(loaded).data_sheet)
-    tares = read_identified(identified, loaded)
+        attached = {name: model_of(_fitted(loaded, name)).data_sheet for name in service.tools[1:]}
+        return Core(service, model_of(loaded).data_sheet, attached)
+    tares, known = read_identified(identified, loaded), read_attachments(identified, loaded)
     for sentence in identified_warnings(identified):
         tell(f"{identified}: {sentence}")
-    return Core(loaded.service, tares)
+    sheets = {name: with_tool(tares, *tool_models(loaded, name, tares)) for name in service.tools[1:]}
+    return Core(service, tares, sheets | known)
+
+
+def _fitted(loaded: Loaded, tool: str) -> Loaded:
+    return loaded._replace(service=loaded.service.fitted(tool))
+
+
+def tool_models(loaded: Loaded, tool: str, tares: Tares) -> tuple[Model, Model]:
+    """The models with the standard tool and with another one, both with the friction laws of the tares. Raises
+    ValueError for a tool that is not in the machine file."""
+    service, other = loaded.service, loaded.service.fitted(tool)
+    return (
+        Model(service.machine, service.filters, tares.friction),
+        Model(other.machine, service.filters, tares.friction),
+    )
 
 
 def check_known_kg(known_kg: float, loaded: Loaded) -> None:

@@ -14,14 +14,16 @@ from cylforce.canopen.dictionary.object_dictionary import (
     RECORDING,
     RECORDS,
     RECORDS_STOPPED,
+    TOOL,
     TOTAL,
     TRUCK,
 )
 from cylforce.canopen.node import Node
+from cylforce.mechanics.installation import STANDARD
 from cylforce.records.recorder import Recorder
-from cylforce.records.writing import BookedBucket, Change, Start
+from cylforce.records.writing import BY_HAND, BookedBucket, Change, Start
 from cylforce.service.commands import KG, PRODUCT, TARGET
-from cylforce.service.loading.cycle import ended
+from cylforce.service.loading.cycle import LastBucket, ended
 from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, State
 from cylforce.settings.machine_file import Loaded
@@ -33,7 +35,10 @@ OFTEN = 10  # steps between two looks at the writing thread
 class Ledger:
     """Looks at every state of the service; without a recorder it only shows."""
 
-    def __init__(self, node: Node, recorder: Recorder | None, kept: Memory) -> None:
+    def __init__(
+        self, node: Node, recorder: Recorder | None, kept: Memory, tools: tuple[str, ...] = (STANDARD,)
+    ) -> None:
+        self._tools = tools
         self._node, self._recorder, self._kept, self._steps = node, recorder, kept, 0
         self._written = kept.booking
         self._show(kept)
@@ -66,6 +71,7 @@ class Ledger:
         truck = kept.truck
         shown = {TARGET: round(truck.target / KG), PRODUCT: truck.product, TRUCK: truck.number}
         shown |= {TOTAL: round(truck.total / KG), COUNT: truck.filled}
+        shown[TOOL] = self._tools.index(kept.tool) if kept.tool in self._tools else 0
         shown[LAST] = kept.booking.number if kept.booking else 0
         for sub, value in shown.items():
             self._node.set_value(LOADING, sub, value)
@@ -82,7 +88,9 @@ class Ledger:
 
 def _changed(before: Memory, after: Memory) -> bool:
     """Whether the operator changed something. Masses that become more precise are kept when they are final."""
-    return after.scale is not before.scale or _decided(after.truck) != _decided(before.truck)
+    return (
+        after.scale is not before.scale or after.tool != before.tool or _decided(after.truck) != _decided(before.truck)
+    )
 
 
 def _decided(truck: Truck) -> tuple[object, ...]:
@@ -95,6 +103,8 @@ def _booked(state: State, before: Memory) -> BookedBucket | None:
     booking, cycle = state.weighing.books.booking, ended(state.ended)
     if booking is None or not is_new(booking, before.booking):
         return None
+    if booking.by_hand:
+        return BookedBucket(booking, LastBucket(0.0, 0.0, 0.0), 0.0, BY_HAND)
     return BookedBucket(booking, cycle, state.drift.mass, state.estimate.load.mass.status.name)
 
 
@@ -103,6 +113,8 @@ def words(before: Memory, after: Memory) -> str:
     said = []
     if after.scale != before.scale:
         said.append(f"zero {after.scale.zero:.1f} kg, tare {after.scale.tare:.1f} kg")
+    if after.tool != before.tool:
+        said.append(f"attachment {after.tool}")
     if after.truck.number != before.truck.number:
         said.append(f"truck {after.truck.number} opened")
     elif not is_new(after.booking, before.booking) and _decided(after.truck) != _decided(before.truck):

@@ -10,7 +10,7 @@ import numpy as np
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.checks.readings import doubt_signal
 from cylforce.settings.checks.strokes import doubt_cylinder
-from cylforce.settings.error import Inspection, Key
+from cylforce.settings.error import FaultError, Inspection, Key
 from cylforce.signals.units import BAR, DEGREE, STANDARD_GRAVITY
 
 # (refused below, warned below, warned above, refused above)
@@ -53,6 +53,29 @@ def doubts(machine: Machine) -> Inspection:
     for k in range(len(machine.signals)):
         doubt_signal(machine, k, found)
     return found
+
+
+def attachment_doubts(machine: Machine, standard: Machine, k: int) -> Inspection:
+    """What is impossible or unusual about a machine with attachment `k` and not about the standard one."""
+    known, seen, found = doubts(standard), doubts(machine), Inspection()
+    for said, before, kept in (
+        (seen.errors, known.errors, found.errors),
+        (seen.warnings, known.warnings, found.warnings),
+    ):
+        old = {(fault.key, str(fault)) for fault in before}
+        kept.extend(_of_attachment(fault, machine, k) for fault in said if (fault.key, str(fault)) not in old)
+    return found
+
+
+def _of_attachment(fault: FaultError, machine: Machine, k: int) -> FaultError:
+    """The fault at the attachment's own key; what it does to a cylinder or joint is one of the whole attachment."""
+    here, last = ("attachments", k), ("links", machine.size - 1)
+    if fault.key[:2] == last:
+        return FaultError((*here, *fault.key[2:]), str(fault))
+    if fault.key[0] in ("tool", "machine"):
+        return FaultError((*here, *fault.key[1:]), str(fault))
+    where = machine.cylinders[int(fault.key[1])].name if fault.key[0] == "cylinders" else str(fault.key[0])
+    return FaultError(here, f"does not suit the arm: {where} {fault}")
 
 
 def _judge(found: Inspection, key: Key, value: float, limits: Limits, problem: str) -> None:

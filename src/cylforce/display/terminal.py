@@ -1,0 +1,96 @@
+"""The operator's page as text, for a terminal on the controller or over ssh. It needs no extra packages."""
+
+import asyncio
+import signal
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from cylforce.can.bus import Bus
+from cylforce.can.clock import now_us
+from cylforce.canopen.network import Network
+from cylforce.display.listener import Listener
+from cylforce.display.panel import Panel
+from cylforce.display.picture import SILENT, Marks, Painter, Picture
+from cylforce.display.words import REASONS, STATUSES, catalogue
+from cylforce.display.words import SILENT as SILENT_WORDS
+from cylforce.mechanics.installation import Service
+from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.events import Frame
+from cylforce.signals.units import DEGREE
+
+PERIOD_S = 0.2  # between two pictures
+WIDTH = 40  # characters of the target bar, which ends at 125 % of the target
+FULL = 1.25
+
+
+def lines(picture: Picture, language: str) -> Iterator[str]:
+    """The picture (`Painter.work`) as lines of text in a language."""
+    say = catalogue(language).gettext
+    weight, truck = picture["weight"], picture["truck"]
+    if weight["net"] is None:
+        yield _reason(weight["reason"], language)
+        yield ""
+    else:
+        yield f"{weight['net']:.0f} kg ± {weight['error']:.0f} kg"
+        yield f"{say(STATUSES[Status(weight['status'])])} {_reason(weight['reason'], language)}".rstrip()
+    yield f"{say('Force at the teeth')}: {_force(picture['force'], language)}"
+    if truck is None:
+        yield say(SILENT_WORDS)
+        return
+    goal = f" / {truck['target']:.0f}" if truck["target"] else ""
+    yield f"{say('Truck')} {truck['number']}: {truck['total']:.0f}{goal} kg, {say('Buckets')}: {truck['filled']}"
+    if truck["share"] is not None:
+        yield _bar(truck["share"], truck["with_bucket"])
+    yield from (f"{bucket['number']:6d}  {bucket['mass']:.0f} kg" for bucket in reversed(picture["buckets"]))
+
+
+def _reason(code: int, language: str) -> str:
+    say = catalogue(language).gettext
+    text = SILENT_WORDS if code == SILENT else REASONS[Reason(code)]
+    return say(text) if text else ""
+
+
+def _force(force: Picture, language: str) -> str:
+    if force["magnitude"] is None:
+        return _reason(force["reason"], language)
+    turn = "" if force["direction"] is None else f", {force['direction'] / DEGREE:.0f}°"
+    return f"{1e-3 * force['magnitude']:.1f} kN{turn}"
+
+
+def _bar(share: float, with_bucket: float) -> str:
+    """What is booked, what hangs in the bucket, and the target."""
+    goal = round(WIDTH / FULL)
+    booked, hanging = (min(WIDTH, max(0, round(WIDTH * part / FULL))) for part in (share, with_bucket))
+    cells = "█" * booked + "▒" * max(0, hanging - booked)
+    cells = cells.ljust(WIDTH, "·")
+    return f"{cells[:goal]}|{cells[goal:]}"
+
+
+async def show(service: Service, bus: Bus, marks: Marks, language: str, console: Console) -> None:
+    """Until SIGTERM or SIGINT."""
+    network, listener, until = Network(bus.send), Listener(service), asyncio.Event()
+    panel, painter = Panel(network, service.node_id), Painter(listener, marks)
+
+    def on_frame(frame: Frame) -> None:
+        listener.on_frame(frame)
+        network.on_frame(frame)
+
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, until.set)
+    bus.attach(loop, on_frame)
+    follow = asyncio.create_task(panel.follow())
+    with Live(console=console, auto_refresh=False) as live:
+        while not until.is_set():
+            live.update(Text("\n".join(lines(painter.work(panel.loading, now_us()), language))), refresh=True)
+            await asyncio.sleep(PERIOD_S)
+    follow.cancel()
+
+
+def run_terminal(service: Service, bus: Bus, marks: Marks, language: str) -> None:
+    """Show until a signal comes."""
+    asyncio.run(show(service, bus, marks, language, Console(highlight=False)))
+    bus.close()

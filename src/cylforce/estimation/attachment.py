@@ -1,0 +1,57 @@
+"""The tares of a machine with another tool, from those that were identified with its standard one.
+
+A tool (m, m x, m z, J about the last pin) adds L (m, m x, m z, J) to the parameters, with L of `Model.load`. The old
+one is taken off, the new one is put on: Phi' = Phi - L b + L b'. Of the old tool b the first moments and the inertia
+stand in Phi itself; its mass follows from them and from its data sheet."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.estimation.model import Model, Tares
+from cylforce.mechanics.machine import Link
+from cylforce.signals.estimate import Array
+
+TURNED = 0.2  # relative standard error of a data sheet's parameters of slewing, as in `Model.prior`
+
+
+class Tool(NamedTuple):
+    """A tool's (m, m x, m z, J about the last pin) with its `covariance` (4, 4): kg, kg m, kg m^2."""
+
+    values: Array
+    covariance: Array
+
+
+def tool_of(link: Link) -> Tool:
+    """The data sheet of a link as a tool, errors propagated to first order."""
+    m, x, z = link.mass, link.cx, link.cz
+    values = np.array([m, m * x, m * z, link.inertia + m * (x**2 + z**2)])
+    gradient = np.array([[1.0, 0, 0, 0], [x, m, 0, 0], [z, 0, m, 0], [x**2 + z**2, 2 * m * x, 2 * m * z, 1.0]])
+    spread = gradient * (link.mass_error, link.centre_error, link.centre_error, link.inertia_error)
+    return Tool(values, spread @ spread.T + np.diag(1e-6 * values**2 + 1e-6))
+
+
+def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
+    """Tares of `other`, the machine of `standard` with another last link, whose data sheet is trusted within its
+    tolerances."""
+    old, new, put = tool_of(standard.machine.links[-1]), tool_of(other.machine.links[-1]), other.load
+    own = put[:, 1:].T  # (3, P): m x, m z, J of the tool as they stand among the parameters
+    heavier = np.linalg.solve(old.covariance[1:, 1:], old.covariance[1:, 0])
+    unknown = old.covariance[0, 0] - heavier @ old.covariance[1:, 0]  # of the mass, when the moments are known
+    mass = old.values[0] + heavier @ (own @ tares.values - old.values[1:])
+    values = tares.values + put @ (new.values - np.append(mass, own @ tares.values))
+    common = np.eye(len(values)) - put @ np.vstack([heavier @ own, own])
+    turned, changed = _turned(standard, other)
+    values[turned] += changed
+    error = new.covariance + np.diag([unknown, 0.0, 0.0, 0.0])
+    covariance = common @ tares.covariance @ common.T + put @ error @ put.T
+    covariance[turned, turned] += (TURNED * changed) ** 2
+    return tares._replace(values=values, covariance=(covariance + covariance.T) / 2.0)
+
+
+def _turned(standard: Model, other: Model) -> tuple[NDArray[np.intp], Array]:
+    """Numbers of the parameters of slewing, and how the data sheets say that they differ."""
+    names = enumerate(p.name for p in other.parameters)
+    turned = np.array([k for k, name in names if name.endswith((".D_excess", ".E"))], dtype=np.intp)
+    return turned, (other.prior.mean - standard.prior.mean)[turned]

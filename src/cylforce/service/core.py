@@ -1,0 +1,121 @@
+"""The settings of a service and its tares, with everything that is computed from them once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from cylforce.estimation.model import EXPECTED, Model, Tares
+from cylforce.mechanics.installation import STANDARD, Service
+from cylforce.service.adaptation import Adapter
+from cylforce.service.assembler import Assembler
+from cylforce.service.contact.interaction import Interactor
+from cylforce.service.pipeline import Pipeline
+from cylforce.service.publication import MAGNITUDE
+from cylforce.service.recognition import Recognizer
+from cylforce.service.state import NOTHING_KEPT, Memory, State
+from cylforce.service.weighing import Weigher
+from cylforce.signals.estimate import Reason, no_estimate
+from cylforce.signals.kinds import Kind
+
+TICK_SLACK = 0.5  # periods by which a tick may be early or late
+PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+
+
+@dataclass(frozen=True)
+class Core:
+    """The settings of a service and its tares, and the parts of the calculation made from them."""
+
+    service: Service
+    tares: Tares
+    attached: Mapping[str, Tares] = field(default_factory=dict)  # the tares with each other tool
+
+    @cached_property
+    def fitted(self) -> dict[str, "Core"]:
+        """The core with each tool, by its name."""
+        others = {name: Core(self.service.fitted(name), tares) for name, tares in self.attached.items()}
+        return {STANDARD: self, **others}
+
+    @cached_property
+    def model(self) -> Model:
+        """The model whose parameters the tares are."""
+        return Model(self.service.machine, self.service.filters, self.tares.friction)
+
+    @cached_property
+    def assembler(self) -> Assembler:
+        """Frames to samples."""
+        return Assembler(self.service)
+
+    @cached_property
+    def pipeline(self) -> Pipeline:
+        """Samples to rows."""
+        return Pipeline(self.model)
+
+    @cached_property
+    def weigher(self) -> Weigher:
+        """Rows to weight."""
+        return Weigher(self.model, self.tares)
+
+    @cached_property
+    def adapter(self) -> Adapter:
+        """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
+        friction may follow the oil much farther."""
+        return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
+
+    @cached_property
+    def recognizer(self) -> Recognizer:
+        """Rows to whether this is the machine that was identified."""
+        return Recognizer(self.model, self.tares)
+
+    @cached_property
+    def interactor(self) -> Interactor:
+        """Rows of an instant to forces and events."""
+        return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1])
+
+    @cached_property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """The declared range of every published value."""
+        return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
+
+    @cached_property
+    def tilts(self) -> tuple[int, ...]:
+        """Numbers of the signals that measure the tilt of the chassis."""
+        return tuple(k for k, s in enumerate(self.service.machine.signals) if s.kind in (Kind.PITCH, Kind.ROLL))
+
+    @cached_property
+    def moved_by(self) -> tuple[int | None, ...]:
+        """Per signal the number of the cylinder whose motion changes it; None: that of any cylinder."""
+        return tuple(s.index if s.kind in PRESSURES else None for s in self.service.machine.signals)
+
+    @cached_property
+    def adapts(self) -> bool:
+        """Whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow their
+        errors."""
+        return self.service.adapt and self.tares.identified
+
+    @cached_property
+    def longest_step(self) -> float:
+        """Largest time between two ticks [periods]; after a longer one the filters start again."""
+        return self.service.health.max_step_s * self.service.filters.rate_hz + TICK_SLACK
+
+    @cached_property
+    def period_us(self) -> int:
+        """The fixed step [us]."""
+        return round(1e6 / self.service.filters.rate_hz)
+
+    def begin(self, kept: Memory = NOTHING_KEPT) -> State:
+        """The state of a service before any event, with what was kept from before the restart. A tool that is no longer
+        known is the standard one again."""
+        if kept.tool not in (STANDARD, *self.attached):
+            kept = kept._replace(tool=STANDARD)
+        return self.fitted[kept.tool].begin_fitted(kept)
+
+    def begin_fitted(self, kept: Memory) -> State:
+        """As `begin`, with this core's tool."""
+        nothing = no_estimate(0, Reason.STARTING, kept.booking)
+        still = (False,) * len(self.service.machine.signals)
+        inputs, known = self.assembler.begin(), self.recognizer.begin()
+        drift, contact = self.adapter.begin(), self.interactor.begin()
+        weighing = self.weigher.begin()
+        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking))
+        state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, kept.truck)
+        return state._replace(tool=kept.tool)
