@@ -151,10 +151,8 @@ class Asked:
         return 1.0 - left / gap if min(gap, left) > LITTLE else 1.0
 
     def slight(self, happened: Happened) -> bool:
-        """Whether a torque at moments is none of what makes the gap: without it most of the gap is explained as it
-        usually is, and it explains less than most of the rest."""
-        alone, beside = self.share(self.none.rest), self.share(happened.rest)
-        return happened.key == UNKNOWN and alone >= HALF and beside - alone <= HALF * (1.0 - alone)
+        """Whether a torque at moments is everyday: without it there is no more left than references leave."""
+        return happened.key == UNKNOWN and self.none.rest**2 - 1.0 <= LITTLE
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
