@@ -9,7 +9,8 @@ from scipy.stats import multivariate_normal, norm
 
 from cylforce.diagnosis.diagnosis import settled
 from cylforce.diagnosis.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
-from cylforce.diagnosis.hypotheses import UNSEEN, UNSURE, Inference, InOrder
+from cylforce.diagnosis.hypotheses import Inference, InOrder
+from cylforce.diagnosis.numbers import UNSEEN, UNSURE
 from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Happened, believed, calibrated
 from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.statistics import SMOOTH, Statistics

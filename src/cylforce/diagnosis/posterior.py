@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.diagnosis.discrepancy import APART, LEVELS, SCALES, Scatter, log_prior
 from cylforce.diagnosis.hypotheses import Hypothesis
-from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SECOND, SELDOM, TAIL
+from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SAME, SECOND, SELDOM, TAIL
 from cylforce.diagnosis.sizes import Column
 from cylforce.signals.estimate import Array
 
@@ -17,7 +17,6 @@ Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
-LITTLE = 1.3**2 - 1.0  # of the floor's energy: one reference predicted from another leaves 1 +- 0.3 floors (measured)
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
 FEATURES = 7
 
@@ -148,11 +147,11 @@ class Asked:
     def share(self, rest: float) -> float:
         """The same of what would be left, of the floor; 1 where that is no more than references leave of each other."""
         gap, left = self.gap**2 - 1.0, rest**2 - 1.0
-        return 1.0 - left / gap if min(gap, left) > LITTLE else 1.0
+        return 1.0 - left / gap if min(gap, left) > SAME else 1.0
 
     def slight(self, happened: Happened) -> bool:
         """Whether a torque at moments is everyday: without it there is no more left than references leave."""
-        return happened.key == UNKNOWN and self.none.rest**2 - 1.0 <= LITTLE
+        return happened.key == UNKNOWN and self.none.rest**2 - 1.0 <= SAME
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
