@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.discrepancy import APART, LEVELS, SCALES, Scatter, log_prior
+from cylforce.diagnosis.discrepancy import LEVELS, SCALES, Scatter, log_prior
 from cylforce.diagnosis.hypotheses import Hypothesis
 from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SAME, SECOND, SELDOM, TAIL
 from cylforce.diagnosis.sizes import Column
@@ -18,7 +18,7 @@ NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
-FEATURES = 7
+FEATURES = 5
 
 
 class Happened(NamedTuple):
@@ -104,11 +104,6 @@ class Asked:
         alone += [h.log for h in self.happened if h.key == key]
         best = max(own, key=lambda h: h.log + self.prior_of(h)).log if own else max(alone)
         return best, max(alone, default=self.none.log)
-
-    def noise_of(self, key: Key) -> Scatter:
-        """The noise under that hypothesis; of what happens at moments that of none."""
-        own = [h for h in self.hypotheses if h.which and self.main(h) == key]
-        return max(own, key=lambda h: h.log + self.prior_of(h)).noise if own else self.none.noise
 
     @cached_property
     def _names(self) -> int:
@@ -197,25 +192,21 @@ def believed(asked: Asked) -> Belief:
 
 
 def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
-    """What the calibration looks at: log odds of the first effect against the second, against none and against
-    unknown; log gap; log of one plus the evidence of the first, and of what further effects add to it; the change of
-    the discrepancy. Zeros where no effect was asked."""
+    """What the calibration looks at: log odds of the first effect against the second, of all against none and against
+    unknown; log gap; log of one plus the evidence that further effects add to the first. Zeros where no effect was
+    asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
     first, rest = found[effects[0]], found[effects[1]] if len(effects) > 1 else 0.0
     best, alone = asked.told_of(effects[0])
-    top = max(best, *(h.log for h in asked.hypotheses))
-    whole = sum(found[k] for k in effects)
-    change = float(np.max(np.abs(np.log(asked.noise_of(effects[0]).rho / asked.usual.rho)))) / APART[0]
+    top, whole = max(best, *(h.log for h in asked.hypotheses)), sum(found[k] for k in effects)
     return (
         _log_odds(first, rest),
         _log_odds(whole, found[NOTHING]),
         _log_odds(whole, found[UNKNOWN]),
         float(np.log(max(asked.gap, NONE))),
-        float(np.log1p(max(best - asked.none.log, 0.0))),
         float(np.log1p(max(top - alone, 0.0))),
-        change,
     )
 
 
