@@ -59,5 +59,13 @@ def test_one_that_always_jumped_so_often_is_no_news(machine):
     assert jumping(machine, both[:1], both[1:], RATE) == ()
 
 
+def test_what_jumps_together_is_a_knock(machine):
+    plain = readings(machine, 1)
+    t, values = np.arange(len(plain)) / RATE, plain
+    for k in [k for k, s in enumerate(machine.signals) if "pressure" in s.name]:
+        values = IntermittentGlitch(every=6.0).distorted(machine, values, t, k, 0.1)
+    assert jumping(machine, [recorded(values)], [recorded(readings(machine, 2))], RATE) == ()
+
+
 def test_without_references_nothing_is_concluded(machine):
     assert jumping(machine, [recorded(readings(machine, 1))], [], RATE) == ()

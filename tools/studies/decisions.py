@@ -25,7 +25,7 @@ from cylforce.diagnosis.discrepancy import Sums
 from cylforce.diagnosis.floor import noise_floor
 from cylforce.diagnosis.hypotheses import InOrder
 from cylforce.diagnosis.idle import idle
-from cylforce.diagnosis.numbers import EVERYDAY
+from cylforce.diagnosis.numbers import EVERYDAY, ODD
 from cylforce.diagnosis.posterior import (
     NOTHING,
     UNKNOWN,
@@ -58,7 +58,6 @@ CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
 ODD_ONE = 2  # the outcome "nothing of the library"
-LEFT_OUT = 0.25  # how often a case counts without its own effect: as probable as numbers.ODD is against an effect
 POWERS = tuple(float(x) for x in np.geomspace(1e-3, 1.0, 31))  # of the calibration, that are tried
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
 FOREIGN, REFERENCE, RANDOM = "foreign", "reference", "random"  # sources
@@ -316,7 +315,7 @@ def calibration(rows: Sequence[Row]) -> Outcomes:
     cases = [Scored(r, believed(r.asked)) for r in air]
     less = [Scored(r, believed(r.asked)) for r in map(left_out, air) if r]
     told = [_outcome(c) for c in cases] + [ODD_ONE] * len(less)
-    weight = np.concatenate([np.ones(len(cases)), np.full(len(less), LEFT_OUT)])
+    weight = np.concatenate([np.ones(len(cases)), np.full(len(less), ODD)])
     features = np.array([c.answer.features for c in (*cases, *less)])
 
     def by(power: float) -> Outcomes:

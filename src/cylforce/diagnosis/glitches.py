@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from cylforce.diagnosis.numbers import GLITCHES_PER_S, IN_ORDER, ODD
@@ -21,6 +22,7 @@ from cylforce.signals.estimate import Array
 NAME = IntermittentGlitch().about.name
 NEAR_S = 0.1  # around a jump, in which more of it is looked for; convention: a third of the longest one
 RATES = np.geomspace(*GLITCHES_PER_S, 200)
+Flags = NDArray[np.bool_]
 
 
 class Jumping(NamedTuple):
@@ -43,10 +45,13 @@ def jumping(
     if not clean:
         return ()
     found, sensors = [], places(machine, IntermittentGlitch().about.place)
+    numbers = [k for _, k in sensors]
+    seen = [[_bad(recorded.values[:, numbers], rate_hz) for recorded in group] for group in (faulty, clean)]
     names = len({group[0].about.name for group in LIBRARY})
     least = float(np.log(IN_ORDER / ((1.0 - IN_ORDER - ODD) / names / len(sensors))))
-    for _, k in sensors:
-        jumps, before = (_jumps(group, k, rate_hz) for group in (faulty, clean))
+    for own, k in enumerate(numbers):
+        pairs = zip((faulty, clean), seen, strict=True)
+        jumps, before = (_jumps(group, bad, (k, own), rate_hz) for group, bad in pairs)
         n, m = len(jumps) // 3, len(before) // 3
         t, s = (sum(len(recorded.values) for recorded in group) / rate_hz for group in (faulty, clean))
         nats = _told(n, t) + _told(m, s) - _told_alike((n, t), (m, s))
@@ -56,11 +61,21 @@ def jumping(
     return tuple(found)
 
 
-def _jumps(group: Sequence[Recorded], k: int, rate_hz: float) -> tuple[float, ...]:
-    """Begin [s], duration [s] and direction of every jump of a sensor, one after the other."""
+def _bad(readings: Array, rate_hz: float) -> Flags:
+    """Which samples (T, S) of some sensors belong to jumps."""
+    return np.stack([glitches(reading, 1.0 / rate_hz) for reading in readings.T], axis=1)
+
+
+def _jumps(
+    group: Sequence[Recorded], bad: Sequence[Flags], which: tuple[int, int], rate_hz: float
+) -> tuple[float, ...]:
+    """Begin [s], duration [s] and direction of every jump of a sensor, one after the other; `which`: its number among
+    all signals and in `bad`. What jumps together is no loose contact, but a knock."""
     found: list[float] = []
-    for recorded in group:
-        way = _directions(recorded.values[:, k], rate_hz)
+    for recorded, flags in zip(group, bad, strict=True):
+        together = np.any(np.delete(flags, which[1], axis=1), axis=1)
+        near = binary_dilation(together, iterations=round(NEAR_S * rate_hz)) if np.any(together) else together
+        way = _directions(recorded.values[:, which[0]], flags[:, which[1]] & ~near, rate_hz)
         ends = np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)).tolist()
         for begin, end in pairwise(ends):
             if way[begin]:
@@ -68,10 +83,9 @@ def _jumps(group: Sequence[Recorded], k: int, rate_hz: float) -> tuple[float, ..
     return tuple(found)
 
 
-def _directions(reading: Array, rate_hz: float) -> Array:
+def _directions(reading: Array, bad: Flags, rate_hz: float) -> Array:
     """Of every sample (T,) 1 or -1 where it is off by a jump of the usual height or so, up or down, else 0: within a
-    jump a loose contact may change sides from sample to sample."""
-    bad = glitches(reading, 1.0 / rate_hz)
+    jump a loose contact may change sides from sample to sample; `bad` (T,): samples that surely belong to jumps."""
     if not np.any(bad):
         return np.zeros(len(reading))
     near = binary_dilation(bad, iterations=round(NEAR_S * rate_hz))

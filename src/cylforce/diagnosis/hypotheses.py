@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cylforce.diagnosis.discrepancy import Moments, Scatter, Sums, allowed, likeliest, log_prior
-from cylforce.diagnosis.numbers import IN_ORDER, ODD, RUN_TO_RUN, SECOND, USUALLY
+from cylforce.diagnosis.numbers import IN_ORDER, ODD, RUN_TO_RUN, SECOND, UNSEEN, UNSURE, USUALLY
 from cylforce.diagnosis.sizes import WIDE, Terms, beside, log_size
 from cylforce.diagnosis.statistics import SMOOTH
 from cylforce.signals.estimate import Array
@@ -25,10 +25,8 @@ ROUNDS = 12  # at most, in which noise and what is left are told in turns
 WIDTH, DEEPEST = 2, 8  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
-UNSURE = 3.0  # times as uncertain as between two recordings is the discrepancy that no reference shows
 FEWEST = 3  # references, from which on everyday differences are learnt
 TIMES = (1.0, 2.0, 4.0, 8.0)  # the stated differences: a factor of two is one standard deviation of what is stated
-UNSEEN = 1.0  # level of the discrepancy where no reference shows it: that of the noise
 
 
 class Hypothesis(NamedTuple):

@@ -6,11 +6,18 @@ IN_ORDER = 0.5  # that the machine is in order
 ODD = 0.1  # that what is wrong is nothing the library has; the rest is shared by all names, then by places and forms
 SECOND = 0.1  # that one more effect is there beside a first
 HAPPENS = 0.1  # that something happens in a block of three seconds
-TAIL = 0.03  # that a joint's discrepancy is nothing that machines in order show: 3 % (GAP.md's prototype, kept)
+TAIL = 0.03  # that a joint's discrepancy is nothing that machines in order show: 3 % (an earlier prototype, kept)
 
 # Everyday change from one recording to another, standard deviation of a logarithm (fit: study of the decisions).
 LEVEL_CHANGE = 2.0  # times: level of the smooth discrepancy
 SCALE_CHANGE = 1.4  # times: scale of the noise
+
+# A discrepancy that no reference shows: the level of the noise, and three times as uncertain (convention).
+UNSEEN = 1.0
+UNSURE = 3.0
+
+# Of the floor's energy: one reference predicted from another leaves 1 +- 0.3 floors (`tests/test_gap_floor.py`).
+SAME = 1.3**2 - 1.0
 
 # Everyday differences from one recording to another, of an effect's least plausible size.
 USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (measured, see the chapter)
@@ -39,7 +46,7 @@ SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, an
 GAP = 2.0  # times the floor, rms: a gap that is never called none
 
 # The share of the gap's energy that goes, once simulated.
-RATIO = 0.1  # of the floor's energy: a smaller gap has no meaningful share (GAP.md; convention)
+RATIO = 0.1  # of the floor's energy: a smaller gap has no meaningful share (convention)
 WIDEST = 0.2  # an interval wider than that says nothing: no share is given (convention)
 UNTOLD = (0.03, 0.01)  # by which it lies lower, higher than drawn blocks tell (fit: trial, development machines)
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.discrepancy import APART, LEVELS, SCALES, Scatter, log_prior
+from cylforce.diagnosis.discrepancy import LEVELS, SCALES, Scatter, log_prior
 from cylforce.diagnosis.hypotheses import Hypothesis
-from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SECOND, SELDOM, TAIL
+from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SAME, SECOND, SELDOM, TAIL
 from cylforce.diagnosis.sizes import Column
 from cylforce.signals.estimate import Array
 
@@ -17,9 +17,8 @@ Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
-LITTLE = 1.3**2 - 1.0  # of the floor's energy: one reference predicted from another leaves 1 +- 0.3 floors (measured)
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
-FEATURES = 7
+FEATURES = 5
 
 
 class Happened(NamedTuple):
@@ -106,11 +105,6 @@ class Asked:
         best = max(own, key=lambda h: h.log + self.prior_of(h)).log if own else max(alone)
         return best, max(alone, default=self.none.log)
 
-    def noise_of(self, key: Key) -> Scatter:
-        """The noise under that hypothesis; of what happens at moments that of none."""
-        own = [h for h in self.hypotheses if h.which and self.main(h) == key]
-        return max(own, key=lambda h: h.log + self.prior_of(h)).noise if own else self.none.noise
-
     @cached_property
     def _names(self) -> int:
         return len(
@@ -148,13 +142,11 @@ class Asked:
     def share(self, rest: float) -> float:
         """The same of what would be left, of the floor; 1 where that is no more than references leave of each other."""
         gap, left = self.gap**2 - 1.0, rest**2 - 1.0
-        return 1.0 - left / gap if min(gap, left) > LITTLE else 1.0
+        return 1.0 - left / gap if min(gap, left) > SAME else 1.0
 
     def slight(self, happened: Happened) -> bool:
-        """Whether a torque at moments is none of what makes the gap: without it most of the gap is explained as it
-        usually is, and it explains less than most of the rest."""
-        alone, beside = self.share(self.none.rest), self.share(happened.rest)
-        return happened.key == UNKNOWN and alone >= HALF and beside - alone <= HALF * (1.0 - alone)
+        """Whether a torque at moments is everyday: without it there is no more left than references leave."""
+        return happened.key == UNKNOWN and self.none.rest**2 - 1.0 <= SAME
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
@@ -200,25 +192,21 @@ def believed(asked: Asked) -> Belief:
 
 
 def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
-    """What the calibration looks at: log odds of the first effect against the second, against none and against
-    unknown; log gap; log of one plus the evidence of the first, and of what further effects add to it; the change of
-    the discrepancy. Zeros where no effect was asked."""
+    """What the calibration looks at: log odds of the first effect against the second, of all against none and against
+    unknown; log gap; log of one plus the evidence that further effects add to the first. Zeros where no effect was
+    asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
     first, rest = found[effects[0]], found[effects[1]] if len(effects) > 1 else 0.0
     best, alone = asked.told_of(effects[0])
-    top = max(best, *(h.log for h in asked.hypotheses))
-    whole = sum(found[k] for k in effects)
-    change = float(np.max(np.abs(np.log(asked.noise_of(effects[0]).rho / asked.usual.rho)))) / APART[0]
+    top, whole = max(best, *(h.log for h in asked.hypotheses)), sum(found[k] for k in effects)
     return (
         _log_odds(first, rest),
         _log_odds(whole, found[NOTHING]),
         _log_odds(whole, found[UNKNOWN]),
         float(np.log(max(asked.gap, NONE))),
-        float(np.log1p(max(best - asked.none.log, 0.0))),
         float(np.log1p(max(top - alone, 0.0))),
-        change,
     )
 
 
