@@ -72,7 +72,7 @@ def test_pressures_paired_by_number_are_no_physical_effect(figures, trap):
     answer = figures["answers"][trap]
     assert answer["verdict"] in ("explained", "unknown")
     assert {cause["name"] for cause in answer["causes"]} <= {"clock_fault"}
-    assert "pressures and angles are not on one clock" in answer["sentence"]
+    assert "pressures and angles that were recorded on different clocks" in answer["sentence"]
 
 
 def test_the_same_causes_come_from_one_run_from_four_and_from_all(figures, causes):

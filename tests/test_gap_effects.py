@@ -55,6 +55,7 @@ CASES = {
 
 
 LIMITS = {
+    "intermittent_glitch": "jumps are taken out to within a sample: of a hundred floors too much is left, `unknown`",
     "soil_contact": "a force that begins within a block of three seconds: `unknown`, for it is smooth in every block",
     "clock_fault": "a clock that jumps: only a constant and a growing lag are asked, what is left is `unknown`",
 }

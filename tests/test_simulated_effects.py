@@ -1,5 +1,6 @@
 """Every effect of the library acts on the simulated machine as its equation says; what cannot be is refused by name."""
 
+from dataclasses import fields
 from math import inf
 from pathlib import Path
 
@@ -195,7 +196,7 @@ def test_every_effect_of_the_library_changes_what_is_seen(group, plain):
     """At every of its places some signal differs, and without a size nothing does."""
     about = group[0].about
     size = {"payload_spill": -100.0}.get(about.name, about.high / 4.0)
-    shape = {f: getattr(group[0], f) for f in group[0].__dataclass_fields__}
+    shape = {f.name: getattr(group[0], f.name) for f in fields(group[0])}
     shape |= {"length": 0.15} if about.name == "end_cushion" else {}  # the bucket stays 5 and 8 cm away from its ends
     at = places(MACHINE, about.place)[-1][0]
     sizes = [size] + [0.0] * (len(units(group)) - 1)

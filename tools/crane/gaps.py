@@ -174,7 +174,7 @@ def _answer(machine: Machine, found: Diagnosed) -> Answer:
 def _cause(cause: Cause, effect: Mapping[str, Any]) -> dict[str, Any]:
     proposal = cause.proposal
     units = getattr(proposal.group[0], "units", (proposal.about.unit,))
-    sizes = {"sizes": cause.sizes.tolist(), "errors": cause.errors.tolist(), "units": list(units)}
+    sizes = {"sizes": cause.sizes.ravel().tolist(), "errors": cause.errors.ravel().tolist(), "units": list(units)}
     return {"name": effect["name"], "at": effect["at"], **sizes, "confused_with": effect["confused_with"]}
 
 
@@ -242,9 +242,9 @@ def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
         proposal = cause.proposal
         effect = proposal.group[0]
         if isinstance(effect, MassChange):
-            found[:rigid] += effect.change(model.machine, proposal.where) @ cause.sizes
+            found[:rigid] += effect.change(model.machine, proposal.where) @ cause.sizes[0]
         elif proposal.name in LAWS:
-            found[names.index(f"{proposal.at}.{LAWS[proposal.name]}")] += cause.sizes[0]
+            found[names.index(f"{proposal.at}.{LAWS[proposal.name]}")] += float(cause.sizes[0, 0])
     return found
 
 

@@ -104,7 +104,8 @@ def examined(
     jumps = jumping(viewer.model.machine, field, references, viewer.model.filters.rate_hz)
     wanted = asked(viewer.model.machine, library, jumps)
     watch("columns of every effect")
-    seen = [looked_at(viewer, group, wanted) for group in (clean, faulty)]
+    groups = (references, field) if jumps else (clean, faulty)  # what was seen lacks the columns of jumps
+    seen = [looked_at(viewer, group, wanted) for group in groups]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
     problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares)
     floor = noise_floor(problem)

@@ -235,14 +235,18 @@ class Outcomes(NamedTuple):
 
 
 def calibrated(belief: Belief, by: Outcomes) -> Belief:
-    """The probabilities as labelled cases teach them; the order of the effects stays."""
+    """The probabilities as labelled cases teach them; the order of the effects stays, and of two that the model holds
+    alike neither is preferred."""
     effects = sorted((k for k in belief.of if k not in (NOTHING, UNKNOWN)), key=lambda k: -belief.of[k])
     if not effects:
         return belief
     none, first, unknown, other = by(belief.features).tolist()
-    shares = {k: max(belief.of[k], LEAST) ** by.tempered for k in effects[1:]}
-    whole = sum(shares.values())
-    if not shares:
-        unknown += other
-    found = {NOTHING: none, effects[0]: first, UNKNOWN: unknown}
-    return belief._replace(of=found | {k: other * share / whole for k, share in shares.items()})
+    if len(effects) < 2:
+        return belief._replace(of={NOTHING: none, effects[0]: first, UNKNOWN: unknown + other})
+    said = np.array([max(belief.of[k], LEAST) for k in effects])
+    said /= np.sum(said)
+    alike = max(first - (first + other) * float(said[0]), 0.0)  # what the model itself gives to other effects
+    flat = said[1:] ** by.tempered
+    shares = other * flat / np.sum(flat) + alike * said[1:] / max(float(np.sum(said[1:])), LEAST)
+    found = {NOTHING: none, effects[0]: first - alike, UNKNOWN: unknown}
+    return belief._replace(of=found | dict(zip(effects[1:], shares.tolist(), strict=True)))

@@ -149,7 +149,8 @@ class Judged(NamedTuple):
 def searched(found: Found, by: Outcomes | None = CALIBRATION) -> Search:
     """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
     belief = believed(found.asked)
-    belief = calibrated(belief, by) if by else belief
+    learnt = by if found.question.problem.clean else None  # from cases with references, and for them
+    belief = calibrated(belief, learnt) if learnt else belief
     candidates = _candidates(found, belief)
     h = _best(found, belief)
     causes, fit = _causes(found, h, belief) if h else _happened(found, belief, candidates)
