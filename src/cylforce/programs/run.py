@@ -75,9 +75,8 @@ class Daemon(Station[State]):
         if self._j1939 is not None:
             self._j1939.claim(now_us())
 
-    def on_frame(self, frame: Frame) -> None:
-        """A frame from the bus."""
-        super().on_frame(frame)
+    def after_frame(self, frame: Frame) -> None:
+        """Another node may claim our J1939 address."""
         if self._j1939 is not None:
             self._j1939.take(frame)
 

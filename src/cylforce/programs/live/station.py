@@ -90,6 +90,10 @@ class Station(Generic[S]):
             say("command", words=out.words, abort=hex(out.verdict))
         self.network.on_frame(frame)
         self._verdict = None
+        self.after_frame(frame)
+
+    def after_frame(self, frame: Frame) -> None:
+        """What else a frame is for; nothing here."""
 
     def on_timer(self) -> None:
         """A tick is logged and passed to the step, its results are sent; then SYNC asks for the next samples. Missed
