@@ -53,10 +53,9 @@ def asked(
 @dataclass(frozen=True)
 class Found:
     """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
-    were looked at again, `again`, how their problem with their effects taken out is made once more, and what is then
-    asked (both take much memory); in which blocks (B,)
-    something happens at moments, by key; whether the machine was at work; the smallest size of each effect that could
-    be seen, `least`."""
+    were looked at again, how their problem with their effects taken out and what is then asked are made once more (both
+    take much memory); in which blocks (B,) something happens at moments, by key; whether the machine was at work; the
+    smallest size of each effect that could be seen, `least`."""
 
     question: Asking
     machine: InOrder
@@ -135,7 +134,8 @@ class _Search:
         return replace(self._machine.asked(recording), told=self._told(self.plain))
 
     def _told(self, question: Asking) -> Callable[[int, Array], float]:
-        """What return pressures say of errors of pressure sensors, and the number of its jumps of a reading."""
+        """What else speaks for an effect: return pressures for errors of pressure sensors, the number of jumps for a
+        reading that jumps."""
         problem = question.problem
 
         def support(form: int, sizes: Array) -> float:
