@@ -154,9 +154,9 @@ def watched(function: Callable[..., Any], part: str, took: dict[str, int]) -> Ca
     """The function; its time is added to its part's."""
     now = time.perf_counter_ns
 
-    def timed(*arguments: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
+    def timed(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
         start = now()
-        result = function(*arguments)
+        result = function(*arguments, **named)
         took[part] += now() - start
         return result
 
