@@ -18,6 +18,8 @@ from cylforce.diagnosis.hypotheses import Hypothesis, Inference, InOrder
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.problem import Problem, Seen, looked_at
+from cylforce.diagnosis.residuals import clean as cleaned
+from cylforce.diagnosis.residuals import hung, residuals
 from cylforce.diagnosis.rows import Recorded, Viewer
 from cylforce.diagnosis.sizes import Column
 from cylforce.diagnosis.working import Blocks, Work
@@ -133,6 +135,18 @@ class _Search:
         recording = self.plain.sums(self.plain.problem.faulty, self.plain.noisy.faulty)
         return replace(self._machine.asked(recording), told=self._told(self.plain))
 
+    @cached_property
+    def _values(self) -> Array:
+        """The machine's columns that last (K,) [of their spread], as its references tell them by the fit of the noise
+        floor, without references as it was identified, and where the field's loads hang and how its base goes."""
+        problem, known = self.plain.problem, cleaned(self.plain).values
+        known = known + hung(problem, self.plain.floor, residuals(problem, known))
+        return np.asarray(known / problem.spread[: problem.lasting])
+
+    def _left(self, case: Inference) -> Array:
+        """Coefficients (K+1,) of what the machine as it was leaves, nothing else fitted to the recording."""
+        return np.concatenate([-self._values, -case.mean[len(self._values) :], [1.0]])
+
     def _told(self, question: Asking) -> Callable[[int, Array], float]:
         """What else speaks for an effect: return pressures for errors of pressure sensors, the number of jumps for a
         reading that jumps."""
@@ -151,7 +165,7 @@ class _Search:
     @cached_property
     def _question(self) -> Asking:
         """With the instant at which a known load most probably changed."""
-        step = _changed(self.plain, self._first)
+        step = _changed(self.plain, self._first, self._left(self._first))
         return replace(self.plain, step=step) if step else self.plain
 
     @cached_property
@@ -218,7 +232,7 @@ class _Search:
         when: Mapping[Key, Blocks],
         blocks: Mapping[tuple[int, ...], Blocks],
     ) -> Found:
-        gap = case.rest(_as_it_was(self._question.problem, case), case.usual)
+        gap = case.rest(self._left(case), case.usual)
         told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
         self.watch("effects at their sizes")
         told, again = self._again(case, told, blocks)
@@ -247,7 +261,7 @@ class _Search:
         """What may have happened at moments, and in which blocks (B,)."""
         found, when = [], {}
         for key, each in self._incidents():
-            told, where = settled(case, each, _as_it_was(self._question.problem, case))
+            told, where = settled(case, each, self._left(case))
             if self._question.step:  # a block that does not count is like those beside it
                 k = self._question.step.first
                 where[k] = np.any(where[max(k - 1, 0) : k + 2])
@@ -360,24 +374,16 @@ def settled(case: Inference, moments: Moments, left: Array) -> tuple[Hypothesis,
     return found, where
 
 
-def _as_it_was(problem: Problem, case: Inference) -> Array:
-    """Coefficients (K+1,) of what the machine leaves as its references tell it, nothing fitted to the recording but
-    where its loads hang and how the base goes."""
-    state, own = case.state(case.usual), slice(len(problem.model.parameters), problem.first)
-    left = np.append(-case.mean, 1.0)
-    left[own] -= state.fitted[own]
-    return left
-
-
-def _changed(question: Asking, case: Inference) -> Step | None:
-    """When a known load most probably became another one: the first and last block of that; None without a load."""
+def _changed(question: Asking, case: Inference, left: Array) -> Step | None:
+    """When a known load most probably became another one: the first and last block of that; None without a load.
+    `left` (K+1,): coefficients of what is left without a change."""
     problem = question.problem
     loaded = [(span, seen) for span, seen in zip(problem.spans, problem.faulty, strict=True) if seen.recorded.load]
     if not loaded:
         return None
     moments = question.moments(problem.faulty, CARRIED)
     across, precision, _ = moments.weighed(case.usual)
-    pull, told = across @ _as_it_was(problem, case), precision - np.eye(precision.shape[-1])
+    pull, told = across @ left, precision - np.eye(precision.shape[-1])
     best, found = -np.inf, None
     begins: dict[str, int] = {}
     ends: dict[str, int] = {}
