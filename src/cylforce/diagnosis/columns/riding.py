@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.numbers import MORE, STANDING
+from cylforce.diagnosis.numbers import SHAKES, STANDING
 from cylforce.effects.effect import Halves, Parameter
 from cylforce.effects.fault import BaseMotion
 from cylforce.estimation.filters import denoised
@@ -27,7 +27,7 @@ class Riding(NamedTuple):
 def riding(clean: Sequence[Array], faulty: Sequence[Array]) -> Riding:
     """From the base's rates (T,) [rad/s] in every recording."""
     usual, now = (float(np.sqrt(np.mean(np.concatenate(x) ** 2))) if x else 0.0 for x in (clean, faulty))
-    return Riding(max(usual, now) > STANDING, now > MORE * max(usual, STANDING))
+    return Riding(max(usual, now) > STANDING, now > SHAKES * max(usual, STANDING))
 
 
 def quiet(machine: Machine, values: Array, rate_hz: float) -> Array:
