@@ -31,8 +31,8 @@ EXPECTED = ("coulomb_friction", "first_moment_change")
 IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmetric_friction")
 
 # Noise of a sensor, of the larger of what it declares and what its references show; how fast a base turns, of how fast
-# it turned in the references: convention (three times is 9 times the power; twice would tell a sensor that is only worse
-# than its data sheet).
+# it turned in the references: convention (three times is 9 times the power; twice would tell a sensor that is only
+# worse than its data sheet).
 SHAKES = 3.0
 
 # Rate of jumps of a reading, log-uniform: from once a day to every other second, as with a loose contact (physics).

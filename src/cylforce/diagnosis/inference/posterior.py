@@ -97,13 +97,14 @@ class Asked:
         keys = self.keys(h)
         return min(keys, key=lambda k: (self._best.get(keys - {k}, self.none.log), k))
 
-    def told_of(self, key: Key) -> tuple[float, float]:
-        """The logarithms of the most probable hypothesis with an effect as its main one, and of the effect alone."""
-        own = [h for h in self.hypotheses if h.which and self.main(h) == key]
-        alone = [h.log for h in self.hypotheses if len(h.which) == 1 and self.key(h.which[0]) == key]
-        alone += [h.log for h in self.happened if h.key == key]
-        best = max(own, key=lambda h: h.log + self.prior_of(h)).log if own else max(alone)
-        return best, max(alone, default=self.none.log)
+    @cached_property
+    def alone(self) -> dict[Key, tuple[float, float]]:
+        """Of every effect by itself the logarithm of its most probable form, and what that leaves, of the floor."""
+        found = dict[Key, tuple[float, float]]()
+        each = [(self.key(h.which[0]), h.log, h.rest) for h in self.hypotheses if len(h.which) == 1]
+        for key, log, rest in (*each, *((h.key, h.log, h.rest) for h in self.happened)):
+            found[key] = max(found.get(key, (log, rest)), (log, rest))
+        return found
 
     @cached_property
     def _names(self) -> int:
@@ -192,21 +193,22 @@ def believed(asked: Asked) -> Belief:
 
 
 def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
-    """What the calibration looks at: log odds of the first effect against the second, of all against none and against
-    unknown; log gap; log of one plus the evidence that further effects add to the first. Zeros where no effect was
+    """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap; log
+    of what the first leaves by itself; the share of its evidence that the next one lacks. Zeros where no effect was
     asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
-    first, rest = found[effects[0]], found[effects[1]] if len(effects) > 1 else 0.0
-    best, alone = asked.told_of(effects[0])
-    top, whole = max(best, *(h.log for h in asked.hypotheses)), sum(found[k] for k in effects)
+    first, none, second = effects[0], asked.none, found[effects[1]] if len(effects) > 1 else 0.0
+    log, rest = asked.alone.get(first, (none.log, none.rest))
+    others = [other for k, (other, _) in asked.alone.items() if k not in (first, UNKNOWN)]
+    lacks = max(log - max(others, default=none.log), 0.0) / max(log - none.log, 1.0)
     return (
-        _log_odds(first, rest),
-        _log_odds(whole, found[NOTHING]),
-        _log_odds(whole, found[UNKNOWN]),
+        _log_odds(found[first], second),
+        _log_odds(sum(found[k] for k in effects), found[NOTHING]),
         float(np.log(max(asked.gap, NONE))),
-        float(np.log1p(max(top - alone, 0.0))),
+        float(np.log(max(rest, NONE))),
+        lacks,
     )
 
 
