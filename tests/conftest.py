@@ -94,7 +94,7 @@ class Long:
     def pytest_terminal_summary(self, terminalreporter):
         if self.left_out:
             files = ", ".join(f"{count} of {name}" for name, count in sorted(self.left_out.items()))
-            line = f"{sum(self.left_out.values())} long tests did not run (tools/test --all runs them): {files}"
+            line = f"{sum(self.left_out.values())} long tests did not run (--all runs them): {files}"
             terminalreporter.write_line(line, yellow=True, bold=True)
 
 

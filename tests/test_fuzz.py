@@ -1,5 +1,5 @@
-"""Arbitrary frames, a million with `--all`: no exception, no warning, no NaN where a value is promised, and OK always
-means it."""
+"""Half a million arbitrary frames, a million with `--all`: no exception, no warning, no NaN where a value is promised,
+and OK always means it."""
 
 import os
 import secrets
@@ -19,7 +19,7 @@ from cylforce.signals.kinds import Kind
 from cylforce.simulation.scenario import _begin
 from scenarios import CONFIG, cycles, identified, pdo_of, played, scene
 
-FRAMES, MILLION = 200_000, 500_000  # of each of two machines: once all shares of SPOILED, and a million in all
+FRAMES = 1_000_000
 STRETCH = 900  # ticks of good motion in a row, more or less spoiled
 NONSENSE = 250  # ticks of motion that cannot be
 BURST = 25_000  # arbitrary frames after each
@@ -198,24 +198,26 @@ def machine(name, real):
     return loaded, Core(loaded.service, tares)
 
 
-@pytest.mark.parametrize("least", [FRAMES, pytest.param(MILLION, marks=pytest.mark.long)])
-@pytest.mark.parametrize(("name", "real"), [("excavator_20t.toml", False), ("excavator_stick_bucket.toml", True)])
-def test_arbitrary_frames(name, real, least):
-    """Arbitrary frames, good motion of which a share is spoiled, and motion that cannot be; more than 10 000 ticks in
-    half a million frames. Nothing raises or warns, every status OK is honest, every published frame decodes, and OK was
-    reached."""
+@pytest.mark.parametrize(
+    ("name", "real"),
+    [("excavator_20t.toml", False), pytest.param("excavator_stick_bucket.toml", True, marks=pytest.mark.long)],
+)
+def test_a_million_arbitrary_frames(name, real):
+    """Half a million for each of two machines, one of them `long`: arbitrary frames, good motion of which a share is
+    spoiled, and motion that cannot be; more than 10 000 ticks each. Nothing raises or warns, every status OK is honest,
+    every published frame decodes, and OK was reached."""
     seed = int(os.environ.get("CYLFORCE_FUZZ_SEED") or secrets.randbits(32))
     print(f"CYLFORCE_FUZZ_SEED={seed}")
     loaded, core = machine(name, real)
     source, judge = Source(loaded, core, np.random.default_rng(seed)), Judge(core)
     state, frames, ticks = core.begin(), 0, 0
-    while frames < least:
+    while frames < FRAMES // 2:
         for event in chain(source.stretch(), source.nonsense(), source.burst()):
             state, out = step(core, state, event)
             judge.look(out)
             ticks += isinstance(event, Tick)
             frames += isinstance(event, Frame)
     print(frames, "frames", ticks, "ticks", {s.name: n for s, n in judge.seen.items()})
-    assert ticks > 10_000 * least / MILLION
+    assert ticks > 10_000
     assert judge.seen[Status.OK] + judge.seen[Status.DEGRADED] > 1000
     assert min(judge.seen.values()) > 0
