@@ -146,6 +146,7 @@ KEYS = {
     "set": [PLACE],
     "looked_at": [{"name": "str", "seconds": N, "of_seconds": N, "stretches": N}],
     "noise": [{"sensor": "str", "seen": N, "declared": N, "before": N, "shakes": "bool"}],
+    "vibration": [],
     "warnings": [],
 }
 

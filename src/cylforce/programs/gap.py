@@ -16,6 +16,7 @@ from cylforce.diagnosis.shape import unexplained
 from cylforce.diagnosis.shrinkage import Gap, tried
 from cylforce.diagnosis.strangers import frozen, strange
 from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.vibration import vibrating, vibrations
 from cylforce.diagnosis.where import Spot, where
 from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
@@ -107,11 +108,22 @@ def diagnose(
     motions = said(planned(everything, found))
     whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    noise = noises(loaded.service.machine, faulty, clean)
-    whole["noise"] = [each._asdict() for each in noise]
-    here = "" if clean else shifted(whole, verdict), apart(late) if late else "", shaking(noise)
+    sensors, shake = _sensors(loaded, faulty, clean)
+    whole |= sensors
+    here = "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole)
+
+
+def _sensors(loaded: Loaded, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> tuple[dict[str, Any], list[str]]:
+    """What is told of the readings themselves, which the filters hide: keys of the answer, and warnings."""
+    machine, filters = loaded.service.machine, loaded.service.filters
+    noise, lines = noises(machine, faulty, clean), vibrations(machine, filters, faulty, clean)
+    told = {
+        "noise": [each._asdict() for each in noise],
+        "vibration": [each._asdict() | {"sensors": [line._asdict() for line in each.sensors]} for each in lines],
+    }
+    return told, [shaking(noise), vibrating(lines, filters.rate_hz)]
 
 
 def _keeping(viewer: Viewer, loaded: Loaded, question: Question, kept: RowCache) -> Viewer:
