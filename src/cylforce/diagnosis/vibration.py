@@ -55,17 +55,17 @@ class Spectra(NamedTuple):
 def vibrations(
     machine: Machine, filters: Filters, faulty: Sequence[Recorded], clean: Sequence[Recorded]
 ) -> list[Vibration]:
-    """The vibrations seen in the field, the clearest first."""
-    seen = spectra(filters, faulty)
+    """The vibrations seen in the field, the clearest first, where they are no less than a sensor's declared noise."""
+    declared = np.array([s.standard_error for s in machine.signals])
+    seen, before = (spectra(filters, declared, group) for group in (faulty, clean))
     if seen is None:
         return []
-    before = spectra(filters, clean)
     chance = gammaincc(seen.count, seen.count * seen.ratio)  # (F, S) of noise alone
     found: list[Vibration] = []
     for k in _lines(seen):
-        own = np.flatnonzero(chance[k] < max(VIBRATES / chance.size, np.min(chance[k])))
-        order = own[np.argsort(-seen.ratio[k, own])].tolist()
-        lines = tuple(_line(machine, s, _amplitude(seen, k, s), before and _amplitude(before, k, s)) for s in order)
+        order = np.argsort(-seen.ratio[k], kind="stable")[: max(SEVERAL, np.sum(chance[k] < VIBRATES / chance.size))]
+        shown = [s for s in order.tolist() if _amplitude(seen, k, s) > declared[s]]
+        lines = tuple(_line(machine, s, _amplitude(seen, k, s), before and _amplitude(before, k, s)) for s in shown)
         found += [Vibration(float(seen.hz[k]), lines)] if len(lines) >= SEVERAL else []
     return found
 
@@ -91,8 +91,9 @@ def _amplitude(seen: Spectra, k: int, s: int) -> float:
     return float(np.sqrt(max(np.sum(seen.square[max(k - LOBE, 0) : k + LOBE + 1, s]), 0.0)))
 
 
-def spectra(filters: Filters, recordings: Sequence[Recorded]) -> Spectra | None:
-    """Spectra of all whole stretches, above the frequencies that the service passes; None if there are none."""
+def spectra(filters: Filters, declared: Array, recordings: Sequence[Recorded]) -> Spectra | None:
+    """Spectra of all whole stretches, above the frequencies that the service passes; None if there are none. The
+    background is no less than that of the noise `declared` (S,), standard deviations."""
     size = round(STRETCH_S * filters.rate_hz)
     parts = [r.values[a:b] for r in recordings for a, b in pairwise(range(0, len(r.values) + 1, size))]
     whole = [part for part in parts if np.all(np.isfinite(part))]
@@ -103,8 +104,9 @@ def spectra(filters: Filters, recordings: Sequence[Recorded]) -> Spectra | None:
     power = np.stack([np.abs(np.fft.rfft(window * (part - part.mean(axis=0)), axis=0)) ** 2 for part in whole])
     near = 2 * round(BESIDE_HZ * STRETCH_S) + 1
     beside = median_filter(power, (1, near, 1), mode="mirror") / np.log(2.0)  # mean of what is exponential
-    ratio = np.mean(power / np.maximum(beside, np.finfo(float).tiny), axis=0)
-    square = np.mean(power - beside, axis=0) * 4.0 / (size * np.sum(window**2))
+    beside = np.maximum(beside, declared**2 * np.sum(window**2))
+    ratio = np.mean(power / beside, axis=0)
+    square = (ratio - 1.0) / np.mean(1.0 / beside, axis=0) * 4.0 / (size * np.sum(window**2))
     above = (hz > filters.channel_hz) & (hz < filters.rate_hz / 2.0)
     return Spectra(hz[above], ratio[above], square[above], len(whole))
 
@@ -116,5 +118,5 @@ def vibrating(each: Sequence[Vibration], rate_hz: float) -> str:
         grown = [f"{line.sensor} {line.amplitude:.2g}" for line in v.sensors if line.grew]
         same = f"{v.frequency_hz:.1f} Hz (or {rate_hz - v.frequency_hz:.1f} Hz, which is read as the same)"
         found += [f"{same}: {', '.join(grown)}"] if len(grown) >= SEVERAL else []
-    words = f"vibration that the references do not show, amplitude in SI units: {'; '.join(found)}: check the engine, "
-    return words + "the pump and their mounts" if found else ""
+    words = f"vibration that the references do not show, amplitude in SI units: {'; '.join(found)}: of the engine, the "
+    return words + "pump and their mounts, or the arm swings" if found else ""
