@@ -24,7 +24,7 @@ LOBE = 2  # frequencies to either side over which the window spreads a line
 SEVERAL = 2  # sensors at least: a line in one alone may be its own
 
 
-class Shown(NamedTuple):
+class SpectralLine(NamedTuple):
     """What a sensor shows of a vibration, amplitudes in SI units: in the field, and in the references (None without
     any); whether it `grew`: SHAKES times what the references show."""
 
@@ -39,7 +39,7 @@ class Vibration(NamedTuple):
     sensors that show it, the clearest first."""
 
     frequency_hz: float
-    sensors: tuple[Shown, ...]
+    sensors: tuple[SpectralLine, ...]
 
 
 class Spectra(NamedTuple):
@@ -70,8 +70,8 @@ def vibrations(
     return found
 
 
-def _line(machine: Machine, s: int, amplitude: float, before: float | None) -> Shown:
-    return Shown(machine.signals[s].name, amplitude, before, before is not None and amplitude > SHAKES * before)
+def _line(machine: Machine, s: int, amplitude: float, before: float | None) -> SpectralLine:
+    return SpectralLine(machine.signals[s].name, amplitude, before, before is not None and amplitude > SHAKES * before)
 
 
 def _lines(seen: Spectra) -> list[int]:
