@@ -24,7 +24,7 @@ LOBE = 2  # frequencies to either side over which the window spreads a line
 SEVERAL = 2  # sensors at least: a line in one alone may be its own
 
 
-class Line(NamedTuple):
+class SpectralLine(NamedTuple):
     """What a sensor shows of a vibration, amplitudes in SI units: in the field, and in the references (None without
     any); whether it `grew`: SHAKES times what the references show."""
 
@@ -39,7 +39,7 @@ class Vibration(NamedTuple):
     sensors that show it, the clearest first."""
 
     frequency_hz: float
-    sensors: tuple[Line, ...]
+    sensors: tuple[SpectralLine, ...]
 
 
 class Spectra(NamedTuple):
@@ -49,7 +49,7 @@ class Spectra(NamedTuple):
     hz: Array
     ratio: Array
     square: Array
-    count: int
+    stretches: int
 
 
 def vibrations(
@@ -60,7 +60,7 @@ def vibrations(
     seen, before = (spectra(filters, declared, group) for group in (faulty, clean))
     if seen is None:
         return []
-    chance = gammaincc(seen.count, seen.count * seen.ratio)  # (F, S) of noise alone
+    chance = gammaincc(seen.stretches, seen.stretches * seen.ratio)  # (F, S) of noise alone
     found: list[Vibration] = []
     for k in _lines(seen):
         order = np.argsort(-seen.ratio[k], kind="stable")[: max(SEVERAL, np.sum(chance[k] < VIBRATES / chance.size))]
@@ -70,15 +70,15 @@ def vibrations(
     return found
 
 
-def _line(machine: Machine, s: int, amplitude: float, before: float | None) -> Line:
-    return Line(machine.signals[s].name, amplitude, before, before is not None and amplitude > SHAKES * before)
+def _line(machine: Machine, s: int, amplitude: float, before: float | None) -> SpectralLine:
+    return SpectralLine(machine.signals[s].name, amplitude, before, before is not None and amplitude > SHAKES * before)
 
 
 def _lines(seen: Spectra) -> list[int]:
     """The frequencies of lines, the clearest first, without those beside a clearer one: so clear in SEVERAL sensors
     that noise alone would show less than VIBRATES of them."""
     clear = np.sort(seen.ratio, axis=1)[:, -SEVERAL]
-    chance = gammaincc(seen.count, seen.count * clear)
+    chance = gammaincc(seen.stretches, seen.stretches * clear)
     false = len(seen.hz) * bdtrc(SEVERAL - 1, seen.ratio.shape[1], chance)
     found: list[int] = []
     for k in np.argsort(-clear, kind="stable")[: np.count_nonzero(false < VIBRATES)].tolist():
@@ -108,7 +108,7 @@ def spectra(filters: Filters, declared: Array, recordings: Sequence[Recorded]) -
     ratio = np.mean(power / beside, axis=0)
     square = (ratio - 1.0) / np.mean(1.0 / beside, axis=0) * 4.0 / (size * np.sum(window**2))
     above = (hz > filters.channel_hz) & (hz < filters.rate_hz / 2.0)
-    return Spectra(hz[above], ratio[above], square[above], len(whole))
+    return Spectra(np.asarray(hz[above], dtype=np.float64), ratio[above], square[above], len(whole))
 
 
 def vibrating(each: Sequence[Vibration], rate_hz: float) -> str:
