@@ -55,6 +55,11 @@ MIGRATIONS = (
         WHEN (new.mass, new.accepted, new.final) <> (old.mass, old.accepted, old.final) BEGIN
         UPDATE bookings SET revision = (SELECT max(revision) + 1 FROM bookings) WHERE id = new.id; END;
     """,
+    # a bucket that hangs, as JSON (files/checkpoint.py), and since when it is known; empty: none
+    """
+    ALTER TABLE kept ADD COLUMN hanging TEXT NOT NULL DEFAULT '';
+    ALTER TABLE kept ADD COLUMN hanging_us INTEGER NOT NULL DEFAULT 0;
+    """,
 )
 VERSION = len(MIGRATIONS)
 BUSY_S = 10.0  # how long the writer waits for another program that writes labels

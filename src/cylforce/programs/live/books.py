@@ -22,6 +22,7 @@ from cylforce.canopen.node import Node
 from cylforce.mechanics.installation import STANDARD
 from cylforce.records.recorder import Recorder
 from cylforce.records.writing import BY_HAND, BookedBucket, Change, Start
+from cylforce.service.booking import Weighed
 from cylforce.service.commands import KG, PRODUCT, TARGET
 from cylforce.service.loading.cycle import LastBucket, ended
 from cylforce.service.loading.truck import Truck
@@ -30,6 +31,7 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, is_new
 
 OFTEN = 10  # steps between two looks at the writing thread
+SAME_LOAD = 0.02  # share by which the weight of a load that hangs may change without being kept anew; chosen
 
 
 class Ledger:
@@ -50,7 +52,7 @@ class Ledger:
             self._change(state, kept, None)
         elif books.dumped is None and books.booking is not self._written:
             self._change(state, kept, books.booking)
-        elif _changed(self._kept, kept):
+        elif changed(self._kept, kept):
             self._change(state, kept, None)
         self._steps += 1
         if self._steps % OFTEN == 0:
@@ -86,11 +88,22 @@ class Ledger:
         self._node.set_value(LOADING, RECORDS, RECORDS_STOPPED if self._recorder.failure else RECORDING)
 
 
-def _changed(before: Memory, after: Memory) -> bool:
-    """Whether the operator changed something. Masses that become more precise are kept when they are final."""
+def changed(before: Memory, after: Memory) -> bool:
+    """Whether the operator changed something, or another load hangs. Masses that become more precise are
+    kept when they are final."""
     return (
-        after.scale is not before.scale or after.tool != before.tool or _decided(after.truck) != _decided(before.truck)
+        after.scale is not before.scale
+        or after.tool != before.tool
+        or _decided(after.truck) != _decided(before.truck)
+        or _another(before.hanging, after.hanging)
     )
+
+
+def _another(before: Weighed | None, after: Weighed | None) -> bool:
+    """Whether another load hangs, not the same weighed more precisely."""
+    if before is None or after is None:
+        return before is not after
+    return abs(after.mass - before.mass) > SAME_LOAD * before.mass
 
 
 def _decided(truck: Truck) -> tuple[object, ...]:
