@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .cycle import ARM, EMPTY_TEETH_RISE, HEADWAY, SWING, TEETH, material, smoothed, twitching
+from .cycle import ARM, EMPTY_TEETH_RISE, HEADWAY, STEEPEST, SWING, TEETH, material, smoothed, twitching
 from .plan import RATE, Plan, empty, smooth
 from .site import Site
 from .soil import soil
@@ -124,11 +124,9 @@ def shift(
         x, z = site.heap()
         fills, falls = smooth((u - 1.8) / 4.4), smooth((u - course.falls) / (course.fallen - course.falls))
         payload[within], cycle[within] = material(mass, x, z, fills, falls)[within], 1 + k
-        turn = float(rng.choice((-1.0, 1.0))) * slew_rate * job.pace * SWING / 2.0
-        back = (course.end - course.fallen - 0.4) * job.pace
-        slew += turn * (
-            smooth((u - course.free) / SWING) - smooth((t - start - job.pace * (course.fallen + 0.2)) / back)
-        )
+        back = course.end - course.fallen - 0.4
+        turn = float(rng.choice((-1.0, 1.0))) * slew_rate * job.pace * back / STEEPEST
+        slew += turn * (smooth((u - course.free) / SWING) - smooth((u - course.fallen - 0.2) / back))
         notes.append(_note(1 + k, job, course, start, held))
         before = job.stays if course.steps else before
     ground = soil(site.ground, float(rng.uniform(0.7, 1.4)))

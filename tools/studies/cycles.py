@@ -1,5 +1,5 @@
-"""Are buckets booked once each? Shifts of reference machines with foreign friction: plain cycles, spill, tip-off over the
-heap, dumps in two parts, double dips, swings without digging, and restarts of the service in mid-cycle.
+"""Are buckets booked once each? Shifts of reference machines with foreign friction: plain cycles, spill, tip-off over
+the heap, dumps in two parts, double dips, swings without digging, and restarts of the service in mid-cycle.
 
 A bucket is missed if nothing is booked from its dump on until the next one is clear of the ground; doubled if more
 than one is; a booking after a swing without digging is a phantom. A booked weight is wrong if it is off by more than
