@@ -10,6 +10,7 @@ from babel.numbers import format_decimal
 from cylforce.display.words import catalogue
 from cylforce.records.export import iso
 from cylforce.records.ticket import Ticket
+from cylforce.signals.units import KILOGRAM, MassUnit
 
 PAGE = """<!doctype html>
 <html lang="{language}"><head><meta charset="utf-8"><title>{title}</title>
@@ -20,44 +21,46 @@ PAGE = """<!doctype html>
 """
 
 
-def ticket_page(made: Ticket, language: str) -> str:
+def ticket_page(made: Ticket, language: str, unit: MassUnit = KILOGRAM) -> str:
     """The page."""
     say = catalogue(language).gettext
     copy = f" ({say('Copy')} {made.printed - 1})" if made.printed > 1 else ""
     head = {say("Machine"): made.machine, say("Truck"): str(made.truck), say("Time"): _time(made.t_us, language)}
     labels = {name: text for name, text in made.labels.items() if text}
     head |= {say(name.capitalize()): text for name, text in labels.items()}
-    total = f"{say('Total')}: {_kg(made.mass, language)} kg ± {_kg(made.standard_error, language)} kg"
+    total = f"{say('Total')}: {_mass(made.mass, language, unit)} ± {_mass(made.standard_error, language, unit)}"
     return PAGE.format(
         language=language,
         title=f"{say('Ticket')} {made.number}{copy}",
         head="".join(f"<p><b>{escape(name)}:</b> {escape(text)}</p>" for name, text in head.items()),
-        qr=segno.make(summary(made), error="m").svg_inline(scale=3, svgclass="qr"),
+        qr=segno.make(summary(made, unit), error="m").svg_inline(scale=3, svgclass="qr"),
         names="".join(f"<th>{say(name)}</th>" for name in ("Number", "Time", "Product", "Weight")),
-        rows="".join(_rows(made, language)),
+        rows="".join(_rows(made, language, unit)),
         total=total,
         button=say("Print"),
     )
 
 
-def _rows(made: Ticket, language: str) -> list[str]:
+def _rows(made: Ticket, language: str, unit: MassUnit) -> list[str]:
     say = catalogue(language).gettext
     marks = [f" ({say('by hand')})" if line.by_hand else "" for line in made.lines]
     cells = [
-        (str(line.number), _time(line.t_us, language), line.product, f"{_kg(line.mass, language)} kg{mark}")
+        (str(line.number), _time(line.t_us, language), line.product, f"{_mass(line.mass, language, unit)}{mark}")
         for line, mark in zip(made.lines, marks, strict=True)
     ]
     return [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells]
 
 
-def summary(made: Ticket) -> str:
+def summary(made: Ticket, unit: MassUnit = KILOGRAM) -> str:
     """What the QR code says, as plain text that any reader shows."""
-    figures = f"{made.mass:.1f} kg +- {made.standard_error:.1f} kg, {len(made.lines)} buckets"
+    mass, error = (f"{unit.text(x)} {unit.symbol}" for x in (made.mass, made.standard_error))
+    figures = f"{mass} +- {error}, {len(made.lines)} buckets"
     return f"cylforce ticket {made.number}\ntruck {made.truck}\n{figures}\n{iso(made.t_us)}"
 
 
-def _kg(mass: float, language: str) -> str:
-    return format_decimal(mass, "#,##0.0", locale=language)
+def _mass(mass: float, language: str, unit: MassUnit) -> str:
+    shape = "#,##0" + ("." + "0" * unit.fine if unit.fine else "")
+    return f"{format_decimal(mass / unit.kg, shape, locale=language)} {unit.symbol}"
 
 
 def _time(t_us: int, language: str) -> str:

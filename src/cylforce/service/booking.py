@@ -22,8 +22,8 @@ AGREES = 3.0  # standard errors within which two weights of one lift are the sam
 class Weighed(NamedTuple):
     """A weight at some instant of a lift: `mass` [kg] as it would be without drift; `noise` [kg^2]: variance of what
     averages out within the lift; `gain` (P,) and `drifted` (D,): change of the mass per unit of each tare and of each
-    drift; `moving`: number of samples in motion on which it is based; `tilt` [rad]: angle of the tool to the house at
-    that instant, None where the tool does not empty by tilting."""
+    drift; `moving`: number of samples in motion on which it is based; `tilt` [rad]: angle of the tool to the house when
+    this load was first weighed, None where the tool does not empty by tilting."""
 
     mass: float
     noise: float
@@ -139,7 +139,9 @@ def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) ->
     differs = abs(by) > AGREES * difference_error(now, before, tares, drift)
     if by < 0.0 and differs and _leaves(before, now, 1.0 + by / corrected(before, drift)):
         return before
-    return now if differs or now.moving >= before.moving else before
+    if differs:
+        return now
+    return now._replace(tilt=before.tilt) if now.moving >= before.moving else before
 
 
 def _leaves(before: Weighed, now: Weighed, share: float) -> bool:

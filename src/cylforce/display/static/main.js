@@ -2,7 +2,7 @@
 import { ask, change } from "./ask.js";
 import { showEngineering } from "./engineering.js";
 import { showHistory } from "./history.js";
-import { refusal, t, translate } from "./words.js";
+import { refusal, t, translate, unit } from "./words.js";
 import { blank, showWork } from "./work.js";
 
 const at = (id) => document.getElementById(id);
@@ -36,19 +36,14 @@ async function command(what, value = 0) {
   at("answer").textContent = said.done ? t("Done.") : refusal(said.why);
 }
 
-async function target() {
-  const text = await ask(t("Target in kg; 0: none"));
-  if (text !== null) await command("target", Number(text.replace(",", ".")) || 0);
+async function massed(what, question) {
+  const text = await ask(`${t(question)} (${unit.symbol})`);
+  if (text !== null) await command(what, (Number(text.replace(",", ".")) || 0) * unit.kg);
 }
 
 async function product() {
   const text = await ask(t("Number of the product; 0: none"));
   if (text !== null) await command("product", Math.round(Number(text)) || 0);
-}
-
-async function add() {
-  const text = await ask(t("Mass in kg that was loaded unweighed"));
-  if (text !== null) await command("add", Number(text.replace(",", ".")) || 0);
 }
 
 function light(night) {
@@ -63,9 +58,9 @@ at("night").addEventListener("click", () => light(!document.body.classList.conta
 for (const button of document.querySelectorAll("[data-command]")) {
   button.addEventListener("click", () => command(button.dataset.command));
 }
-at("target").addEventListener("click", target);
+at("target").addEventListener("click", () => massed("target", "Target; 0: none"));
 at("product").addEventListener("click", product);
-at("add").addEventListener("click", add);
+at("add").addEventListener("click", () => massed("add", "Mass that was loaded unweighed"));
 at("attachment").addEventListener("change", async () => {
   at("attachment").blur();
   await command("attachment", Number(at("attachment").value));
