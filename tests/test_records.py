@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from cylforce.display.tickets import ticket_page
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.live.books import Ledger
@@ -25,12 +26,13 @@ from cylforce.records.writing import BookedBucket, Change, Start
 from cylforce.service import commands
 from cylforce.service.booking import Weighed
 from cylforce.service.loading.cycle import LastBucket
-from cylforce.service.loading.truck import Truck, judged, loaded, next_truck, refined
+from cylforce.service.loading.truck import Truck, judged, loaded, next_part, next_truck, of_product, refined
 from cylforce.service.state import Memory, Scale
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
 from cylforce.signals.events import Frame
+from cylforce.signals.units import MASS_UNITS
 from scenarios import EXCAVATOR
 from studies import kills
 
@@ -366,6 +368,48 @@ def test_killed_at_random_moments_nothing_is_lost_or_doubled(path):
     spoilt = kills.figures(path, kills.Kept(found["told"], trucks))
     assert (spoilt["lost"], spoilt["totals_wrong"]) == (1, 1)
     assert spoilt["tickets_lost"] >= 1
+
+
+def test_a_split_truck_is_kept_and_its_ticket_has_each_part(path):
+    """Gravel, then sand in the truck, then sand in the trailer; the ticket in pounds is the same mass."""
+    kept = Memory(truck=Truck(1, 5000.0, 1, trailer=3000.0))
+    recorder = Recorder(path, START)
+    for k, change in enumerate((lambda t: t, lambda t: of_product(t, 2).truck, lambda t: next_part(t).truck)):
+        kept = kept._replace(truck=change(kept.truck))
+        made = booked(kept, 1000.0 + k, k)
+        recorder.put(made)
+        kept = made.kept
+    recorder.close()
+    again = Recorder(path, START)
+    again.close()
+    assert again.kept.truck == kept.truck
+    with closing(open_labels(path)) as connection:
+        name_product(connection, 1, "gravel")
+        found = ticket(connection, 1, 5)
+    assert [tuple(x) for x in found.shares] == [
+        (1, "gravel", 1000.0, 1), (1, "2", 1001.0, 1), (2, "2", 1002.0, 1)
+    ]  # fmt: skip
+    text = ticket_text(found).splitlines()
+    assert "Part 2  2  1002.0 kg in 1 buckets  target 3000.0 kg" in text
+    assert text[-1] == "Total: 3003.0 kg +- 15.0 kg in 3 buckets"
+    assert ticket_text(found, MASS_UNITS["lb"]).splitlines()[-1] == "Total: 6620 lb +- 33 lb in 3 buckets"
+    assert ticket_text(found, MASS_UNITS["short-ton"]).splitlines()[-1].startswith("Total: 3.310 sh tn +- 0.017 sh tn")
+    page = ticket_page(found, "de", MASS_UNITS["t"])
+    assert page.count("<tr>") == 4 + 4
+    assert "3,003 t ± 0,015 t" in page
+
+
+def test_a_bucket_that_hangs_is_the_same_after_a_short_outage(path):
+    """Kept with its errors; after as long as a working cycle takes it may be another one."""
+    hanging = Weighed(900.0, 4.0, np.array([0.5, -2.0]), np.array([1.0]), 300, -2.7)
+    recorder = Recorder(path, START)
+    recorder.put(Change(START.t_us, Memory(hanging=hanging), None, ""))
+    recorder.close()
+    for later_s, same in ((11.0, True), (13.0, False), (-1.0, False)):
+        again = Recorder(path, START._replace(t_us=START.t_us + round(1e6 * later_s)))
+        again.close()
+        assert (again.kept.hanging is not None) is same
+        assert not same or str(again.kept.hanging) == str(hanging)
 
 
 def test_a_bucket_by_hand_is_marked_in_the_records_and_on_the_ticket(path):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.estimation.fast import Instant
 from cylforce.estimation.regressor import Rows
@@ -104,7 +105,7 @@ class _NoForces:
         return state, Forces(self._nothing, self._nothing)
 
 
-def _since(marks: Array) -> Array:
+def _since(marks: NDArray[np.bool_]) -> Array:
     """How many rows ago (T, R) a mark was set; very many where none was."""
     t = np.arange(len(marks))[:, None]
     last = np.maximum.accumulate(np.where(marks, t, -(10**6)), axis=0)

@@ -41,8 +41,11 @@ def lines(picture: Picture, language: str, unit: MassUnit = KILOGRAM) -> Iterato
         yield say(SILENT_WORDS)
         return
     goal = f" / {unit.coarse(truck['target'])}" if truck["target"] else ""
-    load = f"{unit.coarse(truck['total'])}{goal} {unit.symbol}"
-    yield f"{say('Truck')} {truck['number']}: {load}, {say('Buckets')}: {truck['filled']}"
+    load, whole = (f"{unit.coarse(truck[name])}" for name in ("loaded", "total"))
+    part = f", {say('part')} {truck['part']}" if truck["part"] > 1 else ""
+    both = f", {say('in all')} {whole} {unit.symbol}" if part else ""
+    load = f"{load}{goal} {unit.symbol}{both}"
+    yield f"{say('Truck')} {truck['number']}{part}: {load}, {say('Buckets')}: {truck['filled']}"
     if truck["share"] is not None:
         yield _bar(truck["share"], truck["with_bucket"])
     yield from (f"{b['number']:6d}  {unit.coarse(b['mass'])} {unit.symbol}" for b in reversed(picture["buckets"]))

@@ -15,7 +15,7 @@ from cylforce.signals.units import KILOGRAM, MassUnit
 PAGE = """<!doctype html>
 <html lang="{language}"><head><meta charset="utf-8"><title>{title}</title>
 <link rel="icon" href="/static/icon.svg"><link rel="stylesheet" href="/static/ticket.css"></head>
-<body><main><h1>{title}</h1>{head}{qr}<table><thead><tr>{names}</tr></thead><tbody>{rows}</tbody></table>
+<body><main><h1>{title}</h1>{head}{qr}<table><thead><tr>{names}</tr></thead><tbody>{rows}</tbody></table>{shares}
 <p class="total">{total}</p><p class="screen"><button id="print">{button}</button></p></main>
 <script type="module" src="/static/ticket.js"></script></body></html>
 """
@@ -36,6 +36,7 @@ def ticket_page(made: Ticket, language: str, unit: MassUnit = KILOGRAM) -> str:
         qr=segno.make(summary(made, unit), error="m").svg_inline(scale=3, svgclass="qr"),
         names="".join(f"<th>{say(name)}</th>" for name in ("Number", "Time", "Product", "Weight")),
         rows="".join(_rows(made, language, unit)),
+        shares=_shares(made, language, unit),
         total=total,
         button=say("Print"),
     )
@@ -49,6 +50,22 @@ def _rows(made: Ticket, language: str, unit: MassUnit) -> list[str]:
         for line, mark in zip(made.lines, marks, strict=True)
     ]
     return [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells]
+
+
+def _shares(made: Ticket, language: str, unit: MassUnit) -> str:
+    """What each part of the truck has got of each product, where it was split."""
+    if len(made.shares) < 2:
+        return ""
+    say = catalogue(language).gettext
+    names = (say("Part"), say("Product"), say("Buckets"), say("Target"), say("Weight"))
+    rows = []
+    for x in made.shares:
+        aim = made.target if x.part == 1 else made.trailer
+        cells = (str(x.part), x.product, str(x.loads), _mass(aim, language, unit) if aim else "–")
+        rows.append("".join(f"<td>{escape(cell)}</td>" for cell in (*cells, _mass(x.mass, language, unit))))
+    head = "".join(f"<th>{name}</th>" for name in names)
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f'<table class="shares"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
 
 
 def summary(made: Ticket, unit: MassUnit = KILOGRAM) -> str:

@@ -63,7 +63,8 @@ PAGE = (
     "Information only: no safety function.", "good", "late", "Set to zero", "OK", "Cancel", "Print", "Copy",
     "Customer", "Job", "Operator", "Note", "Machine", "Total", "Standard error", "rated",
     "Attachment", "of a usual bucket", "tip off", "a full bucket overloads", "Add by hand", "by hand",
-    "Check zero: empty the bucket, lift it, press Zero", "Mass that was loaded unweighed",
+    "Trailer, next part", "Target of the trailer", "Target of the trailer or next part; 0: none", "part", "in all",
+    "Part", "Check zero: empty the bucket, lift it, press Zero", "Mass that was loaded unweighed",
 )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from cylforce.records.export import export, iso, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import Total, bookings, last_truck, totals
 from cylforce.records.schema import open_labels, open_reading
-from cylforce.records.ticket import Ticket, TicketLine, ticket
+from cylforce.records.ticket import Share, Ticket, TicketLine, ticket
 from cylforce.signals.units import KILOGRAM, MassUnit
 
 
@@ -98,14 +98,21 @@ def ticket_text(made: Ticket, unit: MassUnit = KILOGRAM) -> str:
     head = [f"Ticket {made.number}{copy}, truck {made.truck}", f"{made.machine}, {iso(made.t_us)}"]
     labels = [f"{name}: {text}" for name, text in made.labels.items() if text]
     lines = [_line(x, unit) for x in made.lines]
+    shares = [_share(x, made, unit) for x in made.shares] if len(made.shares) > 1 else []
     mass, error = (f"{unit.text(x)} {unit.symbol}" for x in (made.mass, made.standard_error))
     total = f"Total: {mass} +- {error} in {len(made.lines)} buckets"
-    return "\n".join([*head, *labels, *lines, total])
+    return "\n".join([*head, *labels, *lines, *shares, total])
 
 
 def _line(x: TicketLine, unit: MassUnit) -> str:
     mark = "by hand" if x.by_hand else ""
     return f"{x.number:6d}  {iso(x.t_us)}  {unit.text(x.mass):>8} {unit.symbol}  {x.product} {mark}".rstrip()
+
+
+def _share(x: Share, made: Ticket, unit: MassUnit) -> str:
+    aim = made.target if x.part == 1 else made.trailer
+    words = f"  target {unit.text(aim)} {unit.symbol}" if aim and len({s.part for s in made.shares}) > 1 else ""
+    return f"Part {x.part}  {x.product}  {unit.text(x.mass)} {unit.symbol} in {x.loads} buckets{words}"
 
 
 def label(path: Path, truck: int | None, labels: dict[str, str], product: tuple[int, str] | None) -> None:

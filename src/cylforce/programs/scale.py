@@ -12,8 +12,8 @@ from cylforce.programs.common.machine_file import load_machine
 from cylforce.signals.units import KILOGRAM, MassUnit
 
 SHOW = "show"
-ALONE, NUMBERED = ("zero", "tare", "next"), ("target", "product", "cancel", "accept", "add")
-MASSES = ("target", "add")  # orders with a mass
+ALONE, NUMBERED = ("zero", "tare", "next", "part"), ("target", "trailer", "product", "cancel", "accept", "add")
+MASSES = ("target", "trailer", "add")  # orders with a mass
 ATTACHMENT = "attachment"
 ORDERS = (SHOW, *ALONE, *NUMBERED, ATTACHMENT)
 
@@ -69,6 +69,8 @@ def told(known: Known | None, tools: tuple[str, ...], unit: MassUnit = KILOGRAM)
         return ""
     target = f" of {unit.text(known.target)} {unit.symbol}" if known.target else ""
     product = f", product {known.product}" if known.product else ""
-    load = f"{unit.text(known.total)} {unit.symbol}{target} in {known.filled} buckets{product}"
+    load = f"{unit.text(known.loaded)} {unit.symbol}{target} in {known.filled} buckets{product}"
     tool = f"; {tools[known.tool]}" if 0 < known.tool < len(tools) else ""
-    return f"truck {known.number}: {load}; last booking {known.last}{tool}"
+    part = f", part {known.part}" if known.part > 1 else ""
+    load += f", {unit.text(known.total)} {unit.symbol} in all" if part else ""
+    return f"truck {known.number}{part}: {load}; last booking {known.last}{tool}"

@@ -63,19 +63,23 @@ def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
         "FROM bookings ORDER BY id DESC LIMIT 1"
     )
     booking = next((Booking(*row) for row in last), None)
-    kept = "SELECT zero, tare, truck, target, product, attachment, hanging, hanging_us FROM kept"
+    kept = "SELECT zero, tare, truck, target, product, attachment, hanging, hanging_us, part, first, trailer FROM kept"
     row = connection.execute(kept).fetchone()
     if row is None:
         return Memory(booking=booking)
-    zero, tare, number, target, product, tool, hung, since_us = row
+    zero, tare, number, target, product, tool, hung, since_us, *parts = row
     same = hung and 0 <= t_us - since_us <= SHORTEST_CYCLE_US
     hanging = unpacked(Weighed, json.loads(hung)) if same else None
-    sums = "SELECT coalesce(sum(mass), 0.0), count(*) FROM bookings WHERE truck = ? AND accepted"
-    total, filled = connection.execute(sums, (number,)).fetchone()
-    listed = "SELECT number, mass, accepted FROM bookings WHERE truck = ? ORDER BY id DESC LIMIT ?"
+    sums = (
+        "SELECT coalesce(sum(mass), 0.0), count(*), coalesce(sum(mass) FILTER (WHERE part = ?), 0.0) FROM bookings "
+        "WHERE truck = ? AND accepted"
+    )
+    total, filled, in_part = connection.execute(sums, (parts[0], number)).fetchone()
+    listed = "SELECT number, mass, accepted, part FROM bookings WHERE truck = ? ORDER BY id DESC LIMIT ?"
     rows = connection.execute(listed, (number, KEPT)).fetchall()
-    buckets = tuple(Bucket(found, mass, bool(accepted)) for found, mass, accepted in reversed(rows))
-    return Memory(Scale(zero, tare), Truck(number, target, product, total, filled, buckets), booking, tool, hanging)
+    buckets = tuple(Bucket(found, mass, bool(accepted), part) for found, mass, accepted, part in reversed(rows))
+    opened = Truck(number, target, product, total, filled, buckets, parts[0], in_part, *parts[1:])
+    return Memory(Scale(zero, tare), opened, booking, tool, hanging)
 
 
 def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
@@ -96,9 +100,9 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
         "UPDATE trucks SET closed_us = ? WHERE closed_us IS NULL AND number < ?", (change.t_us, truck.number)
     )
     connection.execute(
-        "INSERT INTO trucks (number, opened_us, target) VALUES (?, ?, ?) "
-        "ON CONFLICT DO UPDATE SET target = excluded.target",
-        (truck.number, change.t_us, truck.target),
+        "INSERT INTO trucks (number, opened_us, target, trailer) VALUES (?, ?, ?, ?) "
+        "ON CONFLICT DO UPDATE SET target = excluded.target, trailer = excluded.trailer",
+        (truck.number, change.t_us, truck.first if truck.part > 1 else truck.target, truck.trailer),
     )
     if change.booked is not None:
         _book(connection, start, change.kept, change.booked)
@@ -111,8 +115,9 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
         )
     hanging = change.kept.hanging
     hung = ("", 0) if hanging is None else (json.dumps(packed(hanging)), change.t_us)
-    values = (*change.kept.scale, change.kept.tool, truck.number, truck.target, truck.product, *hung)
-    connection.execute("INSERT OR REPLACE INTO kept VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?)", values)
+    place = (change.kept.tool, truck.number, truck.target, truck.product)
+    values = (*change.kept.scale, *place, truck.part, truck.first, truck.trailer, *hung)
+    connection.execute("INSERT OR REPLACE INTO kept VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
     if change.words:
         row = (start, change.t_us, change.words)
         connection.execute("INSERT INTO changes (start, t_us, words) VALUES (?, ?, ?)", row)
@@ -122,12 +127,12 @@ def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: Book
     """The same booking a second time changes nothing."""
     booking, (zero, tare) = booked.booking, kept.scale
     weights = (booking.dumped - tare, booking.dumped_error, booking.mass, booking.carry_back - zero)
-    place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product)
+    place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product, kept.truck.part)
     rest = (*booked.cycle, zero, tare, kept.tool, booked.drift, booked.status)
     connection.execute(
-        "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, mass, standard_error, gross, carry_back, "
-        "cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
-        "?, ?, ?, ?)",
+        "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, part, mass, standard_error, gross, "
+        "carry_back, cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, "
+        "?, ?, ?, ?, ?, ?, ?, ?, ?)",
         (*place, *weights, *rest),
     )
 

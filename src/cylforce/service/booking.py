@@ -12,9 +12,10 @@ from cylforce.estimation.model import Tares
 from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
 from cylforce.service.adaptation import Drift
 from cylforce.signals.estimate import Array, Booking
+from cylforce.signals.units import DEGREE
 
 DUMPING = 0.7  # of a grab's load: what is less than that is on its way out; chosen: spills are smaller, dumps larger
-REPOSE = np.radians(35.0)  # by which a bucket tilts to empty: angle of repose of loose soil and gravel, 30 to 40 deg
+REPOSE = 35.0 * DEGREE  # by which a bucket tilts to empty: angle of repose of loose soil and gravel, 30 to 40 deg
 GONE = -1  # in place of the samples in motion: the bucket has been seen empty since, but not certainly enough
 AGREES = 3.0  # standard errors within which two weights of one lift are the same; chosen
 

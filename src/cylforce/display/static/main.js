@@ -60,6 +60,7 @@ for (const button of document.querySelectorAll("[data-command]")) {
 }
 at("target").addEventListener("click", () => massed("target", "Target; 0: none"));
 at("product").addEventListener("click", product);
+at("trailer").addEventListener("click", () => massed("trailer", "Target of the trailer or next part; 0: none"));
 at("add").addEventListener("click", () => massed("add", "Mass that was loaded unweighed"));
 at("attachment").addEventListener("change", async () => {
   at("attachment").blur();

@@ -71,7 +71,10 @@ function showTruck({ truck, marks, buckets, check_zero: checkZero }) {
     at("advice").textContent = "";
   } else {
     const goal = truck.target > 0 ? ` / ${bare(truck.target)}` : "";
-    at("truck-text").textContent = `${t("Truck")} ${truck.number}: ${bare(truck.total)}${goal} ${unit.symbol}, ${t("Buckets")}: ${truck.filled}` +
+    const split = truck.part > 1;
+    const name = `${t("Truck")} ${truck.number}${split ? `, ${t("part")} ${truck.part}` : ""}`;
+    const both = split ? `, ${t("in all")} ${mass(truck.total)}` : "";
+    at("truck-text").textContent = `${name}: ${bare(truck.loaded)}${goal} ${unit.symbol}${both}, ${t("Buckets")}: ${truck.filled}` +
       (truck.product ? `, ${t("Product")} ${truck.product}` : "");
     at("advice").textContent = [advice(truck), checkZero ? t("Check zero: empty the bucket, lift it, press Zero") : ""].filter(Boolean).join(" – ");
   }

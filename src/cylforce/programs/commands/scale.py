@@ -13,7 +13,9 @@ def scale(
     machine: MachineFile,
     order: Annotated[
         str,
-        typer.Argument(help="show, zero, tare, next; target, add MASS; product, cancel, accept N; attachment NAME."),
+        typer.Argument(
+            help="show, zero, tare, next, part; target, trailer, add MASS; product, cancel, accept N; attachment NAME."
+        ),
     ],
     value: Annotated[str | None, typer.Argument(help="What the order needs.")] = None,
     bus: Bus = "socketcan:can0",

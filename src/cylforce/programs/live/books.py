@@ -7,9 +7,11 @@ import cylforce
 from cylforce.can.clock import now_us
 from cylforce.canopen.dictionary.object_dictionary import (
     COUNT,
+    IN_PART,
     LAST,
     LOADING,
     NO_RECORDS,
+    PART_NUMBER,
     RECORDED,
     RECORDING,
     RECORDS,
@@ -23,7 +25,7 @@ from cylforce.mechanics.installation import STANDARD
 from cylforce.records.recorder import Recorder
 from cylforce.records.writing import BY_HAND, BookedBucket, Change, Start
 from cylforce.service.booking import Weighed
-from cylforce.service.commands import KG, PRODUCT, TARGET
+from cylforce.service.commands import KG, PRODUCT, TARGET, TRAILER
 from cylforce.service.loading.cycle import LastBucket, ended
 from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, State
@@ -72,7 +74,8 @@ class Ledger:
     def _show(self, kept: Memory) -> None:
         truck = kept.truck
         shown = {TARGET: round(truck.target / KG), PRODUCT: truck.product, TRUCK: truck.number}
-        shown |= {TOTAL: round(truck.total / KG), COUNT: truck.filled}
+        shown |= {TOTAL: round(truck.total / KG), COUNT: truck.filled, TRAILER: round(truck.trailer / KG)}
+        shown |= {IN_PART: round(truck.in_part / KG), PART_NUMBER: truck.part}
         shown[TOOL] = self._tools.index(kept.tool) if kept.tool in self._tools else 0
         shown[LAST] = kept.booking.number if kept.booking else 0
         for sub, value in shown.items():
@@ -108,7 +111,8 @@ def _another(before: Weighed | None, after: Weighed | None) -> bool:
 
 def _decided(truck: Truck) -> tuple[object, ...]:
     """What the operator has decided about a truck."""
-    return truck.number, truck.target, truck.product, tuple((b.number, b.accepted) for b in truck.buckets)
+    aims = truck.target, truck.trailer, truck.part
+    return truck.number, *aims, truck.product, tuple((b.number, b.accepted) for b in truck.buckets)
 
 
 def _booked(state: State, before: Memory) -> BookedBucket | None:
@@ -137,7 +141,9 @@ def words(before: Memory, after: Memory) -> str:
 
 def _truck_words(truck: Truck) -> str:
     off = ", ".join(str(bucket.number) for bucket in truck.buckets if not bucket.accepted) or "none"
-    return f"target {truck.target:.1f} kg, product {truck.product}, cancelled: {off}"
+    part = f"part {truck.part}, " if truck.part > 1 else ""
+    trailer = f", trailer {truck.trailer:.1f} kg" if truck.trailer else ""
+    return f"{part}target {truck.target:.1f} kg{trailer}, product {truck.product}, cancelled: {off}"
 
 
 def open_recorder(path: Path | None, loaded: Loaded) -> Recorder | None:
