@@ -47,6 +47,11 @@ class Ledger:
         self._written = kept.booking
         self._show(kept)
 
+    @property
+    def lifetime(self) -> float | None:
+        """All that was ever loaded [kg]; None without records."""
+        return None if self._recorder is None else self._recorder.lifetime
+
     def look(self, state: State) -> None:
         """Hand over what changed; show it."""
         kept, books = state.memory, state.weighing.books
