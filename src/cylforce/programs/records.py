@@ -16,7 +16,7 @@ from cylforce.records.export import export, iso, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import Total, bookings, last_truck, totals
 from cylforce.records.schema import open_labels, open_reading
-from cylforce.records.ticket import Share, Ticket, TicketLine, ticket
+from cylforce.records.ticket import PartSum, Ticket, TicketLine, ticket
 from cylforce.signals.units import KILOGRAM, MassUnit
 
 
@@ -109,7 +109,7 @@ def _line(x: TicketLine, unit: MassUnit) -> str:
     return f"{x.number:6d}  {iso(x.t_us)}  {unit.text(x.mass):>8} {unit.symbol}  {x.product} {mark}".rstrip()
 
 
-def _share(x: Share, made: Ticket, unit: MassUnit) -> str:
+def _share(x: PartSum, made: Ticket, unit: MassUnit) -> str:
     aim = made.target if x.part == 1 else made.trailer
     words = f"  target {unit.text(aim)} {unit.symbol}" if aim and len({s.part for s in made.shares}) > 1 else ""
     return f"Part {x.part}  {x.product}  {unit.text(x.mass)} {unit.symbol} in {x.loads} buckets{words}"

@@ -21,7 +21,7 @@ class TicketLine(NamedTuple):
     part: int = 1
 
 
-class Share(NamedTuple):
+class PartSum(NamedTuple):
     """What went into one part of a truck of one product: mass [kg], number of buckets."""
 
     part: int
@@ -47,12 +47,12 @@ class Ticket(NamedTuple):
     trailer: float = 0.0
 
     @property
-    def shares(self) -> tuple[Share, ...]:
+    def shares(self) -> tuple[PartSum, ...]:
         """The buckets by part and product, in the order of their coming; one where nothing was split."""
         found: dict[tuple[int, str], list[float]] = {}
         for line in self.lines:
             found.setdefault((line.part, line.product), []).append(line.mass)
-        return tuple(Share(*place, sum(masses), len(masses)) for place, masses in found.items())
+        return tuple(PartSum(*place, sum(masses), len(masses)) for place, masses in found.items())
 
 
 def ticket(connection: sqlite3.Connection, number: int, t_us: int, printing: bool = True) -> Ticket:
