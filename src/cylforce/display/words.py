@@ -59,11 +59,11 @@ PAGE = (
     "operational", "pre-operational", "booting", "Time", "Weight", "Status", "Number", "accepted", "cancelled",
     "Ticket", "Number of the product; 0: none", "Print ticket",
     "No bucket of this truck counts: there is no ticket.", "Short total", "Shift total", "Grand total", "Loads",
-    "There are no records: start the service with --records.", "PIN", "Done.", "Target; 0: none", "all",
-    "Information only: no safety function.", "good", "late", "Set to zero", "OK", "Cancel", "Print", "Copy",
-    "Customer", "Job", "Operator", "Note", "Machine", "Total", "Standard error", "rated",
+    "There are no records: start the service with --records.", "PIN", "Done.", "Target; 0: none",
+    "Information only: no safety function.", "good", "Set to zero", "OK", "Cancel", "Print", "Copy",
+    "Customer", "Job", "Operator", "Note", "Machine", "Total", "rated",
     "Attachment", "of a usual bucket", "tip off", "a full bucket overloads", "Add by hand", "by hand",
-    "Trailer, next part", "Target of the trailer", "Target of the trailer or next part; 0: none", "part", "in all",
+    "To the trailer", "Trailer target", "Target of the trailer or next part; 0: none", "part", "in all",
     "Part", "Check zero: empty the bucket, lift it, press Zero", "Mass that was loaded unweighed",
 )  # fmt: skip
 

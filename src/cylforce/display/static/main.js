@@ -8,11 +8,13 @@ import { blank, showWork } from "./work.js";
 const at = (id) => document.getElementById(id);
 const PARTS = ["work", "history", "engineering"];
 const SILENCE_MS = 800; // a weight that is older is not shown any more
-let [stream, part, heard, last] = [null, "", 0, null];
+const AGAIN_MS = 3000; // a page that was refused asks again: many of them must not keep the display busy
+let [stream, part, heard, last, asked] = [null, "", 0, null, 0];
 
 function open(name) {
   stream?.close();
   stream = new EventSource(`/stream/${name}`);
+  asked = performance.now();
   stream.addEventListener("message", (event) => {
     heard = performance.now();
     last = JSON.parse(event.data);
@@ -73,6 +75,6 @@ show();
 setInterval(() => {
   if (performance.now() - heard > SILENCE_MS) {
     blank();
-    if (stream.readyState === EventSource.CLOSED) open(part === "engineering" ? "engineering" : "work");
+    if (stream.readyState === EventSource.CLOSED && performance.now() - asked > AGAIN_MS) open(part === "engineering" ? "engineering" : "work");
   }
 }, 100);
