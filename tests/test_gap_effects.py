@@ -5,12 +5,12 @@ simulator: this shows that the programs work.)"""
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.diagnosis import Found, examined
-from cylforce.diagnosis.patch import patch
-from cylforce.diagnosis.residuals import clean
-from cylforce.diagnosis.resimulation import read_blocks
-from cylforce.diagnosis.shrinkage import Simulation
-from cylforce.diagnosis.verdict import Cause, Search, searched
+from cylforce.diagnosis.answer.patch import patch
+from cylforce.diagnosis.answer.resimulation import read_blocks
+from cylforce.diagnosis.answer.shrinkage import Simulation
+from cylforce.diagnosis.answer.verdict import Cause, Search, searched
+from cylforce.diagnosis.inference.residuals import clean
+from cylforce.diagnosis.inference.search import Found, examined
 from cylforce.effects.fault import SHAPES, TimeCourse
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY

@@ -6,17 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.clocks import Slip, slips
-from cylforce.diagnosis.diagnosis import examined
-from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.idle import idle
-from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
-from cylforce.diagnosis.shaking import noises, shaking
-from cylforce.diagnosis.shape import unexplained
-from cylforce.diagnosis.shrinkage import Gap, tried
-from cylforce.diagnosis.strangers import frozen, strange
-from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
-from cylforce.diagnosis.where import Spot, where
+from cylforce.diagnosis.answer.shape import unexplained
+from cylforce.diagnosis.answer.shrinkage import Gap, tried
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.answer.where import Spot, where
+from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.diagnosis.inference.idle import idle
+from cylforce.diagnosis.inference.search import examined
+from cylforce.diagnosis.recordings.clocks import Slip, slips
+from cylforce.diagnosis.recordings.shaking import noises, shaking
+from cylforce.diagnosis.recordings.strangers import frozen, strange
 from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
