@@ -80,7 +80,7 @@ def rippled(values: np.ndarray) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("change", [mixed, rippled])
+@pytest.mark.parametrize("change", [mixed, pytest.param(rippled, marks=pytest.mark.long)])
 def test_what_no_effect_of_the_library_makes_is_unknown(reference, change):
     assert concluded(reference, change=change)[1].verdict is Verdict.UNKNOWN
 

@@ -35,6 +35,9 @@ IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmet
 # worse than its data sheet).
 SHAKES = 3.0
 
+# Lines of a spectrum that noise alone would show in a diagnosis: fewer, and it is vibration (convention).
+VIBRATES = 0.01
+
 # Rate of jumps of a reading, log-uniform: from once a day to every other second, as with a loose contact (physics).
 GLITCHES_PER_S = (1.0 / 86400.0, 0.5)
 
