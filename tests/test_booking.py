@@ -18,8 +18,8 @@ def tares(scale_error=0.0, spread=0.0):
     return SimpleNamespace(covariance=np.diag([spread**2]), scale_error=scale_error)
 
 
-def weight(mass, noise=1.0, gain=0.0, drifted=(0.0, 0.0), moving=100):
-    return Weighed(mass, noise, np.array([gain]), np.array(drifted), moving)
+def weight(mass, noise=1.0, gain=0.0, drifted=(0.0, 0.0), moving=100, tilt=None):
+    return Weighed(mass, noise, np.array([gain]), np.array(drifted), moving, tilt)
 
 
 def test_the_error_has_noise_tares_drift_and_scale():
@@ -75,6 +75,16 @@ def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
     books = after(spilled(books), weight(860.0, moving=50), weight(860.0, moving=80), weight(300.0, moving=90))
     books = after(parted(books), weight(10.0), weight(10.0))
     assert books.booking.mass == 860.0
+
+
+@pytest.mark.parametrize(("tilt", "mass"), [(-2.8, 400.0), (-1.9, 899.0)])
+def test_a_part_tipped_off_is_a_smaller_load_and_half_a_dump_is_not(tilt, mass):
+    """400 of 900 kg are left: in the bucket as it hung before, or in one that has tilted by half a right angle."""
+    books = after(Books(), weight(900.0, tilt=-2.7), weight(900.0, tilt=-2.7))
+    books = after(books, weight(899.0, tilt=-2.2), weight(899.0, tilt=-2.2))  # it begins to open
+    books = after(parted(books), weight(400.0, moving=50, tilt=tilt), weight(400.0, moving=60, tilt=tilt))
+    books = after(parted(books), weight(10.0, tilt=-0.5), weight(10.0, tilt=-0.5))
+    assert books.booking.mass == mass
 
 
 def test_after_an_outage_the_load_before_it_is_told_and_not_booked():

@@ -9,6 +9,7 @@ from cylforce.display.terminal import WIDTH, lines
 from cylforce.display.words import languages
 from cylforce.signals.estimate import Reason, no_estimate
 from cylforce.signals.events import Frame
+from cylforce.signals.units import MASS_UNITS
 from test_display import NOW, SERVICE, WEIGHT, heard, weighed
 
 
@@ -32,6 +33,14 @@ def test_a_weight_with_its_truck():
     assert (bar.count("█"), bar.count("▒"), len(bar)) == (booked, hanging - booked, WIDTH)
     assert said[4].index("|") == 32  # 100 % of 125 %
     assert said[5].split() == ["4", "900", "kg"]
+
+
+def test_masses_in_pounds_and_the_part_of_a_truck():
+    made = loading()
+    made.known = made.known._replace(in_part=453.59237, part=2, trailer=3000.0)
+    said = list(lines(Painter(heard(weighed(WEIGHT)), Marks()).work(made, NOW), "en", MASS_UNITS["lb"]))
+    assert said[0] == "2212 lb ± 12 lb"
+    assert said[3] == "Truck 3, part 2: 1000 / 11023 lb, in all 8818 lb, Buckets: 4"
 
 
 @pytest.mark.parametrize("language", languages())

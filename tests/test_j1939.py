@@ -14,6 +14,7 @@ from cylforce.canopen.j1939 import (
     error_and_force,
     identifier,
     name_of,
+    totals,
     vehicle_weight,
 )
 from cylforce.service.publication import publication
@@ -58,6 +59,23 @@ def test_what_cannot_be_said(net, raw):
     assert int.from_bytes(vehicle_weight(estimate(net))[5:7], "little") == raw
 
 
+def test_the_bytes_of_a_total():
+    """ISO 11783-10: command 3 (value) of element 0; DDI 431, then 1 234 567 kg, the low byte first."""
+    found = totals(3210.4, 1_234_567.0)
+    assert found[3] == bytes.fromhex("0300 af01 87d61200")
+    assert identifier(0xCB00, ADDRESS) == EXTENDED | 0x18CBFF27
+    read = [DBC.decode_message(0x18CBFF27, data) for data in found]
+    names = ["loaded_total_mass", "unloaded_total_mass", "lifetime_loaded_total_mass", "lifetime_unloaded_total_mass"]
+    assert [str(x["total_of"]) for x in read] == names
+    assert [x["total"] for x in read] == [3210, 3210, 1_234_567, 1_234_567]
+    assert [str(read[0][name]) for name in ("process_data_command", "process_data_element")] == ["value", "0"]
+
+
+@pytest.mark.parametrize(("kg", "raw"), [(-5.0, 0), (3e9, 0x7FFFFFFF)])
+def test_what_a_total_cannot_say(kg, raw):
+    assert [int.from_bytes(data[4:], "little") for data in totals(kg, None)] == [raw, raw]
+
+
 def test_no_value_is_not_available():
     nothing = no_estimate(0, Reason.STARTING, None)
     assert error_and_force(nothing)[:6] == b"\xff" * 6
@@ -86,6 +104,10 @@ class TestAddress:
         assert sent == [(EXTENDED | 0x18EEFF27, NAME.to_bytes(8, "little"))]
         node.publish(estimate(t_us=SETTLE_US))
         assert [can_id & 0x1FFFFFFF for can_id, _ in sent[1:]] == [0x18FEEA27, 0x18FF0027]
+        node.publish_totals(SETTLE_US - 1, 1.0, 2.0)
+        assert len(sent) == 3
+        node.publish_totals(SETTLE_US, 1.0, 2.0)
+        assert [can_id & 0x1FFFFFFF for can_id, _ in sent[3:]] == [0x18CBFF27] * 4
 
     def test_a_request_is_answered(self, node, sent):
         for peer in (0xFF, ADDRESS):

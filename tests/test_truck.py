@@ -57,6 +57,26 @@ def test_only_the_last_buckets_can_be_cancelled():
     assert judged(truck, 2, False).truck.filled == KEPT
 
 
+def test_truck_and_trailer_have_a_target_and_a_sum_each():
+    """By SDO: 12 t for the truck, 8 t for the trailer; a bucket of the truck that is cancelled later is not the
+    trailer's; the next truck begins with the first target again."""
+    state, _ = written(commands.TARGET, struct.pack("<i", 120_000))
+    state, _ = written(commands.TRAILER, struct.pack("<i", 80_000), state)
+    for number in (1, 2):
+        truck = loaded(state.truck, Booking(number, 0, 900.0, 5.0, 0.0, 0.0, 900.0, 5.0), 0.0)
+        state, out = written(commands.PART, b"next", state._replace(truck=truck))
+    assert out.words == "truck 1, part 2 with 900.0 kg, part 3 begun"
+    truck = loaded(state.truck, Booking(3, 0, 700.0, 5.0, 0.0, 0.0, 700.0, 5.0), 0.0)
+    assert (truck.part, truck.target, truck.in_part, truck.total) == (3, 8000.0, 700.0, 2500.0)
+    truck = judged(truck, 1, False).truck
+    assert (truck.in_part, truck.total) == (700.0, 1600.0)
+    state, _ = written(commands.NEXT, b"next", state._replace(truck=truck))
+    assert state.truck == Truck(2, 12_000.0, trailer=8000.0)
+    state, out = written(commands.PART, b"then", state)
+    assert out.words.startswith("next part refused: the four bytes written must be the word next")
+    assert written(commands.TRAILER, struct.pack("<i", -1), state)[1].verdict == commands.TOO_FAR
+
+
 def test_target_product_and_next_truck_by_sdo():
     state, out = written(commands.TARGET, struct.pack("<i", 120_000))
     assert (out.verdict, state.truck.target) == (0, 12_000.0)

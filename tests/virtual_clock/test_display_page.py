@@ -28,12 +28,24 @@ MM = 96.0 / 25.4  # pixels of a millimetre, as CSS has it
 WAIT_S = 60.0  # for what is certain to come: four digging cycles
 
 
+GRAB = """
+[[attachments]]
+name = "grab"
+kind = "grab"
+mass_kg = 1100
+centre_m = [0.75, 0.2]
+point_m = [1.6, 0.0]
+rated_payload_kg = 1300
+"""
+
+
 class Cab:
     """The programs of a cab."""
 
     def __init__(self, folder):
         self.machine, self.tares, self.records = folder / "machine.toml", folder / "tares.toml", folder / "records.db"
-        self.machine.write_text(EXCAVATOR.read_text().replace("rate_hz = 100", "rate_hz = 50"))  # half the frames
+        text = EXCAVATOR.read_text().replace("rate_hz = 100", "rate_hz = 50")  # half the frames
+        self.machine.write_text(text + GRAB)
         loaded = load(self.machine)
         assert loaded.service.filters.rate_hz == 50
         write_identified(self.tares, identify(model_of(loaded), [moved(loaded)]), loaded, [])
@@ -209,8 +221,24 @@ def test_history_and_ticket(page, cab):
     assert page.text_content("h1").startswith("Ticket 1")
 
 
+RATED = """() => new Promise((done) => {
+    const stream = new EventSource("/stream/work");
+    stream.onmessage = (event) => { stream.close(); done(JSON.parse(event.data).rated); };
+})"""
+
+
+def test_the_attachment_is_changed_and_changed_back(page):
+    """The service says which one it has: the rated payload is the grab's then, and the box follows."""
+    for number, rated in ((1, 1300.0), (0, 1500.0)):
+        page.select_option("#attachment", str(number))
+        assert answered(page) == "Done."
+        until(lambda rated=rated: page.evaluate(RATED) == rated)
+        until(lambda number=number: page.evaluate("document.getElementById('attachment').value") == str(number))
+
+
 def test_buttons_are_for_gloves(page):
-    for box in [button.bounding_box() for button in page.query_selector_all("#work button, nav button, nav a")]:
+    pressed = "#work button, #work select, nav button, nav a"
+    for box in [button.bounding_box() for button in page.query_selector_all(pressed)]:
         assert min(box["width"], box["height"]) >= 12.0 * MM
 
 

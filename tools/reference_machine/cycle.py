@@ -80,7 +80,7 @@ def cycles_plan(
     for k, kilograms in enumerate(payloads_kg):
         knots += [(HEADWAY + k * END + t, p) for t, p in _postures(site, kilograms)]
     knots.append((HEADWAY + len(payloads_kg) * END, knots[1][1]))
-    path = _twitching(_smoothed(knots), manner.jerk, rng)
+    path = twitching(smoothed(knots), manner.jerk, rng)
     plan = empty(path, 0.0)
     t = np.arange(plan.rows) / RATE
     slews, payload, phase, cycle = (
@@ -101,7 +101,7 @@ def cycles_plan(
         spills = smooth((u - SPILLS[0]) / (SPILLS[1] - SPILLS[0]))
         filled = before + (kilograms - before) * fills
         mass = (filled + (held - kilograms) * spills) * (1.0 - falls) + after * falls
-        payload[within] = _material(mass, x, z, fills, falls)[within]
+        payload[within] = material(mass, x, z, fills, falls)[within]
         turn = manner.turn(rng) if slew else 0.0
         slews += turn * (smooth((u - 7.4) / SWING) - smooth((u - 15.2) / BACK))
         start = HEADWAY + k * END
@@ -118,13 +118,13 @@ def cycles_plan(
     )
 
 
-def _material(mass: Array, x: float, z: float, fills: Array, falls: Array) -> Array:
+def material(mass: Array, x: float, z: float, fills: Array, falls: Array) -> Array:
     """Mass, centre and radius of gyration: the first lies near the teeth, the last leaves over them."""
     forward = 1.0 + 0.15 * (1.0 - fills) + 0.1 * falls
     return np.stack([mass, x * forward, z + 0.0 * mass, 0.3 + 0.0 * mass], axis=-1)
 
 
-def _twitching(path: Array, size: float, rng: np.random.Generator) -> Array:
+def twitching(path: Array, size: float, rng: np.random.Generator) -> Array:
     """Lengths (T, 3) of a hand that pulls its levers unsteadily."""
     if size == 0.0:
         return path
@@ -159,7 +159,7 @@ def _postures(site: Site, payload: float) -> list[tuple[float, Array]]:
     return found
 
 
-def _smoothed(knots: list[tuple[float, Array]]) -> Array:
+def smoothed(knots: list[tuple[float, Array]]) -> Array:
     """Lengths (T, 3) through the knots, without corners of speed."""
     times, lengths = np.array([t for t, _ in knots]), np.array([p for _, p in knots])
     t = np.arange(round(times[-1] * RATE)) / RATE

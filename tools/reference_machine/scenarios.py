@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .cycle import STEADY, Manner, cycles_plan
 from .oil import warming
 from .plan import HOLD, RATE, Path, Plan, empty, smooth
+from .shift import shift
 from .site import ZERO, Site
 from .soil import firm
 
@@ -239,4 +240,5 @@ SCENARIOS: dict[str, Scenario] = {
     "holds": holds,
     "parked": parked,
     "warm_up": warm_up,
+    "shift": shift,
 }

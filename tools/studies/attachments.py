@@ -20,11 +20,12 @@ from rich.table import Table
 from cylforce.commissioning.identification import identify, identify_attachment
 from cylforce.estimation.model import Tares
 from cylforce.programs.common.readings import calibrated, model_of, recorded_segments, tool_models
-from cylforce.programs.replay import Replayed, replay_through
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import Loaded, load
-from cylforce.signals.estimate import Reason
+from cylforce.signals.estimate import Booking, Estimate, Reason
 from reference_machine.machine import Machine, draw
+
+from ._quick import states
 
 FACTORS, MOVED = (0.7, 1.3), 0.1  # of the mass; m
 KNOWN_KG, MINUTE_S = 1000.0, 60.0
@@ -66,10 +67,17 @@ def attachment_table(machine: Machine, factor: float) -> str:
     )
 
 
-def worked(machine: Machine, core: Core, loaded: Loaded, folder: Path, loads: Sequence[float], name: str) -> Replayed:
-    """Digging cycles through the service."""
-    path = machine.run("cycles", seed=len(loads), name=name, payloads_kg=tuple(loads)).write(folder / name)
-    return replay_through(core, loaded, path, lambda _: None)
+def worked(machine: Machine, core: Core, loads: Sequence[float]) -> tuple[list[Estimate], list[Booking]]:
+    """Digging cycles through the service: its estimates, and the bookings as they ended."""
+    made = machine.run("cycles", seed=len(loads), payloads_kg=tuple(loads))
+    names = [str(signal.name) for signal in core.service.machine.signals]
+    values = made.values[:, [made.signals.index(name) for name in names]]
+    estimates, booked = [], {}
+    for state in states(core, values):
+        estimates.append(state.estimate)
+        if (booking := state.estimate.booking) is not None:
+            booked[booking.number] = booking
+    return estimates, list(booked.values())
 
 
 def common(machine: Machine, loaded: Loaded, folder: Path) -> Tares:
@@ -88,19 +96,19 @@ def outcome(seed: int, factor: float, returns: int, folder: Path) -> Outcome:
     path.write_text((folder / "machine.toml").read_text() + attachment_table(machine, factor))
     loaded, other = load(path), other_bucket(machine, factor)
     tares = common(machine, loaded, folder)
-    unnoticed = worked(other, Core(loaded.service, tares), loaded, folder, LOADS[:2], "unnoticed")
-    first = next((e.t_us for e in unnoticed.estimates if e.gross.reason is Reason.OTHER_TOOL), None)
-    before = sum(first is None or b.t_us < first for b in unnoticed.bookings)
+    unnoticed, wrong = worked(other, Core(loaded.service, tares), LOADS[:2])
+    first = next((e.t_us for e in unnoticed if e.gross.reason is Reason.OTHER_TOOL), None)
+    before = sum(first is None or b.t_us < first for b in wrong)
     minute = other.run("commissioning", seed=5, duration_s=MINUTE_S, name="minute").write(folder / "minute")
     models = tool_models(loaded, "other", tares)
     own = identify_attachment(tares, *models, recorded_segments(loaded, minute), refuse=False).tares
-    chosen = worked(other, Core(loaded.service.fitted("other"), own), loaded, folder, LOADS, "chosen")
+    _, chosen = worked(other, Core(loaded.service.fitted("other"), own), LOADS)
     rated = loaded.service.machine.rated_payload
-    nearest = [min((b.dumped - mass for mass in LOADS), key=abs) / rated for b in chosen.bookings]
-    right = worked(machine, Core(loaded.service, tares), loaded, folder, [600.0] * returns, "right")
-    doubts = [e.gross.reason is Reason.OTHER_TOOL for e in right.estimates]
+    nearest = [min((b.dumped - mass for mass in LOADS), key=abs) / rated for b in chosen]
+    right, _ = worked(machine, Core(loaded.service, tares), [600.0] * returns)
+    doubts = [e.gross.reason is Reason.OTHER_TOOL for e in right]
     doubted = int(np.sum(np.diff(np.array(doubts, dtype=int), prepend=0) > 0))
-    return Outcome(first is not None, before, nearest, len(chosen.bookings), doubted, returns)
+    return Outcome(first is not None, before, nearest, len(chosen), doubted, returns)
 
 
 def main() -> None:

@@ -10,10 +10,12 @@ from cylforce.canopen.dictionary.object_dictionary import (
     INT16,
     INT32,
     LOADING,
+    PART,
     STATUS,
     TARE,
     TARE_VALUE,
     TOOL,
+    TRAILER,
     TRUCK,
     ZERO,
     channels,
@@ -47,7 +49,8 @@ def own_node(service: Service, verdict: Callable[[], int | None], on_peer: OnPee
     sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0
     objects = own_objects(service.publication, round(1e3 * service.heartbeat_s), sync_us, watched)
     commands = Commands(
-        frozenset({(ZERO, 1), (TARE, 1), *((LOADING, sub) for sub in (*range(1, TRUCK), TOOL, ADD))}), verdict
+        frozenset({(ZERO, 1), (TARE, 1), *((LOADING, sub) for sub in (*range(1, TRUCK), TOOL, ADD, PART, TRAILER))}),
+        verdict,
     )
     node = Node(
         service.node_id,

@@ -1,6 +1,8 @@
 """The same values for displays that speak SAE J1939: Vehicle Weight (PGN 65258, cargo weight SPN 181), and a message of
-our own (Proprietary B, PGN 65280) with standard error, force and qualities. 29-bit identifiers, so that it goes beside
-CANopen on one bus.
+our own (Proprietary B, PGN 65280) with standard error, force and qualities; totals as ISO 11783 names them (process
+data, PGN 51968, DDI 428 to 431). 29-bit identifiers, so that it goes beside CANopen on one bus.
+
+The totals go to everybody: this is no task controller's client, which would first send a description of its device.
 
 Only a fixed address is claimed (J1939-81): whoever has the lower NAME keeps it, and the loser sends nothing more."""
 
@@ -15,7 +17,12 @@ from cylforce.signals.events import EXTENDED, Frame
 from cylforce.signals.units import DEGREE
 
 REQUEST, CLAIMED = 0xEA00, 0xEE00
-VEHICLE_WEIGHT, OURS = 0xFEEA, 0xFF00
+VEHICLE_WEIGHT, OURS, PROCESS_DATA = 0xFEEA, 0xFF00, 0xCB00
+# DDIs of ISO 11783-11, each a mass in kg: of a task, which is the truck here, and of the machine's life. What a bucket
+# has taken up and what has left it is one number here: what is booked is what left it
+LOADED, UNLOADED, LIFETIME_LOADED, LIFETIME_UNLOADED = 428, 429, 430, 431
+LARGEST_TOTAL = 0x7FFFFFFF  # kg
+VALUE = 0x3  # command of process data: a value, here of the device as a whole (element 0)
 GLOBAL, NOBODY = 0xFF, 0xFE  # addresses: everybody; of whom that lost its own
 PRIORITY = 6
 SETTLE_US = 250_000  # after claiming an address, before anything else is sent (J1939-81)
@@ -23,7 +30,7 @@ LARGEST, NOT_AVAILABLE = 0xFAFF, 0xFFFF  # of two bytes
 CARGO_KG, ERROR_KG, FORCE_N, ANGLE = 2.0, 0.1, 10.0, 0.01 * DEGREE
 HALF_TURN = 18_000  # digits: -180 degrees are 0
 CONSTRUCTION = 3  # industry group: construction equipment
-_WEIGHT, _OURS = Struct("<BHHHB"), Struct("<HHHBB")
+_WEIGHT, _OURS, _TOTAL = Struct("<BHHHB"), Struct("<HHHBB"), Struct("<HHi")
 
 
 class Claim(NamedTuple):
@@ -59,6 +66,15 @@ def error_and_force(estimate: Estimate) -> bytes:
     turned = _digits(direction.value, ANGLE, HALF_TURN)
     error = _digits(estimate.net.standard_error, ERROR_KG)
     return _OURS.pack(error, _digits(magnitude.value, FORCE_N), turned, quality(estimate.net), quality(magnitude))
+
+
+def totals(truck: float, lifetime: float | None) -> tuple[bytes, ...]:
+    """PGN 51968, a message for each DDI: mass in the open truck, and all that was ever loaded [kg] (None: not known,
+    nothing is said). A negative total is 0."""
+    known = {LOADED: truck, UNLOADED: truck}
+    if lifetime is not None:
+        known |= {LIFETIME_LOADED: lifetime, LIFETIME_UNLOADED: lifetime}
+    return tuple(_TOTAL.pack(VALUE, ddi, min(max(0, round(kg)), LARGEST_TOTAL)) for ddi, kg in known.items())
 
 
 def _digits(value: float, step: float, offset: int = 0) -> int:
@@ -103,8 +119,16 @@ class J1939:
 
     def publish(self, estimate: Estimate) -> None:
         """Send an estimate, if the address is ours."""
-        address, _, since, lost = self._claim
-        if lost or since is None or estimate.t_us - since < SETTLE_US:
-            return
-        self._send(identifier(VEHICLE_WEIGHT, address), vehicle_weight(estimate))
-        self._send(identifier(OURS, address), error_and_force(estimate))
+        if self._ours(estimate.t_us):
+            self._send(identifier(VEHICLE_WEIGHT, self._claim.address), vehicle_weight(estimate))
+            self._send(identifier(OURS, self._claim.address), error_and_force(estimate))
+
+    def publish_totals(self, t_us: int, truck: float, lifetime: float | None) -> None:
+        """Send the totals [kg], if the address is ours."""
+        if self._ours(t_us):
+            for data in totals(truck, lifetime):
+                self._send(identifier(PROCESS_DATA, self._claim.address), data)
+
+    def _ours(self, t_us: int) -> bool:
+        _, _, since, lost = self._claim
+        return not lost and since is not None and t_us - since >= SETTLE_US

@@ -24,6 +24,7 @@ from cylforce.records.labels import set_to_zero
 from cylforce.records.queries import GRAND, SHIFT, SHORT, Total, bookings, totals
 from cylforce.records.schema import open_labels, open_reading
 from cylforce.records.ticket import ticket
+from cylforce.signals.units import MASS_UNITS, MassUnit
 
 STATIC = Path(str(files(__package__) / "static"))
 LISTED = 100  # bookings on the history page
@@ -31,7 +32,8 @@ LISTED = 100  # bookings on the history page
 
 class Desk(NamedTuple):
     """What the pages need: how to command, where the records are (None: nowhere), the two streams, the clock, the
-    language of a browser that wants none of ours."""
+    language of a browser that wants none of ours,
+    unit of mass where the address names none."""
 
     panel: Panel
     records: Path | None
@@ -39,6 +41,7 @@ class Desk(NamedTuple):
     engineering: Feed
     now_us: Callable[[], int]
     language: str = ENGLISH
+    unit: str = "kg"
 
 
 class Pages:
@@ -69,7 +72,10 @@ class Pages:
 
     def words(self, request: Request) -> Response:
         """The page's words."""
-        return JSONResponse(spoken(self._language(request)))
+        return JSONResponse(spoken(self._language(request), self._unit(request)))
+
+    def _unit(self, request: Request) -> MassUnit:
+        return MASS_UNITS.get(request.query_params.get("unit", ""), MASS_UNITS[self._desk.unit])
 
     def _language(self, request: Request) -> str:
         asked = request.query_params.get("lang", "")
@@ -92,10 +98,10 @@ class Pages:
 
     def ticket(self, request: Request) -> Response:
         """A ticket that was printed already, as a page."""
-        truck, language = request.path_params["truck"], self._language(request)
+        truck, language, unit = request.path_params["truck"], self._language(request), self._unit(request)
 
         def page(found: sqlite3.Connection) -> Response:
-            return HTMLResponse(ticket_page(ticket(found, truck, self._desk.now_us(), printing=False), language))
+            return HTMLResponse(ticket_page(ticket(found, truck, self._desk.now_us(), printing=False), language, unit))
 
         return self._with_records(page)
 

@@ -5,7 +5,16 @@ from collections import deque
 from struct import pack
 from typing import NamedTuple
 
-from cylforce.canopen.dictionary.object_dictionary import COUNT, LAST, RECORDED, RECORDS, TOTAL, TRUCK
+from cylforce.canopen.dictionary.object_dictionary import (
+    COUNT,
+    IN_PART,
+    LAST,
+    PART_NUMBER,
+    RECORDED,
+    RECORDS,
+    TOTAL,
+    TRUCK,
+)
 from cylforce.canopen.network import Network
 from cylforce.canopen.sdo_client import AbortedError, Client, SdoError
 from cylforce.service import commands
@@ -24,13 +33,17 @@ FIELDS = (  # of Known: sub-index, type
     (commands.TARGET, "i"),
     (RECORDS, "B"),
     (commands.TOOL, "I"),
+    (IN_PART, "i"),
+    (PART_NUMBER, "I"),
+    (commands.TRAILER, "i"),
 )
 NOT_KNOWN, NO_ANSWER = "unknown", "no answer"
 
 
 class Known(NamedTuple):
     """The truck as the service has it: number, mass and target [kg], buckets, product; numbers of the last booking, of
-    the last one on disk; state of the records; number of the tool."""
+    the last one on disk; state of the records; number of the tool; mass in the present part (None: as in the truck),
+    number of the part, target of the trailer."""
 
     number: int
     total: float
@@ -41,6 +54,14 @@ class Known(NamedTuple):
     target: float
     records: int
     tool: int = 0
+    in_part: float | None = None
+    part: int = 1
+    trailer: float = 0.0
+
+    @property
+    def loaded(self) -> float:
+        """What counts for the target [kg]."""
+        return self.total if self.in_part is None else self.in_part
 
 
 class SeenBucket(NamedTuple):
@@ -97,7 +118,8 @@ class Panel:
             known = Known(*[await self._client.read(commands.LOADING, sub, kind) for sub, kind in FIELDS])
         except SdoError:
             return None
-        return known._replace(total=KG * known.total, target=KG * known.target)
+        masses = ("total", "target", "in_part", "trailer")
+        return known._replace(**{name: KG * getattr(known, name) for name in masses})
 
     async def obey(self, what: str, value: float) -> Reply:
         """Send a command."""
@@ -120,12 +142,13 @@ def request(what: str, value: float) -> tuple[int, int, bytes] | None:
         "zero": (commands.ZERO, 1, b"zero"),
         "tare": (commands.TARE, 1, b"tare"),
         "next": (commands.LOADING, commands.NEXT, commands.NEXT_WORD),
+        "part": (commands.LOADING, commands.PART, commands.NEXT_WORD),
     }
     numbers = {"product": commands.PRODUCT, "cancel": commands.CANCEL, "accept": commands.ACCEPT}
     numbers["attachment"] = commands.TOOL
     if what in fixed:
         return fixed[what]
-    masses = {"target": commands.TARGET, "add": commands.ADD}
+    masses = {"target": commands.TARGET, "trailer": commands.TRAILER, "add": commands.ADD}
     if what in masses and abs(value) < 1e8:
         return commands.LOADING, masses[what], pack("<i", round(value / KG))
     if what in numbers and 0 <= value < 1 << 32:

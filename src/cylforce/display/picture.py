@@ -51,7 +51,7 @@ class Painter:
             "arm": self._arm(sample),
             "rated": self._rated(loading),
             "tools": self._listener.service.tools,
-            "truck": loading.known._asdict() | _advice(loading, weight, self._marks.red) if loading.known else None,
+            "truck": _truck(loading, weight, self._marks.red),
             "buckets": [bucket._asdict() for bucket in loading.buckets],
             "marks": self._marks._asdict(),
             "check_zero": self._check_zero(t_us),
@@ -166,6 +166,11 @@ def _force(values: Mapping[str, float], of: tuple[str, ...], errors: tuple[str, 
     return known | {"status": status, "reason": reason}
 
 
+def _truck(loading: Loading, weight: Picture, red: float) -> Picture | None:
+    known = loading.known
+    return None if known is None else known._asdict() | {"loaded": known.loaded} | _advice(loading, weight, red)
+
+
 def _advice(loading: Loading, weight: Picture, red: float) -> Picture:
     """Share of the target that is in the truck, and with the bucket that hangs now; what remains [kg]; whether the next
     bucket is the last one, which share of a usual bucket it needs, whether a usual one would overload (beyond `red`
@@ -174,13 +179,13 @@ def _advice(loading: Loading, weight: Picture, red: float) -> Picture:
     if known is None or known.target <= 0.0:
         nothing = dict.fromkeys(("share", "with_bucket", "remaining", "next_share", "tip_off"))
         return nothing | {"last_bucket": False, "overloads": False}
-    hanging = max(weight["net"] or 0.0, 0.0)
-    remaining = known.target - known.total
+    hanging, loaded = max(weight["net"] or 0.0, 0.0), known.loaded
+    remaining = known.target - loaded
     usual = known.total / known.filled if known.filled else None
     last = usual is not None and 0.0 < remaining <= LAST_SHARE * usual
-    shares = {"share": known.total / known.target, "with_bucket": (known.total + hanging) / known.target}
+    shares = {"share": loaded / known.target, "with_bucket": (loaded + hanging) / known.target}
     next_share = min(1.0, remaining / usual) if usual and usual > 0.0 and remaining > 0.0 else None
     tip_off = hanging - remaining if remaining > 0.0 and hanging > remaining else None
-    overloads = usual is not None and known.total + usual > red * known.target
+    overloads = usual is not None and loaded + usual > red * known.target
     rest = {"next_share": next_share, "tip_off": tip_off, "overloads": overloads}
     return shares | rest | {"remaining": remaining, "last_bucket": last}

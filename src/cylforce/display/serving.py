@@ -33,7 +33,7 @@ STOP_S = 1  # for open pages, when the program is to stop
 
 class Served(NamedTuple):
     """What is served: the machine, the records (None: none), and how: address and port, names under which it is
-    reached, PIN for changes (empty: none), marks of the target bar, language of other browsers."""
+    reached, PIN for changes (empty: none), marks of the target bar, language of other browsers, unit of mass."""
 
     service: Service
     records: Path | None
@@ -43,6 +43,7 @@ class Served(NamedTuple):
     pin: str
     marks: Marks
     language: str
+    unit: str = "kg"
 
 
 def is_loopback(host: str) -> bool:
@@ -91,7 +92,7 @@ class Display:
 async def serve_display(served: Served, bus: Bus, listening: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT."""
     display = Display(served, bus)
-    desk = Desk(display.panel, served.records, display.work, display.engineering, now_us, served.language)
+    desk = Desk(display.panel, served.records, display.work, display.engineering, now_us, served.language, served.unit)
     hosts = (*LOOPBACK, served.host, *served.names)
     guarded = Guard(application(desk), hosts, served.pin, now_us)
     config = uvicorn.Config(

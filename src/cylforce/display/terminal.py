@@ -19,32 +19,36 @@ from cylforce.display.words import SILENT as SILENT_WORDS
 from cylforce.mechanics.installation import Service
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import Frame
-from cylforce.signals.units import DEGREE
+from cylforce.signals.units import DEGREE, KILOGRAM, MassUnit
 
 PERIOD_S = 0.2  # between two pictures
 WIDTH = 40  # characters of the target bar, which ends at 125 % of the target
 FULL = 1.25
 
 
-def lines(picture: Picture, language: str) -> Iterator[str]:
-    """The picture (`Painter.work`) as lines of text in a language."""
+def lines(picture: Picture, language: str, unit: MassUnit = KILOGRAM) -> Iterator[str]:
+    """The picture (`Painter.work`) as lines of text in a language, masses in a unit."""
     say = catalogue(language).gettext
     weight, truck = picture["weight"], picture["truck"]
     if weight["net"] is None:
         yield _reason(weight["reason"], language)
         yield ""
     else:
-        yield f"{weight['net']:.0f} kg ± {weight['error']:.0f} kg"
+        yield f"{unit.coarse(weight['net'])} {unit.symbol} ± {unit.coarse(weight['error'])} {unit.symbol}"
         yield f"{say(STATUSES[Status(weight['status'])])} {_reason(weight['reason'], language)}".rstrip()
     yield f"{say('Force at the teeth')}: {_force(picture['force'], language)}"
     if truck is None:
         yield say(SILENT_WORDS)
         return
-    goal = f" / {truck['target']:.0f}" if truck["target"] else ""
-    yield f"{say('Truck')} {truck['number']}: {truck['total']:.0f}{goal} kg, {say('Buckets')}: {truck['filled']}"
+    goal = f" / {unit.coarse(truck['target'])}" if truck["target"] else ""
+    load, whole = (f"{unit.coarse(truck[name])}" for name in ("loaded", "total"))
+    part = f", {say('part')} {truck['part']}" if truck["part"] > 1 else ""
+    both = f", {say('in all')} {whole} {unit.symbol}" if part else ""
+    load = f"{load}{goal} {unit.symbol}{both}"
+    yield f"{say('Truck')} {truck['number']}{part}: {load}, {say('Buckets')}: {truck['filled']}"
     if truck["share"] is not None:
         yield _bar(truck["share"], truck["with_bucket"])
-    yield from (f"{bucket['number']:6d}  {bucket['mass']:.0f} kg" for bucket in reversed(picture["buckets"]))
+    yield from (f"{b['number']:6d}  {unit.coarse(b['mass'])} {unit.symbol}" for b in reversed(picture["buckets"]))
 
 
 def _reason(code: int, language: str) -> str:
@@ -69,7 +73,9 @@ def _bar(share: float, with_bucket: float) -> str:
     return f"{cells[:goal]}|{cells[goal:]}"
 
 
-async def show(service: Service, bus: Bus, marks: Marks, language: str, console: Console) -> None:
+async def show(
+    service: Service, bus: Bus, marks: Marks, language: str, console: Console, unit: MassUnit = KILOGRAM
+) -> None:
     """Until SIGTERM or SIGINT."""
     network, listener, until = Network(bus.send), Listener(service), asyncio.Event()
     panel, painter = Panel(network, service.node_id), Painter(listener, marks)
@@ -85,12 +91,13 @@ async def show(service: Service, bus: Bus, marks: Marks, language: str, console:
     follow = asyncio.create_task(panel.follow())
     with Live(console=console, auto_refresh=False) as live:
         while not until.is_set():
-            live.update(Text("\n".join(lines(painter.work(panel.loading, now_us()), language))), refresh=True)
+            said = lines(painter.work(panel.loading, now_us()), language, unit)
+            live.update(Text("\n".join(said)), refresh=True)
             await asyncio.sleep(PERIOD_S)
     follow.cancel()
 
 
-def run_terminal(service: Service, bus: Bus, marks: Marks, language: str) -> None:
+def run_terminal(service: Service, bus: Bus, marks: Marks, language: str, unit: MassUnit = KILOGRAM) -> None:
     """Show until a signal comes."""
-    asyncio.run(show(service, bus, marks, language, Console(highlight=False)))
+    asyncio.run(show(service, bus, marks, language, Console(highlight=False), unit))
     bus.close()

@@ -5,6 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.units import KILOGRAM, MassUnit
 
 DOMAIN = "display"
 FOLDER = Path(str(files(__package__) / "locale"))
@@ -58,11 +59,12 @@ PAGE = (
     "operational", "pre-operational", "booting", "Time", "Weight", "Status", "Number", "accepted", "cancelled",
     "Ticket", "Number of the product; 0: none", "Print ticket",
     "No bucket of this truck counts: there is no ticket.", "Short total", "Shift total", "Grand total", "Loads",
-    "There are no records: start the service with --records.", "PIN", "Done.", "Target in kg; 0: none", "all",
-    "Information only: no safety function.", "good", "late", "Set to zero", "OK", "Cancel", "Print", "Copy",
-    "Customer", "Job", "Operator", "Note", "Machine", "Total", "Standard error", "rated",
+    "There are no records: start the service with --records.", "PIN", "Done.", "Target; 0: none",
+    "Information only: no safety function.", "good", "Set to zero", "OK", "Cancel", "Print", "Copy",
+    "Customer", "Job", "Operator", "Note", "Machine", "Total", "rated",
     "Attachment", "of a usual bucket", "tip off", "a full bucket overloads", "Add by hand", "by hand",
-    "Check zero: empty the bucket, lift it, press Zero", "Mass in kg that was loaded unweighed",
+    "To the trailer", "Trailer target", "Target of the trailer or next part; 0: none", "part", "in all",
+    "Part", "Check zero: empty the bucket, lift it, press Zero", "Mass that was loaded unweighed",
 )  # fmt: skip
 
 
@@ -82,14 +84,16 @@ def catalogue(language: str) -> NullTranslations:
     return translation(DOMAIN, FOLDER, [language], fallback=True)
 
 
-def spoken(language: str) -> dict[str, object]:
-    """All words of a page in a language: texts by their English, reasons and statuses by their codes."""
+def spoken(language: str, unit: MassUnit = KILOGRAM) -> dict[str, object]:
+    """All words of a page in a language: texts by their English, reasons and statuses by their codes; the unit of its
+    masses."""
     say = catalogue(language).gettext
     return {
         "language": language if language in languages() else ENGLISH,
         "texts": {text: say(text) for text in messages()},
         "reasons": {int(code): say(text) if text else "" for code, text in REASONS.items()} | {255: say(SILENT)},
         "statuses": {int(code): say(text) for code, text in STATUSES.items()},
+        "unit": unit._asdict(),
         "refusals": {code: say(text) for code, text in REFUSALS.items()},
     }
 

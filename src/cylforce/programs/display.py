@@ -6,6 +6,7 @@ from pathlib import Path
 from cylforce.can.opening import open_shared_bus
 from cylforce.programs.common.addresses import host_and_port, secret_of
 from cylforce.programs.common.machine_file import load_machine
+from cylforce.signals.units import mass_unit
 
 LEAST_PIN = 4
 
@@ -19,6 +20,7 @@ def display(
     pin_file: Path | None,
     marks: tuple[float, float, float, float],
     language: str,
+    unit: str = "kg",
 ) -> None:
     """Serve until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
     try:
@@ -28,19 +30,22 @@ def display(
         raise ValueError(f"the display needs more packages ({error.name}): pip install 'cylforce[display]'") from error
     host, port = host_and_port("--listen", address)
     shares = Marks(*shares_of(marks))
+    mass_unit(unit)
     pin = read_pin(pin_file, host)
     service = load_machine(machine).service
-    served = Served(service, records, host, port, names, pin, shares, language)
+    served = Served(service, records, host, port, names, pin, shares, language, unit)
     run_display(served, open_shared_bus(bus), partial(print, flush=True))
 
 
-def display_in_terminal(machine: Path, bus: str, marks: tuple[float, float, float, float], language: str) -> None:
+def display_in_terminal(
+    machine: Path, bus: str, marks: tuple[float, float, float, float], language: str, unit: str = "kg"
+) -> None:
     """The same as text, until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
     from cylforce.display.picture import Marks
     from cylforce.display.terminal import run_terminal
 
-    shares, service = Marks(*shares_of(marks)), load_machine(machine).service
-    run_terminal(service, open_shared_bus(bus), shares, language)
+    shares, shown, service = Marks(*shares_of(marks)), mass_unit(unit), load_machine(machine).service
+    run_terminal(service, open_shared_bus(bus), shares, language, shown)
 
 
 def shares_of(marks: tuple[float, float, float, float]) -> tuple[float, float, float, float]:

@@ -16,7 +16,8 @@ from cylforce.records.export import export, iso, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import Total, bookings, last_truck, totals
 from cylforce.records.schema import open_labels, open_reading
-from cylforce.records.ticket import Ticket, TicketLine, ticket
+from cylforce.records.ticket import PartSum, Ticket, TicketLine, ticket
+from cylforce.signals.units import KILOGRAM, MassUnit
 
 
 def microseconds(text: str) -> int:
@@ -30,21 +31,21 @@ def microseconds(text: str) -> int:
     return round(1e6 * (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp())
 
 
-def list_bookings(path: Path, since: str, truck: int | None, last: int) -> None:
+def list_bookings(path: Path, since: str, truck: int | None, last: int, unit: MassUnit = KILOGRAM) -> None:
     """A table of bookings."""
     with closing(open_reading(path)) as connection:
         rows = bookings(connection, microseconds(since), truck, last)
-    names = ("booking", "time (UTC)", "truck", "product", "kg", "+-", "cycle s", "peak kN", "status")
+    names = ("booking", "time (UTC)", "truck", "product", unit.symbol, "+-", "cycle s", "peak kN", "status")
     table = _table(names)
     for row in rows:
-        table.add_row(*_cells(row))
+        table.add_row(*_cells(row, unit))
     Console(highlight=False).print(table)
 
 
-def _cells(row: sqlite3.Row) -> list[str]:
+def _cells(row: sqlite3.Row, unit: MassUnit) -> list[str]:
     status = row["status"] if row["accepted"] else "cancelled"
     product = row["product_name"] or (str(row["product"]) if row["product"] else "")
-    weights = (f"{row['mass']:.1f}", f"{row['standard_error']:.1f}")
+    weights = (unit.text(row["mass"]), unit.text(row["standard_error"]))
     cycle = (f"{row['cycle']:.1f}", f"{1e-3 * row['peak']:.1f}")
     return [str(row["number"]), iso(row["t_us"]), str(row["truck"]), product, *weights, *cycle, status]
 
@@ -56,15 +57,16 @@ def _table(names: tuple[str, ...]) -> Table:
     return table
 
 
-def show_totals(path: Path, which: str, zero: bool) -> None:
+def show_totals(path: Path, which: str, zero: bool, unit: MassUnit = KILOGRAM) -> None:
     """Totals per product and over all; with `zero` they begin anew afterwards."""
     with closing(open_labels(path) if zero else open_reading(path)) as connection:
         found = totals(connection, which)
         if zero:
             set_to_zero(connection, which, now_us())
-    table = _table(("product", "loads", "kg"))
+    table = _table(("product", "loads", unit.symbol))
     for line in [*found, Total(0, "all", sum(t.loads for t in found), sum(t.mass for t in found))]:
-        table.add_row(line.name or (str(line.product) if line.product else "none"), str(line.loads), f"{line.mass:.1f}")
+        name = line.name or (str(line.product) if line.product else "none")
+        table.add_row(name, str(line.loads), unit.text(line.mass))
     Console(highlight=False).print(table)
 
 
@@ -81,28 +83,36 @@ def show_telematics(path: Path) -> None:
         print(json.dumps(telematics(connection), indent=1))
 
 
-def print_ticket(path: Path, truck: int | None) -> None:
+def print_ticket(path: Path, truck: int | None, unit: MassUnit = KILOGRAM) -> None:
     """A ticket as text; it counts as printed."""
     with closing(open_labels(path)) as connection:
         number = last_truck(connection) if truck is None else truck
         if number is None:
             raise RecordingError(f"{path}: has no booking yet, so there is no ticket")
-        print(ticket_text(ticket(connection, number, now_us())))
+        print(ticket_text(ticket(connection, number, now_us()), unit))
 
 
-def ticket_text(made: Ticket) -> str:
+def ticket_text(made: Ticket, unit: MassUnit = KILOGRAM) -> str:
     """The ticket as lines."""
     copy = "" if made.printed == 1 else f" (copy {made.printed - 1})"
     head = [f"Ticket {made.number}{copy}, truck {made.truck}", f"{made.machine}, {iso(made.t_us)}"]
     labels = [f"{name}: {text}" for name, text in made.labels.items() if text]
-    lines = [_line(x) for x in made.lines]
-    total = f"Total: {made.mass:.1f} kg +- {made.standard_error:.1f} kg in {len(made.lines)} buckets"
-    return "\n".join([*head, *labels, *lines, total])
+    lines = [_line(x, unit) for x in made.lines]
+    shares = [_share(x, made, unit) for x in made.shares] if len(made.shares) > 1 else []
+    mass, error = (f"{unit.text(x)} {unit.symbol}" for x in (made.mass, made.standard_error))
+    total = f"Total: {mass} +- {error} in {len(made.lines)} buckets"
+    return "\n".join([*head, *labels, *lines, *shares, total])
 
 
-def _line(x: TicketLine) -> str:
+def _line(x: TicketLine, unit: MassUnit) -> str:
     mark = "by hand" if x.by_hand else ""
-    return f"{x.number:6d}  {iso(x.t_us)}  {x.mass:8.1f} kg  {x.product} {mark}".rstrip()
+    return f"{x.number:6d}  {iso(x.t_us)}  {unit.text(x.mass):>8} {unit.symbol}  {x.product} {mark}".rstrip()
+
+
+def _share(x: PartSum, made: Ticket, unit: MassUnit) -> str:
+    aim = made.target if x.part == 1 else made.trailer
+    words = f"  target {unit.text(aim)} {unit.symbol}" if aim and len({s.part for s in made.shares}) > 1 else ""
+    return f"Part {x.part}  {x.product}  {unit.text(x.mass)} {unit.symbol} in {x.loads} buckets{words}"
 
 
 def label(path: Path, truck: int | None, labels: dict[str, str], product: tuple[int, str] | None) -> None:

@@ -67,6 +67,7 @@ class Daemon(Station[State]):
         self.core = core
         self.on_estimate: OnEstimate = _ignore
         self._j1939 = _j1939_of(core.service, bus)
+        self._second = round(core.service.filters.rate_hz)  # steps
         self._books = Ledger(self.node, recorder, kept, core.service.tools)
         booked = kept.booking.number if kept.booking else 0
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
@@ -100,6 +101,8 @@ class Daemon(Station[State]):
             self._show_drift()
         if self._j1939 is not None and self.counts.steps % self._every[1] == 0:
             self._j1939.publish(self.state.estimate)
+        if self._j1939 is not None and self.counts.steps % self._second == 0:
+            self._j1939.publish_totals(self.state.estimate.t_us, self.state.truck.total, self._books.lifetime)
         self._books.look(self.state)
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)

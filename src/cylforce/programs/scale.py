@@ -9,23 +9,26 @@ from cylforce.canopen.network import Network
 from cylforce.display.panel import NO_ANSWER, Known, Panel, Reply
 from cylforce.display.words import REFUSALS
 from cylforce.programs.common.machine_file import load_machine
+from cylforce.signals.units import KILOGRAM, MassUnit
 
 SHOW = "show"
-ALONE, NUMBERED = ("zero", "tare", "next"), ("target", "product", "cancel", "accept", "add")
+ALONE, NUMBERED = ("zero", "tare", "next", "part"), ("target", "trailer", "product", "cancel", "accept", "add")
+MASSES = ("target", "trailer", "add")  # orders with a mass
 ATTACHMENT = "attachment"
 ORDERS = (SHOW, *ALONE, *NUMBERED, ATTACHMENT)
 
 
-def run_scale(machine: Path, bus_name: str, order: str, value: str | None) -> bool:
+def run_scale(machine: Path, bus_name: str, order: str, value: str | None, unit: MassUnit = KILOGRAM) -> bool:
     """Send an order, print the answer and the truck; whether it was done. Raises ValueError for what is no order."""
     service = load_machine(machine).service
     number = number_of(order, value, service.tools)
+    number = number * unit.kg if number and order in MASSES else number
     bus = open_shared_bus(bus_name)
     try:
         reply, known = asyncio.run(ordered(bus, service.node_id, order, number or 0.0))
     finally:
         bus.close()
-    print(REFUSALS[reply.why] if reply.why in REFUSALS else reply.why or told(known, service.tools))
+    print(REFUSALS[reply.why] if reply.why in REFUSALS else reply.why or told(known, service.tools, unit))
     return reply.done
 
 
@@ -60,12 +63,14 @@ async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Re
     return (reply, known) if known or not reply.done else (Reply(False, NO_ANSWER), None)
 
 
-def told(known: Known | None, tools: tuple[str, ...]) -> str:
+def told(known: Known | None, tools: tuple[str, ...], unit: MassUnit = KILOGRAM) -> str:
     """The truck in a line."""
     if known is None:
         return ""
-    target = f" of {known.target:.1f} kg" if known.target else ""
+    target = f" of {unit.text(known.target)} {unit.symbol}" if known.target else ""
     product = f", product {known.product}" if known.product else ""
-    load = f"{known.total:.1f} kg{target} in {known.filled} buckets{product}"
+    load = f"{unit.text(known.loaded)} {unit.symbol}{target} in {known.filled} buckets{product}"
     tool = f"; {tools[known.tool]}" if 0 < known.tool < len(tools) else ""
-    return f"truck {known.number}: {load}; last booking {known.last}{tool}"
+    part = f", part {known.part}" if known.part > 1 else ""
+    load += f", {unit.text(known.total)} {unit.symbol} in all" if part else ""
+    return f"truck {known.number}{part}: {load}; last booking {known.last}{tool}"

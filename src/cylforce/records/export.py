@@ -16,6 +16,7 @@ COLUMNS = {
     "booking": "number",
     "time": "t_us",
     "truck": "truck",
+    "part": "part",
     "product": "product",
     "product_name": "product_name",
     "mass_kg": "mass",

@@ -9,6 +9,7 @@ from queue import Empty, Full, Queue
 from threading import Thread
 
 from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.records.queries import cumulated
 from cylforce.records.schema import open_writing
 from cylforce.records.writing import Change, Start, begin, end, write
 from cylforce.service.state import NOTHING_KEPT, Memory
@@ -19,14 +20,16 @@ CLOSE_S = 5.0
 
 class Recorder:
     """Takes changes and never makes its caller wait. `kept`: what was kept from before; `recorded`: number of the last
-    booking that is safe on the disk. When the disk is full, read-only or fails, recording ends with `failure`, which
-    `tell` is given once, on the caller's thread; nothing else ends.
+    booking that is safe on the disk; `lifetime` [kg]: all that was ever loaded (None: not known). When the disk is
+    full, read-only or fails, recording ends with `failure`, which `tell` is given once, on the caller's thread; nothing
+    else ends.
 
     Raises RecordingError only when another service writes the same file."""
 
     def __init__(self, path: Path, start: Start, tell: Tell = warn) -> None:
         self._path, self._tell, self.failure, self._error = path, tell, "", ""
         self.kept: Memory = NOTHING_KEPT
+        self.lifetime: float | None = None
         self._connection: sqlite3.Connection | None = None
         self._changes: Queue[Change | int] = Queue(BACKLOG)
         self._begun, self._last_us = 0, start.t_us
@@ -34,6 +37,7 @@ class Recorder:
         try:
             self._connection = open_writing(path, tell)
             self._begun, self.kept = begin(self._connection, start)
+            self.lifetime = cumulated(self._connection).mass
         except (sqlite3.Error, OSError) as error:
             self._error = f"{error}"
         self.recorded = self.kept.booking.number if self.kept.booking else 0
@@ -87,6 +91,7 @@ class Recorder:
             end(connection, self._begun, change)
             return
         write(connection, self._begun, change)
+        self.lifetime = cumulated(connection).mass
         if change.booked is not None:
             self.recorded = change.booked.booking.number
 

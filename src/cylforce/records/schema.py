@@ -55,6 +55,17 @@ MIGRATIONS = (
         WHEN (new.mass, new.accepted, new.final) <> (old.mass, old.accepted, old.final) BEGIN
         UPDATE bookings SET revision = (SELECT max(revision) + 1 FROM bookings) WHERE id = new.id; END;
     """,
+    # a bucket that hangs, as JSON (files/checkpoint.py), and since when it is known; empty: none. Parts of a truck: its
+    # trailer, or the rest of it for another product; the targets of the first part and of the next one
+    """
+    ALTER TABLE bookings ADD COLUMN part INTEGER NOT NULL DEFAULT 1;
+    ALTER TABLE trucks ADD COLUMN trailer REAL NOT NULL DEFAULT 0.0;
+    ALTER TABLE kept ADD COLUMN part INTEGER NOT NULL DEFAULT 1;
+    ALTER TABLE kept ADD COLUMN first REAL NOT NULL DEFAULT 0.0;
+    ALTER TABLE kept ADD COLUMN trailer REAL NOT NULL DEFAULT 0.0;
+    ALTER TABLE kept ADD COLUMN hanging TEXT NOT NULL DEFAULT '';
+    ALTER TABLE kept ADD COLUMN hanging_us INTEGER NOT NULL DEFAULT 0;
+    """,
 )
 VERSION = len(MIGRATIONS)
 BUSY_S = 10.0  # how long the writer waits for another program that writes labels

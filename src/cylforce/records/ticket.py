@@ -10,7 +10,7 @@ from cylforce.records.writing import BY_HAND
 
 class TicketLine(NamedTuple):
     """A bucket on a ticket: booking number, time [us], product, mass and standard error [kg], whether the operator gave
-    the mass."""
+    the mass, and the part of the truck."""
 
     number: int
     t_us: int
@@ -18,6 +18,16 @@ class TicketLine(NamedTuple):
     mass: float
     standard_error: float
     by_hand: bool = False
+    part: int = 1
+
+
+class PartSum(NamedTuple):
+    """What went into one part of a truck of one product: mass [kg], number of buckets."""
+
+    part: int
+    product: str
+    mass: float
+    loads: int
 
 
 class Ticket(NamedTuple):
@@ -34,6 +44,15 @@ class Ticket(NamedTuple):
     lines: tuple[TicketLine, ...]
     mass: float
     standard_error: float
+    trailer: float = 0.0
+
+    @property
+    def shares(self) -> tuple[PartSum, ...]:
+        """The buckets by part and product, in the order of their coming; one where nothing was split."""
+        found: dict[tuple[int, str], list[float]] = {}
+        for line in self.lines:
+            found.setdefault((line.part, line.product), []).append(line.mass)
+        return tuple(PartSum(*place, sum(masses), len(masses)) for place, masses in found.items())
 
 
 def ticket(connection: sqlite3.Connection, number: int, t_us: int, printing: bool = True) -> Ticket:
@@ -51,13 +70,14 @@ def ticket(connection: sqlite3.Connection, number: int, t_us: int, printing: boo
             r["mass"],
             r["standard_error"],
             r["status"] == BY_HAND,
+            r["part"],
         )
         for r in rows
     )
     machine = connection.execute("SELECT machine FROM starts ORDER BY id DESC LIMIT 1").fetchone()[0]
     labels = {name: found[name] for name in ("customer", "job", "operator", "note")}
     sums = sum(line.mass for line in lines), sum(line.standard_error for line in lines)
-    return Ticket(*made, machine, number, found["target"], labels, lines, *sums)
+    return Ticket(*made, machine, number, found["target"], labels, lines, *sums, found["trailer"])
 
 
 def _product(number: int) -> str:

@@ -1,8 +1,11 @@
 """What is written into the records: transactions, each whole or not at all."""
 
+import json
 import sqlite3
 from typing import NamedTuple
 
+from cylforce.files.checkpoint import packed, unpacked
+from cylforce.service.booking import Weighed
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import KEPT, Bucket, Truck
 from cylforce.service.state import Memory, Scale
@@ -10,6 +13,8 @@ from cylforce.signals.estimate import Booking
 
 BY_HAND = "BY_HAND"  # status of a booking that the operator gave
 RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"
+# us: no machine dumps a bucket, fills it and lifts it again sooner; excavators need 15 s and more for a cycle
+SHORTEST_CYCLE_US = 12_000_000
 
 
 class Start(NamedTuple):
@@ -47,26 +52,34 @@ def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
     values = (start.t_us, RUNNING, start.version, start.machine)
     row = connection.execute("INSERT INTO starts (begun_us, how, version, machine) VALUES (?, ?, ?, ?)", values)
     connection.execute("COMMIT")
-    return int(row.lastrowid or 0), restored(connection)
+    return int(row.lastrowid or 0), restored(connection, start.t_us)
 
 
-def restored(connection: sqlite3.Connection) -> Memory:
-    """What the service remembered when it wrote last. The truck's buckets are those of its bookings."""
+def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
+    """What the service remembered when it wrote last. The truck's buckets are those of its bookings. A bucket that hung
+    then is still the same at `t_us` [us] if no other can have been filled meanwhile."""
     last = connection.execute(
         "SELECT number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error "
         "FROM bookings ORDER BY id DESC LIMIT 1"
     )
     booking = next((Booking(*row) for row in last), None)
-    row = connection.execute("SELECT zero, tare, truck, target, product, attachment FROM kept").fetchone()
+    kept = "SELECT zero, tare, truck, target, product, attachment, hanging, hanging_us, part, first, trailer FROM kept"
+    row = connection.execute(kept).fetchone()
     if row is None:
         return Memory(booking=booking)
-    zero, tare, number, target, product, tool = row
-    sums = "SELECT coalesce(sum(mass), 0.0), count(*) FROM bookings WHERE truck = ? AND accepted"
-    total, filled = connection.execute(sums, (number,)).fetchone()
-    listed = "SELECT number, mass, accepted FROM bookings WHERE truck = ? ORDER BY id DESC LIMIT ?"
+    zero, tare, number, target, product, tool, hung, since_us, *parts = row
+    same = hung and 0 <= t_us - since_us <= SHORTEST_CYCLE_US
+    hanging = unpacked(Weighed, json.loads(hung)) if same else None
+    sums = (
+        "SELECT coalesce(sum(mass), 0.0), count(*), coalesce(sum(mass) FILTER (WHERE part = ?), 0.0) FROM bookings "
+        "WHERE truck = ? AND accepted"
+    )
+    total, filled, in_part = connection.execute(sums, (parts[0], number)).fetchone()
+    listed = "SELECT number, mass, accepted, part FROM bookings WHERE truck = ? ORDER BY id DESC LIMIT ?"
     rows = connection.execute(listed, (number, KEPT)).fetchall()
-    buckets = tuple(Bucket(found, mass, bool(accepted)) for found, mass, accepted in reversed(rows))
-    return Memory(Scale(zero, tare), Truck(number, target, product, total, filled, buckets), booking, tool)
+    buckets = tuple(Bucket(found, mass, bool(accepted), part) for found, mass, accepted, part in reversed(rows))
+    opened = Truck(number, target, product, total, filled, buckets, parts[0], in_part, *parts[1:])
+    return Memory(Scale(zero, tare), opened, booking, tool, hanging)
 
 
 def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
@@ -87,9 +100,9 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
         "UPDATE trucks SET closed_us = ? WHERE closed_us IS NULL AND number < ?", (change.t_us, truck.number)
     )
     connection.execute(
-        "INSERT INTO trucks (number, opened_us, target) VALUES (?, ?, ?) "
-        "ON CONFLICT DO UPDATE SET target = excluded.target",
-        (truck.number, change.t_us, truck.target),
+        "INSERT INTO trucks (number, opened_us, target, trailer) VALUES (?, ?, ?, ?) "
+        "ON CONFLICT DO UPDATE SET target = excluded.target, trailer = excluded.trailer",
+        (truck.number, change.t_us, truck.first if truck.part > 1 else truck.target, truck.trailer),
     )
     if change.booked is not None:
         _book(connection, start, change.kept, change.booked)
@@ -100,8 +113,11 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
             "UPDATE bookings SET accepted = ? WHERE truck = ? AND number = ? AND accepted <> ?",
             (bucket.accepted, truck.number, bucket.number, bucket.accepted),
         )
-    values = (*change.kept.scale, change.kept.tool, truck.number, truck.target, truck.product)
-    connection.execute("INSERT OR REPLACE INTO kept VALUES (1, ?, ?, ?, ?, ?, ?)", values)
+    hanging = change.kept.hanging
+    hung = ("", 0) if hanging is None else (json.dumps(packed(hanging)), change.t_us)
+    place = (change.kept.tool, truck.number, truck.target, truck.product)
+    values = (*change.kept.scale, *place, truck.part, truck.first, truck.trailer, *hung)
+    connection.execute("INSERT OR REPLACE INTO kept VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
     if change.words:
         row = (start, change.t_us, change.words)
         connection.execute("INSERT INTO changes (start, t_us, words) VALUES (?, ?, ?)", row)
@@ -111,12 +127,12 @@ def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: Book
     """The same booking a second time changes nothing."""
     booking, (zero, tare) = booked.booking, kept.scale
     weights = (booking.dumped - tare, booking.dumped_error, booking.mass, booking.carry_back - zero)
-    place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product)
+    place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product, kept.truck.part)
     rest = (*booked.cycle, zero, tare, kept.tool, booked.drift, booked.status)
     connection.execute(
-        "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, mass, standard_error, gross, carry_back, "
-        "cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
-        "?, ?, ?, ?)",
+        "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, part, mass, standard_error, gross, "
+        "carry_back, cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, "
+        "?, ?, ?, ?, ?, ?, ?, ?, ?)",
         (*place, *weights, *rest),
     )
 

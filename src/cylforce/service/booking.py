@@ -12,8 +12,10 @@ from cylforce.estimation.model import Tares
 from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
 from cylforce.service.adaptation import Drift
 from cylforce.signals.estimate import Array, Booking
+from cylforce.signals.units import DEGREE
 
-DUMPING = 0.7  # of the load: what is less than that is on its way out; chosen: spills are smaller, dumps larger
+DUMPING = 0.7  # of a grab's load: what is less than that is on its way out; chosen: spills are smaller, dumps larger
+REPOSE = 35.0 * DEGREE  # by which a bucket tilts to empty: angle of repose of loose soil and gravel, 30 to 40 deg
 GONE = -1  # in place of the samples in motion: the bucket has been seen empty since, but not certainly enough
 AGREES = 3.0  # standard errors within which two weights of one lift are the same; chosen
 
@@ -21,13 +23,15 @@ AGREES = 3.0  # standard errors within which two weights of one lift are the sam
 class Weighed(NamedTuple):
     """A weight at some instant of a lift: `mass` [kg] as it would be without drift; `noise` [kg^2]: variance of what
     averages out within the lift; `gain` (P,) and `drifted` (D,): change of the mass per unit of each tare and of each
-    drift; `moving`: number of samples in motion on which it is based."""
+    drift; `moving`: number of samples in motion on which it is based; `tilt` [rad]: angle of the tool to the house when
+    this load was first weighed, None where the tool does not empty by tilting."""
 
     mass: float
     noise: float
     gain: Array
     drifted: Array
     moving: int
+    tilt: float | None = None
 
 
 class Missed(NamedTuple):
@@ -127,15 +131,25 @@ def _passed(books: Books, now: Weighed, tares: Tares, drift: Drift) -> Books:
 
 
 def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) -> Weighed:
-    """The weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load since."""
+    """The weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load since. A
+    load that is being dumped is on its way out; one that has become smaller in the bucket as it hung before is a new
+    one: a part was tipped off."""
     if before is None or before.moving == GONE:
         return now
-    if corrected(now, drift) < DUMPING * corrected(before, drift):
+    by = corrected(now, drift) - corrected(before, drift)
+    differs = abs(by) > AGREES * difference_error(now, before, tares, drift)
+    if by < 0.0 and differs and _leaves(before, now, 1.0 + by / corrected(before, drift)):
         return before
-    if now.moving >= before.moving:
+    if differs:
         return now
-    apart = abs(corrected(now, drift) - corrected(before, drift))
-    return now if apart > AGREES * difference_error(now, before, tares, drift) else before
+    return now._replace(tilt=before.tilt) if now.moving >= before.moving else before
+
+
+def _leaves(before: Weighed, now: Weighed, share: float) -> bool:
+    """Whether a smaller load, a `share` of the one before, is what is left of one that is being dumped."""
+    if before.tilt is None or now.tilt is None:
+        return share < DUMPING
+    return abs(now.tilt - before.tilt) > REPOSE
 
 
 def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Tares, drift: Drift) -> Books:

@@ -13,8 +13,10 @@ from cylforce.service.loading.truck import (
     aimed,
     judged,
     loaded,
+    next_part,
     next_truck,
     of_product,
+    trailer_aimed,
 )
 from cylforce.signals.estimate import Booking, Quantity, Status
 from cylforce.signals.events import Frame
@@ -26,6 +28,8 @@ TARGET, PRODUCT, NEXT, CANCEL, ACCEPT = 1, 2, 3, 4, 5  # its sub-indices that ar
 NEXT_WORD = b"next"
 TOOL = 12  # ... and the one that chooses a tool by its number
 ADD = 13  # ... and the one that adds a bucket by hand
+PART, TRAILER = 14, 15  # ... on to the trailer or the next part of the truck; its target
+COMMANDS = (TARGET, PRODUCT, NEXT, CANCEL, ACCEPT, ADD, PART, TRAILER)
 KG = 0.1  # kg, of the target's integer
 WRONG_VALUE = 0x06090030  # the same code: the written value is not the signature
 FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, or with size 4 (CiA 301)
@@ -72,12 +76,12 @@ class Answer(NamedTuple):
 
 
 def read(frame: Frame, node_id: int) -> AnyCommand | None:
-    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12, 13 of our node; None
-    for any other frame. A download of another length is refused by the SDO server itself."""
+    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15 of our
+    node; None for any other frame. A download of another length is refused by the SDO server itself."""
     if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
-    if index == LOADING and (TARGET <= frame.data[3] <= ACCEPT or frame.data[3] == ADD):
+    if index == LOADING and frame.data[3] in COMMANDS:
         return LoadingCommand(frame.data[3], frame.data[4:8])
     if index == LOADING and frame.data[3] == TOOL:
         return ToolCommand(int.from_bytes(frame.data[4:8], "little"))
@@ -110,16 +114,19 @@ def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: fl
 
 def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
     """What a command about the truck does."""
-    number = int.from_bytes(command.data, "little", signed=command.sub == TARGET)
+    number = int.from_bytes(command.data, "little", signed=command.sub in (TARGET, TRAILER))
     if command.sub == TARGET:
         return aimed(truck, KG * number)
+    if command.sub == TRAILER:
+        return trailer_aimed(truck, KG * number)
     if command.sub == PRODUCT:
         return of_product(truck, number)
     if command.sub in (CANCEL, ACCEPT):
         return judged(truck, number, command.sub == ACCEPT)
     if command.data == NEXT_WORD:
-        return next_truck(truck)
-    words = f"next truck refused: the four bytes written must be the word next, not {command.data!r}"
+        return next_truck(truck) if command.sub == NEXT else next_part(truck)
+    what = "truck" if command.sub == NEXT else "part"
+    words = f"next {what} refused: the four bytes written must be the word next, not {command.data!r}"
     return Ruling(truck, WRONG_VALUE, words)
 
 

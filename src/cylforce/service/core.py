@@ -116,6 +116,12 @@ class Core:
         inputs, known = self.assembler.begin(), self.recognizer.begin()
         drift, contact = self.adapter.begin(), self.interactor.begin()
         weighing = self.weigher.begin()
-        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking))
+        hanging = kept.hanging
+        if hanging is not None and (hanging.gain.size, hanging.drifted.size) != (
+            len(self.tares.values),
+            drift.values.size,
+        ):
+            hanging = None  # it was weighed with other tares
+        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking, candidate=hanging))
         state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, kept.truck)
         return state._replace(tool=kept.tool)

@@ -180,5 +180,5 @@ def quality(q: Quantity) -> int:
 
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
     """(TPDO number, data) of all TPDOs in `table` for an estimate."""
-    values = published(estimate)
+    values = published(estimate) if table else {}
     return tuple((pdo.number, encode(pdo, values)) for pdo in table)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from cylforce.mechanics.installation import STANDARD
 from cylforce.service.adaptation import Drift
 from cylforce.service.assembler import Inputs
+from cylforce.service.booking import Weighed
 from cylforce.service.contact.interaction import Interaction
 from cylforce.service.loading.cycle import NO_CYCLE, Cycle
 from cylforce.service.loading.truck import NO_TRUCK, Truck
@@ -26,12 +27,13 @@ NO_SCALE = Scale()
 
 class Memory(NamedTuple):
     """What a restart does not change: zero and tare, the truck that is being loaded, the last booking, the name of the
-    tool."""
+    tool; the weight of a bucket that hangs and is not booked yet."""
 
     scale: Scale = NO_SCALE
     truck: Truck = NO_TRUCK
     booking: Booking | None = None
     tool: str = STANDARD
+    hanging: Weighed | None = None
 
 
 NOTHING_KEPT = Memory()
@@ -63,7 +65,8 @@ class State(NamedTuple):
     @property
     def memory(self) -> Memory:
         """What a restart does not change."""
-        return Memory(self.scale, self.truck, self.weighing.books.booking, self.tool)
+        books = self.weighing.books
+        return Memory(self.scale, self.truck, books.booking, self.tool, books.candidate)
 
 
 class Output(NamedTuple):

@@ -124,7 +124,10 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
     curled = _curled(core, channels)
-    weighing, load = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting, curled=curled)
+    tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
+    weighing, load = core.weigher.step(
+        state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt
+    )
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)

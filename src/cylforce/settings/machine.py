@@ -73,6 +73,7 @@ def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
         rated_payload=table.rated_payload_kg,
         payload_reach=table.payload_reach_m or abs(tool),
         curled=standard.curled if table.kind == "bucket" else None,
+        opens=table.kind == "grab",
     )
 
 

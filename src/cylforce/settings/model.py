@@ -184,7 +184,10 @@ class PublicationTable(SettingsTable):
     sync_producer: bool = Field(default=True, description="Whether it produces SYNC, at `filter.rate_hz`.")
     heartbeat_ms: int = Field(default=500, ge=1, le=32767, description="Its heartbeat.")
     j1939_address: int | None = Field(
-        default=None, ge=0, le=253, description="Its source address on J1939 (PGN 65258, 65280). Default: no J1939."
+        default=None,
+        ge=0,
+        le=253,
+        description="Its source address on J1939 (PGN 65258, 65280, 51968). Default: no J1939.",
     )
     rated_force_n: Force = Field(default=300_000.0, description="Greatest tool force; scales what is published.")
 

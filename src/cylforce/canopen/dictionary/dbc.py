@@ -3,7 +3,17 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from cylforce.canopen.j1939 import OURS, VEHICLE_WEIGHT, identifier
+from cylforce.canopen.j1939 import (
+    LARGEST_TOTAL,
+    LIFETIME_LOADED,
+    LIFETIME_UNLOADED,
+    LOADED,
+    OURS,
+    PROCESS_DATA,
+    UNLOADED,
+    VEHICLE_WEIGHT,
+    identifier,
+)
 from cylforce.mechanics.installation import SensorNode
 from cylforce.service.publication import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
 from cylforce.signals.contact import EventKind
@@ -16,6 +26,13 @@ PERIOD = "GenMsgCycleTime"  # the attribute by which CAN tools know how often a 
 _UNITS = {"rad": ("deg", DEGREE), "1": ("", 1.0)}  # SI unit: unit shown instead, its size in SI
 _NMT = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}
 _STATUS_BITS = 2
+
+_TOTALS = {
+    LOADED: "loaded_total_mass",
+    UNLOADED: "unloaded_total_mass",
+    LIFETIME_LOADED: "lifetime_loaded_total_mass",
+    LIFETIME_UNLOADED: "lifetime_unloaded_total_mass",
+}
 
 
 class DbcSignal(NamedTuple):
@@ -101,11 +118,18 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
         *_quality(*payload, 48),
         *_quality(*force, 56),
     ]
+    total = [
+        DbcSignal("process_data_command", 0, 4, False, 1.0, 0.0, "", {3: "value"}),
+        DbcSignal("process_data_element", 4, 12, False, 1.0, 0.0, "", {}),
+        DbcSignal("total_of", 16, 16, False, 1.0, 0.0, "", _TOTALS),
+        DbcSignal("total", 32, 32, True, 1.0, 0.0, "kg", {}, 0.0, float(LARGEST_TOTAL)),
+    ]
     return [
-        DbcMessage(name, identifier(pgn, address), 8, NODE, signals, period_ms, f"J1939, PGN {pgn}: {what}")
-        for name, pgn, signals, what in (
-            ("vehicle_weight", VEHICLE_WEIGHT, weight, "Vehicle Weight, SPN 181"),
-            (f"{NODE}_j1939", OURS, ours, "Proprietary B"),
+        DbcMessage(name, identifier(pgn, address), 8, NODE, signals, every_ms, f"J1939, PGN {pgn}: {what}")
+        for name, pgn, signals, every_ms, what in (
+            ("vehicle_weight", VEHICLE_WEIGHT, weight, period_ms, "Vehicle Weight, SPN 181"),
+            (f"{NODE}_j1939", OURS, ours, period_ms, "Proprietary B"),
+            (f"{NODE}_totals", PROCESS_DATA, total, 1000, "process data of ISO 11783, DDI 428 to 431"),
         )
     ]
 

@@ -36,6 +36,7 @@ ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperat
 LOADING = 0x2190  # the truck that is being loaded
 TRUCK, TOTAL, COUNT, LAST, RECORDED, RECORDS = 6, 7, 8, 9, 10, 11  # its sub-indices that are read only
 TOOL, ADD = 12, 13  # number of the tool: a command, and read; a bucket by hand: a command
+PART, TRAILER, IN_PART, PART_NUMBER = 14, 15, 16, 17  # next part and its target: commands; mass and number: read
 NO_RECORDS, RECORDING, RECORDS_STOPPED = 0, 1, 2  # values of sub-index RECORDS
 
 _BASES = range(0x180, 0x580, 0x80)  # COB-IDs of PDOs in CiA 301, to which the node id is added
@@ -107,6 +108,10 @@ def _loading() -> tuple[Entry, ...]:
         Entry(RECORDS, "State of the records: 0 off, 1 on, 2 stopped", "B", "ro", NO_RECORDS),
         Entry(TOOL, "Number of the attachment; 0: standard", "I", "rw", 0),
         Entry(ADD, "Bucket by hand, in 0.1 kg", "i", "wo"),
+        Entry(PART, "Next part of the truck", "I", "wo"),
+        Entry(TRAILER, "Target of the trailer, in 0.1 kg; 0: none", "i", "rw", 0),
+        Entry(IN_PART, "Mass in this part, in 0.1 kg", "i", "ro", 0),
+        Entry(PART_NUMBER, "Number of the part; 1: the truck itself", "I", "ro", 1),
     )
 
 

@@ -1,7 +1,7 @@
 // The arm in its posture, the load in the bucket, the force at the teeth with the area in which it lies (2 standard errors).
 const COLOURS = ["#1668b8", "#e06c00", "#2c8a4b", "#8a4fbf"];
 const SCALE = 4e-5; // m of arrow per newton: 100 kN are 4 m
-const MARGIN = 1; // m around all postures seen so far
+const MARGIN = 1.5; // m around all postures seen so far
 let box = null; // [left, right, low, high] of all postures seen so far
 const NAMESPACE = "http://www.w3.org/2000/svg";
 

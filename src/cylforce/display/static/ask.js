@@ -7,7 +7,7 @@ export function ask(question, secret = false) {
   at("question").textContent = question;
   at("entry").value = "";
   at("entry").type = secret ? "password" : "text";
-  at("entry").inputMode = "numeric";
+  at("entry").inputMode = "decimal";
   at("ask").showModal();
   return new Promise((done) => {
     at("ask").addEventListener("close", () => done(at("ask").returnValue === "yes" ? at("entry").value : null), { once: true });

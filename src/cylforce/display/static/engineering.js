@@ -1,5 +1,5 @@
 // Signals with age and reason, nodes, cylinders, traffic.
-import { kg, one, reason, t } from "./words.js";
+import { count, one, reason, t } from "./words.js";
 
 const at = (id) => document.getElementById(id);
 const STATES = { 0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational" };
@@ -16,7 +16,7 @@ function row(cells, bad) {
   });
   return line;
 }
-const age = (ms) => (ms === null ? t("not seen") : `${kg(ms)} ms`);
+const age = (ms) => (ms === null ? t("not seen") : `${count(ms)} ms`);
 
 function value(signal) {
   if (signal.value === null) return "–";
@@ -35,5 +35,5 @@ export function showEngineering(picture) {
   at("cylinders").replaceChildren(...picture.cylinders.map((c) =>
     row([c.name, c.force === null ? "–" : `${one(c.force / 1000)} kN`])));
   const kbit = picture.bits_per_second / 1000;
-  at("load").textContent = `${kg(kbit)} kbit/s` + RATES.map((r) => `, ${kg((100 * kbit) / r)} % / ${r} kbit/s`).join("");
+  at("load").textContent = `${count(kbit)} kbit/s` + RATES.map((r) => `, ${count((100 * kbit) / r)} % / ${r} kbit/s`).join("");
 }

@@ -1,6 +1,6 @@
 // Bookings, totals, tickets.
 import { change } from "./ask.js";
-import { kg, one, query, t, when } from "./words.js";
+import { exact, mass, query, t, when } from "./words.js";
 
 const at = (id) => document.getElementById(id);
 const TOTALS = { short: "Short total", shift: "Shift total", grand: "Grand total" };
@@ -15,7 +15,7 @@ export async function showHistory() {
 
 function line(booking) {
   const row = document.createElement("tr");
-  const weight = `${one(booking.mass_kg)} ± ${one(booking.standard_error_kg)} kg`;
+  const weight = `${exact(booking.mass_kg)} ± ${exact(booking.standard_error_kg)}`;
   const product = booking.product_name ?? (booking.product || t("none"));
   const taken = booking.status === "BY_HAND" ? t("by hand") : t("accepted");
   const state = booking.accepted ? taken : t("cancelled");
@@ -38,10 +38,10 @@ async function print(truck) {
 
 function total([which, products]) {
   const box = document.createElement("div");
-  const mass = products.reduce((sum, p) => sum + p.mass_kg, 0);
-  const loads = products.reduce((sum, p) => sum + p.loads, 0);
-  const parts = products.map((p) => `${p.product || t("none")}: ${kg(p.mass_kg)} kg`).join(", ");
-  box.append(Object.assign(document.createElement("b"), { textContent: `${t(TOTALS[which])}: ${kg(mass)} kg` }));
+  const sum = products.reduce((all, p) => all + p.mass_kg, 0);
+  const loads = products.reduce((all, p) => all + p.loads, 0);
+  const parts = products.map((p) => `${p.product || t("none")}: ${mass(p.mass_kg)}`).join(", ");
+  box.append(Object.assign(document.createElement("b"), { textContent: `${t(TOTALS[which])}: ${mass(sum)}` }));
   box.append(Object.assign(document.createElement("p"), { textContent: `${t("Loads")}: ${loads}. ${parts}` }));
   if (which !== "grand") {
     const button = Object.assign(document.createElement("button"), { textContent: t("Set to zero") });

@@ -2,17 +2,19 @@
 import { ask, change } from "./ask.js";
 import { showEngineering } from "./engineering.js";
 import { showHistory } from "./history.js";
-import { refusal, t, translate } from "./words.js";
+import { refusal, t, translate, unit } from "./words.js";
 import { blank, showWork } from "./work.js";
 
 const at = (id) => document.getElementById(id);
 const PARTS = ["work", "history", "engineering"];
 const SILENCE_MS = 800; // a weight that is older is not shown any more
-let [stream, part, heard, last] = [null, "", 0, null];
+const AGAIN_MS = 3000; // a page that was refused asks again: many of them must not keep the display busy
+let [stream, part, heard, last, asked] = [null, "", 0, null, 0];
 
 function open(name) {
   stream?.close();
   stream = new EventSource(`/stream/${name}`);
+  asked = performance.now();
   stream.addEventListener("message", (event) => {
     heard = performance.now();
     last = JSON.parse(event.data);
@@ -36,19 +38,14 @@ async function command(what, value = 0) {
   at("answer").textContent = said.done ? t("Done.") : refusal(said.why);
 }
 
-async function target() {
-  const text = await ask(t("Target in kg; 0: none"));
-  if (text !== null) await command("target", Number(text.replace(",", ".")) || 0);
+async function massed(what, question) {
+  const text = await ask(`${t(question)} (${unit.symbol})`);
+  if (text !== null) await command(what, (Number(text.replace(",", ".")) || 0) * unit.kg);
 }
 
 async function product() {
   const text = await ask(t("Number of the product; 0: none"));
   if (text !== null) await command("product", Math.round(Number(text)) || 0);
-}
-
-async function add() {
-  const text = await ask(t("Mass in kg that was loaded unweighed"));
-  if (text !== null) await command("add", Number(text.replace(",", ".")) || 0);
 }
 
 function light(night) {
@@ -63,9 +60,10 @@ at("night").addEventListener("click", () => light(!document.body.classList.conta
 for (const button of document.querySelectorAll("[data-command]")) {
   button.addEventListener("click", () => command(button.dataset.command));
 }
-at("target").addEventListener("click", target);
+at("target").addEventListener("click", () => massed("target", "Target; 0: none"));
 at("product").addEventListener("click", product);
-at("add").addEventListener("click", add);
+at("trailer").addEventListener("click", () => massed("trailer", "Target of the trailer or next part; 0: none"));
+at("add").addEventListener("click", () => massed("add", "Mass that was loaded unweighed"));
 at("attachment").addEventListener("change", async () => {
   at("attachment").blur();
   await command("attachment", Number(at("attachment").value));
@@ -77,6 +75,6 @@ show();
 setInterval(() => {
   if (performance.now() - heard > SILENCE_MS) {
     blank();
-    if (stream.readyState === EventSource.CLOSED) open(part === "engineering" ? "engineering" : "work");
+    if (stream.readyState === EventSource.CLOSED && performance.now() - asked > AGAIN_MS) open(part === "engineering" ? "engineering" : "work");
   }
 }, 100);

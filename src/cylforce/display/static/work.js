@@ -1,6 +1,6 @@
 // The operator's page. A weight that is not valid is shown as its reason, never as a number.
 import { drawArm } from "./arm.js";
-import { kg, one, reason, status, t } from "./words.js";
+import { bare, count, doubt, exact, mass, one, reason, status, t, unit } from "./words.js";
 
 const at = (id) => document.getElementById(id);
 const INVALID = 3;
@@ -11,7 +11,7 @@ export function showWork(picture) {
   showForce(picture.force);
   const hanging = picture.weight.net !== null && picture.weight.net > 0.03 * picture.rated;
   drawArm(at("arm"), picture.arm, picture.force,
-    hanging ? { share: picture.weight.net / picture.rated, text: `${kg(picture.weight.net)} kg` } : null);
+    hanging ? { share: picture.weight.net / picture.rated, text: mass(picture.weight.net) } : null);
   showTruck(picture);
   showTools(picture);
 }
@@ -28,9 +28,9 @@ function showWeight(weight, rated) {
   at("weight").classList.toggle("words", !valid);
   at("weight").replaceChildren();
   if (valid) {
-    const unit = document.createElement("small");
-    unit.textContent = ` kg ± ${kg(Math.ceil(weight.error))}`;
-    at("weight").append(kg(weight.net), unit);
+    const small = document.createElement("small");
+    small.textContent = ` ${unit.symbol} ± ${doubt(weight.error)}`;
+    at("weight").append(bare(weight.net), small);
   } else {
     at("weight").textContent = reason(weight.reason);
   }
@@ -38,14 +38,14 @@ function showWeight(weight, rated) {
   at("status").textContent = status(weight.status);
   at("status").className = `s${weight.status}`;
   at("reason").textContent = valid ? reason(weight.reason) : "";
-  at("gross").textContent = valid ? `${t("net")} ${one(weight.net)} kg, ${t("gross")} ${one(weight.gross)} kg, ${t("rated")} ${kg(rated)} kg` : "";
+  at("gross").textContent = valid ? `${t("net")} ${exact(weight.net)}, ${t("gross")} ${exact(weight.gross)}, ${t("rated")} ${mass(rated)}` : "";
 }
 
 function showForce(force) {
   const shown = force.magnitude !== null && force.direction !== null;
-  const turn = shown ? `, ${t("direction")} ${kg((force.direction * 180) / Math.PI)}°` : "";
-  const doubt = shown ? ` ± ${one(Math.hypot(force.error_x ?? 0, force.error_z ?? 0) / 1000)}` : "";
-  const said = shown ? `${one(force.magnitude / 1000)}${doubt} kN${turn}` : reason(force.reason);
+  const turn = shown ? `, ${t("direction")} ${count((force.direction * 180) / Math.PI)}°` : "";
+  const spread = shown ? ` ± ${one(Math.hypot(force.error_x ?? 0, force.error_z ?? 0) / 1000)}` : "";
+  const said = shown ? `${one(force.magnitude / 1000)}${spread} kN${turn}` : reason(force.reason);
   at("force").textContent = `${t("Force at the teeth")}: ${said}`;
 }
 
@@ -70,26 +70,29 @@ function showTruck({ truck, marks, buckets, check_zero: checkZero }) {
     at("truck-text").textContent = reason(255);
     at("advice").textContent = "";
   } else {
-    const goal = truck.target > 0 ? ` / ${kg(truck.target)}` : "";
-    at("truck-text").textContent = `${t("Truck")} ${truck.number}: ${kg(truck.total)}${goal} kg, ${t("Buckets")}: ${truck.filled}` +
+    const goal = truck.target > 0 ? ` / ${bare(truck.target)}` : "";
+    const split = truck.part > 1;
+    const name = `${t("Truck")} ${truck.number}${split ? `, ${t("part")} ${truck.part}` : ""}`;
+    const both = split ? `, ${t("in all")} ${mass(truck.total)}` : "";
+    at("truck-text").textContent = `${name}: ${bare(truck.loaded)}${goal} ${unit.symbol}${both}, ${t("Buckets")}: ${truck.filled}` +
       (truck.product ? `, ${t("Product")} ${truck.product}` : "");
     at("advice").textContent = [advice(truck), checkZero ? t("Check zero: empty the bucket, lift it, press Zero") : ""].filter(Boolean).join(" – ");
   }
   at("buckets").replaceChildren(...buckets.map((bucket) => {
     const item = document.createElement("li");
-    item.textContent = `${bucket.number}: ${kg(bucket.mass)} kg`;
+    item.textContent = `${bucket.number}: ${mass(bucket.mass)}`;
     return item;
   }));
 }
 
 function advice(truck) {
   if (truck.remaining === null) return "";
-  if (truck.remaining < 0) return `${kg(-truck.remaining)} kg ${t("too much")}`;
+  if (truck.remaining < 0) return `${mass(-truck.remaining)} ${t("too much")}`;
   if (truck.remaining === 0) return t("Target reached");
-  const share = truck.last_bucket && truck.next_share !== null ? ` (${kg(100 * truck.next_share)} % ${t("of a usual bucket")})` : "";
-  const tip = truck.tip_off === null ? "" : `; ${t("tip off")} ${kg(truck.tip_off)} kg`;
+  const share = truck.last_bucket && truck.next_share !== null ? ` (${count(100 * truck.next_share)} % ${t("of a usual bucket")})` : "";
+  const tip = truck.tip_off === null ? "" : `; ${t("tip off")} ${mass(truck.tip_off)}`;
   const over = truck.overloads ? `; ${t("a full bucket overloads")}` : "";
-  return (truck.last_bucket ? `${t("Last bucket")}: ` : "") + `${kg(truck.remaining)} kg ${t("remaining")}${share}${tip}${over}`;
+  return (truck.last_bucket ? `${t("Last bucket")}: ` : "") + `${mass(truck.remaining)} ${t("remaining")}${share}${tip}${over}`;
 }
 
 export function blank() {

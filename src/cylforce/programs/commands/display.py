@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from cylforce.programs.commands.options import Bus, MachineFile, example
+from cylforce.programs.commands.options import Bus, MachineFile, Unit, example
 
 EXAMPLE = example("cylforce display machine.toml --bus socketcan:can0 --records records.db")
 
@@ -28,12 +28,14 @@ def display(
     red: Annotated[float, typer.Option(help="... red.")] = 110.0,
     check_zero: Annotated[float, typer.Option(help="Remind of the zero after so many minutes; 0: never.")] = 0.0,
     language: Annotated[str, typer.Option(help="For browsers that want none of ours: en or de.")] = "en",
+    unit: Unit = "kg",
     terminal: Annotated[bool, typer.Option("--terminal", help="Show it as text here, and serve no page.")] = False,
 ) -> None:
     """Serve a page for the cab: weight, force, truck, history."""
     from cylforce.programs.display import display, display_in_terminal
 
     if terminal:
-        display_in_terminal(machine, bus, (amber, green, red, check_zero), language)
+        display_in_terminal(machine, bus, (amber, green, red, check_zero), language, unit)
         return
-    display(machine, bus, records, listen, tuple(name or ()), pin_file, (amber, green, red, check_zero), language)
+    marks = (amber, green, red, check_zero)
+    display(machine, bus, records, listen, tuple(name or ()), pin_file, marks, language, unit)

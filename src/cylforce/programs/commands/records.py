@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from cylforce.programs.commands.options import example
+from cylforce.programs.commands.options import Unit, example
 
 LIST_EXAMPLE = example("cylforce records list records.db --last 20")
 TOTALS_EXAMPLE = example("cylforce records totals records.db --which shift")
@@ -26,25 +26,29 @@ def list_(
     since: Since = "",
     truck: Truck = None,
     last: Annotated[int, typer.Option(min=1, help="How many.")] = 50,
+    unit: Unit = "kg",
 ) -> None:
     """List bookings, the last ones or those of a truck."""
     from cylforce.programs.records import list_bookings
+    from cylforce.signals.units import mass_unit
 
-    list_bookings(records, since, truck, last)
+    list_bookings(records, since, truck, last, mass_unit(unit))
 
 
 def totals(
     records: File,
     which: Annotated[str, typer.Option(help="short, shift or grand.")] = "grand",
     zero: Annotated[bool, typer.Option("--zero", help="Afterwards it begins anew (short and shift).")] = False,
+    unit: Unit = "kg",
 ) -> None:
     """Loads and mass per product."""
     from cylforce.files.atomic import RecordingError
     from cylforce.programs.records import show_totals
+    from cylforce.signals.units import mass_unit
 
     if which not in ("short", "shift", "grand"):
         raise RecordingError(f"--which {which}: is no total: use short, shift or grand")
-    show_totals(records, which, zero)
+    show_totals(records, which, zero, mass_unit(unit))
 
 
 def export(
@@ -65,11 +69,12 @@ def telematics(records: File) -> None:
     show_telematics(records)
 
 
-def ticket(records: File, truck: Truck = None) -> None:
+def ticket(records: File, truck: Truck = None, unit: Unit = "kg") -> None:
     """Print a truck's ticket, the last truck's where none is named; again: a copy."""
     from cylforce.programs.records import print_ticket
+    from cylforce.signals.units import mass_unit
 
-    print_ticket(records, truck)
+    print_ticket(records, truck, mass_unit(unit))
 
 
 def label(

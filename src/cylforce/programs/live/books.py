@@ -7,9 +7,11 @@ import cylforce
 from cylforce.can.clock import now_us
 from cylforce.canopen.dictionary.object_dictionary import (
     COUNT,
+    IN_PART,
     LAST,
     LOADING,
     NO_RECORDS,
+    PART_NUMBER,
     RECORDED,
     RECORDING,
     RECORDS,
@@ -22,7 +24,8 @@ from cylforce.canopen.node import Node
 from cylforce.mechanics.installation import STANDARD
 from cylforce.records.recorder import Recorder
 from cylforce.records.writing import BY_HAND, BookedBucket, Change, Start
-from cylforce.service.commands import KG, PRODUCT, TARGET
+from cylforce.service.booking import Weighed
+from cylforce.service.commands import KG, PRODUCT, TARGET, TRAILER
 from cylforce.service.loading.cycle import LastBucket, ended
 from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, State
@@ -30,6 +33,7 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, is_new
 
 OFTEN = 10  # steps between two looks at the writing thread
+SAME_LOAD = 0.02  # share by which the weight of a load that hangs may change without being kept anew; chosen
 
 
 class Ledger:
@@ -43,6 +47,11 @@ class Ledger:
         self._written = kept.booking
         self._show(kept)
 
+    @property
+    def lifetime(self) -> float | None:
+        """All that was ever loaded [kg]; None without records."""
+        return None if self._recorder is None else self._recorder.lifetime
+
     def look(self, state: State) -> None:
         """Hand over what changed; show it."""
         kept, books = state.memory, state.weighing.books
@@ -50,7 +59,7 @@ class Ledger:
             self._change(state, kept, None)
         elif books.dumped is None and books.booking is not self._written:
             self._change(state, kept, books.booking)
-        elif _changed(self._kept, kept):
+        elif changed(self._kept, kept):
             self._change(state, kept, None)
         self._steps += 1
         if self._steps % OFTEN == 0:
@@ -70,7 +79,8 @@ class Ledger:
     def _show(self, kept: Memory) -> None:
         truck = kept.truck
         shown = {TARGET: round(truck.target / KG), PRODUCT: truck.product, TRUCK: truck.number}
-        shown |= {TOTAL: round(truck.total / KG), COUNT: truck.filled}
+        shown |= {TOTAL: round(truck.total / KG), COUNT: truck.filled, TRAILER: round(truck.trailer / KG)}
+        shown |= {IN_PART: round(truck.in_part / KG), PART_NUMBER: truck.part}
         shown[TOOL] = self._tools.index(kept.tool) if kept.tool in self._tools else 0
         shown[LAST] = kept.booking.number if kept.booking else 0
         for sub, value in shown.items():
@@ -86,16 +96,28 @@ class Ledger:
         self._node.set_value(LOADING, RECORDS, RECORDS_STOPPED if self._recorder.failure else RECORDING)
 
 
-def _changed(before: Memory, after: Memory) -> bool:
-    """Whether the operator changed something. Masses that become more precise are kept when they are final."""
+def changed(before: Memory, after: Memory) -> bool:
+    """Whether the operator changed something, or another load hangs. Masses that become more precise are
+    kept when they are final."""
     return (
-        after.scale is not before.scale or after.tool != before.tool or _decided(after.truck) != _decided(before.truck)
+        after.scale is not before.scale
+        or after.tool != before.tool
+        or _decided(after.truck) != _decided(before.truck)
+        or _another(before.hanging, after.hanging)
     )
+
+
+def _another(before: Weighed | None, after: Weighed | None) -> bool:
+    """Whether another load hangs, not the same weighed more precisely."""
+    if before is None or after is None:
+        return before is not after
+    return abs(after.mass - before.mass) > SAME_LOAD * before.mass
 
 
 def _decided(truck: Truck) -> tuple[object, ...]:
     """What the operator has decided about a truck."""
-    return truck.number, truck.target, truck.product, tuple((b.number, b.accepted) for b in truck.buckets)
+    aims = truck.target, truck.trailer, truck.part
+    return truck.number, *aims, truck.product, tuple((b.number, b.accepted) for b in truck.buckets)
 
 
 def _booked(state: State, before: Memory) -> BookedBucket | None:
@@ -124,7 +146,9 @@ def words(before: Memory, after: Memory) -> str:
 
 def _truck_words(truck: Truck) -> str:
     off = ", ".join(str(bucket.number) for bucket in truck.buckets if not bucket.accepted) or "none"
-    return f"target {truck.target:.1f} kg, product {truck.product}, cancelled: {off}"
+    part = f"part {truck.part}, " if truck.part > 1 else ""
+    trailer = f", trailer {truck.trailer:.1f} kg" if truck.trailer else ""
+    return f"{part}target {truck.target:.1f} kg{trailer}, product {truck.product}, cancelled: {off}"
 
 
 def open_recorder(path: Path | None, loaded: Loaded) -> Recorder | None:

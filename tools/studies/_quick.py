@@ -1,0 +1,127 @@
+"""The service over a recording that is known as a whole: the same `step`, but the filtered rows are computed for all
+samples at once, neither bytes nor forces are, and it is not asked whose machine it is. A fifth of the time of a replay,
+the same bookings (a test compares them)."""
+
+from collections.abc import Iterator
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.estimation.fast import Instant
+from cylforce.estimation.regressor import Rows
+from cylforce.service.assembler import NEVER, FrameCounters, Inputs
+from cylforce.service.contact.interaction import Forces, Interaction
+from cylforce.service.pipeline import Pipe
+from cylforce.service.recognition import Recognition
+from cylforce.service.state import NOTHING_KEPT, Memory, State
+from cylforce.service.step import Core, step
+from cylforce.signals.estimate import Array, Reason, Sample, invalid_force
+from cylforce.signals.events import Tick
+
+
+class Recorded:
+    """In place of frames and filters: gapless samples `values` (T, S) from tick `first` on, and their rows."""
+
+    def __init__(self, core: Core, values: Array, first: int) -> None:
+        self._core, self._values, self._first, self._k = core, values, first, 0
+        self._good = (Reason.NONE,) * values.shape[1]
+        model = core.model
+        moved = model.channels.run(values)
+        self._rows, self._speed = model.filtered.run(moved.motion), moved.motion.speed
+        self._channels = model.channels.read(values)
+        usable = np.stack([moved.usable[:, list(acting)].all(axis=1) for acting in model.acting], axis=-1)
+        ago = _since(~usable)
+        self._waiting = np.maximum(model.settle_steps - ago, 0)
+
+    decoders: dict[int, object] = {}  # noqa: RUF012 - none: there are no frames
+
+    def begin(self, channels: Array | None = None) -> Any:  # noqa: ANN401 - in place of two classes
+        """As the assembler and as the pipeline."""
+        if channels is None:
+            return Inputs((), FrameCounters(), NEVER)
+        rows, cylinders = self._waiting.shape[1], self._speed.shape[1]
+        none = np.zeros(0)
+        return Pipe(channels, none, none, None, 0, np.zeros(rows, dtype=np.int64), np.zeros(cylinders))
+
+    def sample(self, inputs: Inputs, t_us: int) -> Sample:
+        """As the assembler: the recorded one."""
+        del inputs
+        self._k = t_us // self._core.period_us - self._first
+        return Sample(t_us, self._values[self._k], self._good, Reason.NONE)
+
+    def read(self, values: Array) -> Array:
+        """As the channels: those of the last sample."""
+        del values
+        return np.asarray(self._channels[self._k])
+
+    def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows, Instant]:
+        """As the pipeline: the rows of the last sample."""
+        del periods
+        k = self._k - 1
+        rows = Rows(self._rows.columns[k], self._rows.torque[k])
+        new = pipe._replace(raw=channels, steps=pipe.steps + 1, waiting=self._waiting[k], speed=self._speed[k])
+        return new, rows, cast(Instant, _Now(rows))
+
+
+class _Now:
+    """An instant of which only the rows are asked for."""
+
+    def __init__(self, rows: Rows) -> None:
+        self.rows = rows
+
+
+class _Known:
+    """In place of the recognition: it is this machine."""
+
+    def __init__(self, state: Recognition) -> None:
+        self._state = state
+
+    def begin(self) -> Recognition:
+        return self._state
+
+    def interrupt(self, state: Recognition) -> Recognition:
+        return state
+
+    def step(self, state: Recognition, *rest: object) -> Recognition:
+        del rest
+        return state
+
+
+class _NoForces:
+    """In place of the interaction: no force is known."""
+
+    def __init__(self, state: Interaction) -> None:
+        self._state, self._nothing = state, invalid_force(Reason.STARTING)
+
+    def begin(self) -> Interaction:
+        return self._state
+
+    def interrupt(self, state: Interaction) -> Interaction:
+        return state
+
+    def step(self, state: Interaction, *rest: object) -> tuple[Interaction, Forces]:
+        del rest
+        return state, Forces(self._nothing, self._nothing)
+
+
+def _since(marks: NDArray[np.bool_]) -> Array:
+    """How many rows ago (T, R) a mark was set; very many where none was."""
+    t = np.arange(len(marks))[:, None]
+    last = np.maximum.accumulate(np.where(marks, t, -(10**6)), axis=0)
+    return np.asarray(t - last)
+
+
+def states(core: Core, values: Array, first: int = 1, kept: Memory = NOTHING_KEPT) -> Iterator[State]:
+    """The states after each of the samples (T, S), the first of which is that of tick number `first`; the service
+    starts with what was `kept`."""
+    quick = Core(core.service._replace(publication=()), core.tares)
+    recorded = Recorded(quick, values, first)
+    parts = {"limits": core.limits, "assembler": recorded, "pipeline": recorded}
+    parts |= {"recognizer": _Known(core.recognizer.begin()), "interactor": _NoForces(core.interactor.begin())}
+    quick.__dict__.update(parts)
+    quick.model.__dict__["channels"] = recorded
+    state = quick.begin(kept)
+    for k in range(len(values)):
+        state, _ = step(quick, state, Tick((first + k) * core.period_us))
+        yield state
