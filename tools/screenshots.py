@@ -39,6 +39,7 @@ START_US = 1_772_000_000_000_000
 MOVES_S, CYCLES = 120.0, 7
 TARGET_KG, BUCKETS = 6000.0, 4  # of the truck; buckets in it by day
 HEARTBEAT_US = 500_000
+HELD_S = 0.3  # for which the moment has lasted: then the display has heard of it
 CAB, PHONE = {"width": 1180, "height": 700}, {"width": 390, "height": 844}
 GRAB = """
 [[attachments]]
@@ -92,14 +93,16 @@ class Scene:
         self._pdos, self._ticks = {pdo.number: pdo for pdo in loaded.service.publication}, 0
 
     def until(self, wanted: Wanted) -> Picture:
-        """The engineering picture, which holds the operator's, of the next moment that is wanted."""
+        """The engineering picture, which holds the operator's, of the next moment that is wanted and lasts."""
+        held = 0
         for event in self._events:
             self._state, output = step(self._core, self._state, event)
             if isinstance(event, Frame):
                 self._listener.on_frame(event)
             elif isinstance(event, Tick):
                 self._hear(event.t_us, output.frames)
-                if wanted(self._state):
+                held = held + 1 if wanted(self._state) else 0
+                if held > HELD_S * self._core.service.filters.rate_hz:
                     return self._painter.engineering(self._loading, event.t_us)
         raise ValueError("the machine's work has ended before the moment came: another --seed")
 
