@@ -18,7 +18,7 @@ NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
-FEATURES = 5
+FEATURES = 6
 
 
 class Happened(NamedTuple):
@@ -62,13 +62,14 @@ class Belief(NamedTuple):
 @dataclass(frozen=True)
 class Asked:
     """What a search found: forms, hypotheses, what may have happened at moments; the noise that is usual; the gap over
-    the floor with nothing fitted."""
+    the floor with nothing fitted; how many `references` there were."""
 
     forms: tuple[Column, ...]
     hypotheses: tuple[Hypothesis, ...]
     happened: tuple[Happened, ...]
     usual: Scatter
     gap: float
+    references: int = 0
 
     @cached_property
     def none(self) -> Hypothesis:
@@ -194,8 +195,8 @@ def believed(asked: Asked) -> Belief:
 
 def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap; log
-    of what the first leaves by itself; the share of its evidence that the next one lacks. Zeros where no effect was
-    asked."""
+    of what the first leaves by itself; the share of its evidence that the next one lacks; log of one plus the number of
+    references. Zeros where no effect was asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
@@ -209,6 +210,7 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
         float(np.log(max(asked.gap, NONE))),
         float(np.log(max(rest, NONE))),
         lacks,
+        float(np.log1p(asked.references)),
     )
 
 

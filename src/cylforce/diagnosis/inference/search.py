@@ -214,7 +214,8 @@ class _Search:
         blocks: Mapping[tuple[int, ...], Blocks],
     ) -> Found:
         gap = case.rest(self._left(case), case.usual)
-        told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
+        shown = len({seen.recorded.name for seen in self.plain.problem.clean})
+        told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap, shown)
         self.watch("effects at their sizes")
         told, again = self._again(case, told, blocks)
         return Found(self._question, self._machine, case, told, again, when, False, self._least(case, told.none))
