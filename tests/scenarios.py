@@ -22,6 +22,15 @@ from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 EXCAVATOR = CONFIG / "excavator_20t.toml"
 SEED = 3
+GRAB = """
+[[attachments]]
+name = "grab"
+kind = "grab"
+mass_kg = 1100
+centre_m = [0.75, 0.2]
+point_m = [1.6, 0.0]
+rated_payload_kg = 1300
+"""
 
 
 def moved(loaded, seed=SEED, seconds=60.0):

@@ -31,17 +31,7 @@ from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import Frame, Tick
 from cylforce.simulation.sensor_bus import bus_events
-from scenarios import EXCAVATOR
-
-GRAB = """
-[[attachments]]
-name = "grab"
-kind = "grab"
-mass_kg = 1100
-centre_m = [0.75, 0.2]
-point_m = [1.6, 0.0]
-rated_payload_kg = 1300
-"""
+from scenarios import EXCAVATOR, GRAB
 
 
 def written(folder, text=GRAB):

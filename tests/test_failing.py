@@ -107,10 +107,9 @@ def test_a_reader_that_stopped_delays_no_step_and_what_is_lost_is_counted():
 
 def test_messages_of_a_process_are_complete_at_its_end():
     code = (
-        "from cylforce.programs.live.messages import configure_messages, last_messages\n"
+        "from cylforce.programs.live.messages import configure_messages\n"
         "import structlog\nconfigure_messages()\n"
         "for k in range(300): structlog.get_logger().info('line', k=k)\n"
-        "last_messages()\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert [f'"k": {k}' in line for k, line in enumerate(done.stderr.splitlines())] == [True] * 300
@@ -180,6 +179,7 @@ def test_a_step_that_hangs_feeds_no_watchdog(manager):
 
 
 def test_without_a_manager_nothing_is_said():
+    assert Manager({})._socket is None
     for environment in ({}, {"NOTIFY_SOCKET": "/nowhere/at/all"}):
         silent = Manager(environment)
         silent.ready()

@@ -16,7 +16,7 @@ from cylforce.commissioning.identification import identify
 from cylforce.programs.common.readings import model_of
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import load
-from scenarios import EXCAVATOR, moved
+from scenarios import EXCAVATOR, GRAB, moved
 
 BUS = "socketcan:vcan0"
 COMMAND = (sys.executable, "-m", "cylforce")
@@ -26,17 +26,6 @@ ADDRESS = f"http://127.0.0.1:{PORT}"
 LIGHT = ["--no-sandbox", "--disable-gpu", "--in-process-gpu", "--renderer-process-limit=1"]
 MM = 96.0 / 25.4  # pixels of a millimetre, as CSS has it
 WAIT_S = 60.0  # for what is certain to come: four digging cycles
-
-
-GRAB = """
-[[attachments]]
-name = "grab"
-kind = "grab"
-mass_kg = 1100
-centre_m = [0.75, 0.2]
-point_m = [1.6, 0.0]
-rated_payload_kg = 1300
-"""
 
 
 class Cab:

@@ -32,8 +32,7 @@ LISTED = 100  # bookings on the history page
 
 class Desk(NamedTuple):
     """What the pages need: how to command, where the records are (None: nowhere), the two streams, the clock, the
-    language of a browser that wants none of ours,
-    unit of mass where the address names none."""
+    language of a browser that wants none of ours, the unit of mass where the address names none."""
 
     panel: Panel
     records: Path | None

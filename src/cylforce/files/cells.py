@@ -52,11 +52,11 @@ def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
     lines_read = lines_of(path, file)
     head = next(lines_read, "")
     delimiter = next((mark for mark in ",;\t" if mark in head), ",")
-    _, header = next(_csv_rows(path, iter([head]), delimiter), (1, list[str]()))
+    _, header = next(_csv_rows(path, iter([head]), delimiter, 0), (1, list[str]()))
     present = [name.strip() for name in header]
     positions = _positions(path, present, names)
     numbers, lines = array("d"), array("q")
-    for line, row in _csv_rows(path, lines_read, delimiter):
+    for line, row in _csv_rows(path, lines_read, delimiter, 1):
         if len(row) == len(present):
             numbers.extend(_numbers(path, line, row, positions, names))
             lines.append(line)
@@ -68,14 +68,14 @@ def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
     yield Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
 
 
-def _csv_rows(path: Path, lines: Iterator[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Every row after the header, with its line."""
+def _csv_rows(path: Path, lines: Iterator[str], delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
+    """Every row, with its line; so many lines came `before`."""
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     try:
         for row in reader:
-            yield reader.line_num + 1, row
+            yield reader.line_num + before, row
     except csv.Error as error:
-        raise RecordingError(f"{path}, line {reader.line_num + 1}: is not CSV: {error}") from error
+        raise RecordingError(f"{path}, line {reader.line_num + before}: is not CSV: {error}") from error
 
 
 def _numbers(path: Path, line: int, row: list[str], positions: list[int], names: list[str]) -> list[float]:

@@ -21,7 +21,7 @@ from cylforce.files.logfile import Header, LogWriter, Rotation
 from cylforce.mechanics.installation import Service
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, open_recorder
-from cylforce.programs.live.messages import configure_messages, last_messages
+from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
@@ -232,5 +232,4 @@ def run_daemon(
     finally:
         if recorder is not None:
             recorder.close()
-        last_messages()
     return counts

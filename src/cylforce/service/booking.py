@@ -138,17 +138,17 @@ def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) ->
         return now
     by = corrected(now, drift) - corrected(before, drift)
     differs = abs(by) > AGREES * difference_error(now, before, tares, drift)
-    if by < 0.0 and differs and _leaves(before, now, 1.0 + by / corrected(before, drift)):
+    if by < 0.0 and differs and _leaves(before, now, drift):
         return before
     if differs:
         return now
     return now._replace(tilt=before.tilt) if now.moving >= before.moving else before
 
 
-def _leaves(before: Weighed, now: Weighed, share: float) -> bool:
-    """Whether a smaller load, a `share` of the one before, is what is left of one that is being dumped."""
+def _leaves(before: Weighed, now: Weighed, drift: Drift) -> bool:
+    """Whether a smaller load is what is left of the one before, which is being dumped."""
     if before.tilt is None or now.tilt is None:
-        return share < DUMPING
+        return corrected(now, drift) < DUMPING * corrected(before, drift)
     return abs(now.tilt - before.tilt) > REPOSE
 
 

@@ -1,10 +1,12 @@
 """Lines on a stream that nobody has to read: they are written by a thread of their own, out of a queue that drops and
 counts. A reader that stopped, a full pipe or a full disk never delays a step."""
 
+import atexit
 import json
 import os
 import sys
 import threading
+import time
 from contextlib import suppress
 from queue import Full, Queue
 from typing import TextIO, cast
@@ -41,9 +43,9 @@ class Messages:
     def close(self) -> None:
         """Wait a moment until what was taken is written."""
         if self._fd is not None:
-            end = threading.Thread(target=self._waiting.join, daemon=True)
-            end.start()
-            end.join(LAST_S)
+            done = self._waiting.all_tasks_done
+            with done:
+                done.wait_for(lambda: not self._waiting.unfinished_tasks, LAST_S)
 
     def _put(self, line: str) -> None:
         if self._fd is None:
@@ -60,23 +62,21 @@ class Messages:
 
     def _work(self, fd: int) -> None:
         while True:
-            rest = self._next()
+            rest = self._waiting.get().encode("utf-8", "replace")
             while rest:
                 try:
                     rest = rest[os.write(fd, rest) :]
                 except BlockingIOError:
-                    threading.Event().wait(0.01)  # whoever gave us the stream does not want to be waited for
+                    time.sleep(0.01)  # whoever gave us the stream does not want to be waited for
                 except OSError:
                     break  # closed or full: measuring goes on without these lines
             self._waiting.task_done()
 
-    def _next(self) -> bytes:
-        return self._waiting.get().encode("utf-8", "replace")
-
 
 def _descriptor(stream: TextIO) -> int | None:
+    """One of our own for the stream's file: when the stream is closed, its number may become another file's."""
     try:
-        return stream.fileno()
+        return os.dup(stream.fileno())
     except (OSError, ValueError, AttributeError):
         return None
 
@@ -98,7 +98,8 @@ def configure_messages(stream: TextIO | None = None) -> None:
     )
 
 
-def last_messages() -> None:
+@atexit.register
+def _last_messages() -> None:
     """At the end of a program: what was said is written, if somebody reads it."""
     for messages in _current:
         messages.close()
