@@ -28,10 +28,9 @@ from cylforce.canopen.node import Node
 from cylforce.canopen.objects import Commands
 from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.service.publication import GROSS, NET, PAYLOAD_QUALITY, QUALITY
+from cylforce.service.supervision import CONSUMER_FACTOR
 from cylforce.signals.estimate import Status
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
-
-CONSUMER_FACTOR = 3  # a node counts as lost after three missing heartbeats
 
 Address = tuple[int, int]
 

@@ -186,13 +186,14 @@ class Node(Objects):
 
     def _poll(self, t_us: int) -> None:
         self.heartbeats.poll(t_us)
+        self.emergencies.flush()
         if self._timers:
             for tpdo in self._tpdos.values():
                 tpdo.poll(t_us)
 
-    def _send_emergency(self, data: bytes) -> None:
-        if self.answers:
-            self.send(0x80 + self.node_id, data)
+    def _send_emergency(self, data: bytes) -> bool:
+        """True: sent, or not to be sent in this state."""
+        return not self.answers or self.send(0x80 + self.node_id, data)
 
     def _watch(self) -> None:
         if 0x1016 not in self.data_store or self._ours is None:

@@ -97,6 +97,7 @@ class Daemon(Station[State]):
 
     def after_sync(self) -> None:
         """Publish the adaptation's state, log what has changed."""
+        self._say_collisions(self.state.estimate.t_us)
         if self.counts.steps % self._every[1] == 0:
             self._show_drift()
         if self._j1939 is not None and self.counts.steps % self._every[1] == 0:
@@ -106,6 +107,14 @@ class Daemon(Station[State]):
         self._books.look(self.state)
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
+
+    def _say_collisions(self, t_us: int) -> None:
+        """An emergency while another node uses a sensor's identifiers, or ours."""
+        watched = self.state.inputs.watched
+        for pdo in self.core.assembler.supervisor.doubled(watched, t_us):
+            self.edge.health.doubled(pdo.node_id, t_us)
+        if watched.spoofed(t_us):
+            self.edge.health.doubled(self.core.service.node_id, t_us)
 
     def _show_drift(self) -> None:
         """The adaptation's state in the object dictionary."""

@@ -17,6 +17,7 @@ from cylforce.canopen.startup import Commissioner, Outcome, Stage
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import LogWriter
 from cylforce.mechanics.installation import Service
+from cylforce.programs.live.edge import Edge
 from cylforce.programs.live.notify import Manager
 from cylforce.service.state import Output
 from cylforce.signals.events import Event, Frame, Tick
@@ -55,6 +56,7 @@ class Station(Generic[S]):
         self.network.add_node(self.node)
         heard = self.node.heartbeats.state
         self.commissioner = Commissioner(service.nodes, self.network, heard, self._commissioned)
+        self.edge = Edge(service, bus, self.node, self.commissioner.begin, self._bus_fault)
         self._timer = Timer(1.0 / service.filters.rate_hz)
         self.manager = Manager({})
 
@@ -69,6 +71,7 @@ class Station(Generic[S]):
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Join the bus and begin to step; the sensors are commissioned beside the loop."""
         self.network.poll(now_us())
+        self.edge.filter(frozenset(self.network.subscribers))
         self.bus.attach(loop, self.on_frame, self._on_sent)
         self.node.boot()
         self.commissioner.start()
@@ -96,6 +99,7 @@ class Station(Generic[S]):
         if out.verdict is not None:
             say = self._tell.warning if out.verdict else self._tell.info
             say("command", words=out.words, abort=hex(out.verdict))
+        self.edge.on_frame(frame)
         self.network.on_frame(frame)
         self._verdict = None
         self.after_frame(frame)
@@ -121,8 +125,18 @@ class Station(Generic[S]):
         self.node.produce_sync()
         self.network.poll(tick.t_us)
         self._say_overruns(late, tick.t_us)
+        self._look_around(tick.t_us)
         self.after_sync()
         self._tell_manager(late)
+
+    def _look_around(self, t_us: int) -> None:
+        self.edge.look(t_us)
+        if self.counts.steps % ON_TIME == 0:
+            self.edge.filter(frozenset(self.network.subscribers))
+            self.edge.wake(self.outcomes, t_us)
+
+    def _bus_fault(self, words: str) -> None:
+        self._tell.warning("bus", why=words)
 
     def _tell_manager(self, late: int) -> None:
         """A step that was on time, and whose values were sent, is what the watchdog is fed with."""
