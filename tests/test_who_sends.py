@@ -37,6 +37,12 @@ def test_one_producer_raises_no_alarm_however_its_frames_wait(most):
     assert paced(late(100_000, rng, most))[1] == []
 
 
+def test_a_sensor_that_gets_the_processor_in_slices_raises_none():
+    """It answers each SYNC, ever later until it has caught up: 0, 4, 8, 12, 16 ms late, then all at once."""
+    times = np.maximum.accumulate([PERIOD_US * k + 4_000 * (k % 5) for k in range(5000)])
+    assert paced(times)[1] == []
+
+
 def test_neither_does_the_fastest_clock_that_can_allows_within_an_hour():
     assert paced(np.arange(360_000) * SHORTEST_US)[1] == []
 

@@ -19,6 +19,7 @@ FAST_CLOCK = 0.0158  # largest tolerance of a CAN node's oscillator (Bosch, CAN 
 # A frame may be early by up to a period, and CAN itself may deliver one frame twice (error in the last bit of its end):
 # what is beyond these two was sent by somebody else
 EXCESS = 2.0
+FORGOTTEN = 0.9  # share of what a producer owes that is left after each regular frame: gone within 0.2 s; chosen
 _HEARTBEAT, _OPERATIONAL, _EMERGENCY, _ANSWER = 0x700, 5, 0x80, 0x580
 _NEVER = -(1 << 62)
 
@@ -63,13 +64,13 @@ def advanced(pace: Pace, t_us: int, period_us: float) -> Pace:
 
     `excess` sums 1 - dt/period over the frames: for one producer it stays within the jitter, whatever the number of
     frames, and it grows by one with each frame of another. What one producer owes after a pause it may send at once
-    (frames that waited while the bus or the reader was busy); with the first regular frame that is forgotten."""
+    (frames that waited while the bus or the reader was busy); with regular frames that is forgotten."""
     dt = (t_us - pace.t_us) / period_us
     if pace.t_us == _NEVER or dt < 0.0:
         return Pace(t_us, 0.0, pace.doubled_us)
     excess = pace.excess + 1.0 - dt
     if 0.5 <= dt <= 1.5:  # a regular frame: the nearest multiple of the period is one
-        excess = max(excess, 0.0)
+        excess = max(excess, FORGOTTEN * excess)
     if excess > EXCESS:
         return Pace(t_us, 1.0, t_us)  # the next two frames of the other one are the next sign
     return Pace(t_us, excess, pace.doubled_us)
