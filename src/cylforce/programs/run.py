@@ -16,8 +16,9 @@ from cylforce.can.clock import now_us
 from cylforce.can.opening import open_shared_bus
 from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
 from cylforce.canopen.j1939 import J1939, Claim, name_of
-from cylforce.files.atomic import RecordingError, check_outputs, warn
-from cylforce.files.logfile import Header, LogWriter, Rotation
+from cylforce.files.atomic import RecordingError, is_stream, warn
+from cylforce.files.logfile import Header, LogWriter
+from cylforce.files.rotation import Rotation
 from cylforce.mechanics.installation import Service
 from cylforce.programs.common.addresses import secret_of
 from cylforce.programs.common.readings import continued, header_of, make_core
@@ -101,8 +102,9 @@ class Daemon(Station[State]):
             self._j1939.take(frame)
 
     def before_tick(self, t_us: int) -> None:
-        """When the log is full: a new file, which begins with what the service remembers now."""
-        if self.log is not None and self.log.full:
+        """When the log is full, was renamed, or failed a while ago: a new file, which begins with what the service
+        remembers now."""
+        if self.log is not None and self.log.wants_turn:
             self.log.turn(partial(continued, self.log.header, self.state), t_us)
 
     def after_sync(self) -> None:
@@ -215,9 +217,13 @@ def show_status(daemon: Daemon) -> None:
 
 
 def _check_log(log: Path, inputs: Sequence[Path | None]) -> None:
+    """Whether the name can be meant; that nothing can be written there now does not prevent measuring."""
     if log.suffix.lower() != ".log":
         raise RecordingError(f"--log {log}: must end in .log: by that ending it is read again")
-    check_outputs((log,), inputs)
+    if log.is_dir() or is_stream(log):
+        raise RecordingError(f"--log {log}: is no ordinary file: choose a file to write")
+    if log.resolve() in {path.resolve() for path in inputs if path is not None}:
+        raise RecordingError(f"--log {log}: would replace another file that this command names: choose another")
 
 
 def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:

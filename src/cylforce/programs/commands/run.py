@@ -31,7 +31,7 @@ def run(
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
     from cylforce.files.atomic import RecordingError
-    from cylforce.files.logfile import Rotation
+    from cylforce.files.rotation import Rotation
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.run import run_daemon
 
