@@ -26,6 +26,7 @@ from cylforce.canopen.dictionary.object_dictionary import (
     TRUCK,
 )
 from cylforce.canopen.node import Node
+from cylforce.files.atomic import check_ordinary
 from cylforce.files.software import short, software_sha256
 from cylforce.mechanics.installation import STANDARD
 from cylforce.records.audit import Audit
@@ -180,9 +181,11 @@ def _truck_words(truck: Truck) -> str:
 
 def open_recorder(path: Path | None, loaded: Loaded, identified: Path | None = None) -> Recorder | None:
     """The records of this start of the service. What runs and with which parameters is entered into the audit trail if
-    it is another than at the last start. Raises RecordingError when another service writes them."""
+    it is another than at the last start. Raises RecordingError when another service writes them, or where
+    they are no ordinary file."""
     if path is None:
         return None
+    check_ordinary(path)
     now = (
         ("software", f"{cylforce.__version__} {software_sha256()[:16]}"),
         ("machine file", f"{loaded.path.name} {loaded.sha256[:16]}"),
