@@ -15,7 +15,7 @@ from structure import broken, functions, modules, structure
 ROOT = Path(__file__).resolve().parents[1]
 TOP_LEVEL = {
     *("pyproject.toml", "src", "config", "systemd", "tests", "tools", "README.md"),
-    *("requirements.lock", "CHANGELOG.md", "LICENSE", ".gitignore", ".ci"),
+    *("requirements.lock", "CHANGELOG.md", "SECURITY.md", "LICENSE", ".gitignore", ".ci"),
 }
 
 

@@ -4,8 +4,8 @@ by somebody else."""
 import numpy as np
 import pytest
 
+from cylforce.service.senders.supervision import FAST_CLOCK, QUIET_US, PdoRate, Supervisor, advanced
 from cylforce.service.step import Core, step
-from cylforce.service.supervision import FAST_CLOCK, QUIET_US, Pace, Supervisor, advanced
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Reason, Status
@@ -18,7 +18,7 @@ SHORTEST_US = PERIOD_US * (1.0 - FAST_CLOCK)
 
 def paced(times, period_us=SHORTEST_US):
     """The pace after frames at `times` [us], and when each alarm came."""
-    pace, alarms = Pace(), []
+    pace, alarms = PdoRate(), []
     for t in map(int, times):
         pace = advanced(pace, t, period_us)
         if pace.doubled_us == t:

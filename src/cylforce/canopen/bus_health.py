@@ -21,7 +21,7 @@ WORDS = {
 }
 
 
-class Kind(IntFlag):
+class ErrorClass(IntFlag):
     """Classes of SocketCAN's error frames (linux/can/error.h)."""
 
     CONTROLLER = 0x4
@@ -53,11 +53,11 @@ class BusHealth:
         """An error frame; any other is ignored."""
         if not frame.can_id & ERROR:
             return
-        kinds = Kind(frame.can_id & (Kind.CONTROLLER | Kind.BUS_OFF | Kind.RESTARTED))
-        if Kind.RESTARTED in kinds:
+        kinds = ErrorClass(frame.can_id & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF | ErrorClass.RESTARTED))
+        if ErrorClass.RESTARTED in kinds:
             self._passive = False
             self._occurred(RECOVERED, frame.t_us)
-        if Kind.CONTROLLER in kinds and len(frame.data) > 1:
+        if ErrorClass.CONTROLLER in kinds and len(frame.data) > 1:
             self._controller(frame.data[1], frame.t_us)
 
     def _controller(self, bits: int, t_us: int) -> None:

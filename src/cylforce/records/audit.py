@@ -16,7 +16,7 @@ class Audit(NamedTuple):
     what: str
 
 
-class Entry(NamedTuple):
+class AuditEntry(NamedTuple):
     """One entry: its number, from 1 on without gaps; `digest`: SHA-256 of the entry before and all of this one."""
 
     number: int
@@ -52,10 +52,10 @@ def enter_if_other(connection: sqlite3.Connection, said: Audit, about: str) -> N
         enter(connection, said)
 
 
-def entries(connection: sqlite3.Connection) -> Iterator[Entry]:
+def entries(connection: sqlite3.Connection) -> Iterator[AuditEntry]:
     """All entries, oldest first."""
     for row in connection.execute("SELECT number, t_us, who, what, digest FROM audit ORDER BY number"):
-        yield Entry(*row)
+        yield AuditEntry(*row)
 
 
 def length(connection: sqlite3.Connection) -> int:

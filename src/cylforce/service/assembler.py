@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.mechanics.installation import Service
-from cylforce.service.supervision import NOBODY, Supervisor, Watched
+from cylforce.service.senders.supervision import NOBODY, Senders, Supervisor
 from cylforce.signals.codec import Decoder, Slot, decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
@@ -55,7 +55,7 @@ class Inputs(NamedTuple):
     channels: tuple[Channel, ...]
     counters: FrameCounters
     long_t_us: int
-    watched: Watched = NOBODY
+    watched: Senders = NOBODY
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from cylforce.can.bus import Filter
 from cylforce.canopen import j1939
 from cylforce.mechanics.installation import Service
-from cylforce.service.supervision import Supervisor
+from cylforce.service.senders.supervision import Supervisor
 from cylforce.signals.events import EXACTLY
 
 _NMT, _SYNC, _EMERGENCY, _ANSWER, _REQUEST, _HEARTBEAT = 0, 0x80, 0x80, 0x580, 0x600, 0x700

@@ -24,14 +24,14 @@ _HEARTBEAT, _OPERATIONAL, _EMERGENCY, _ANSWER = 0x700, 5, 0x80, 0x580
 _NEVER = -(1 << 62)
 
 
-class Heard(NamedTuple):
+class LastHeartbeat(NamedTuple):
     """A node's last heartbeat: time [us] and state; _NEVER: none since it booted."""
 
     t_us: int = _NEVER
     state: int = _OPERATIONAL
 
 
-class Pace(NamedTuple):
+class PdoRate(NamedTuple):
     """A PDO: time of its last frame [us], frames beyond those that one producer sends, time of the last sign of a
     second one [us]."""
 
@@ -44,11 +44,11 @@ class Pace(NamedTuple):
         return abs(t_us - self.doubled_us) < QUIET_US
 
 
-class Watched(NamedTuple):
+class Senders(NamedTuple):
     """State of all nodes and PDOs, and when somebody else last sent one of our identifiers [us]."""
 
-    nodes: tuple[Heard, ...]
-    pdos: tuple[Pace, ...]
+    nodes: tuple[LastHeartbeat, ...]
+    pdos: tuple[PdoRate, ...]
     ours_us: int = _NEVER
 
     def spoofed(self, t_us: int) -> bool:
@@ -56,10 +56,10 @@ class Watched(NamedTuple):
         return abs(t_us - self.ours_us) < QUIET_US
 
 
-NOBODY = Watched((), ())
+NOBODY = Senders((), ())
 
 
-def advanced(pace: Pace, t_us: int, period_us: float) -> Pace:
+def advanced(pace: PdoRate, t_us: int, period_us: float) -> PdoRate:
     """The pace after one frame more; `period_us`: the shortest that one producer can have.
 
     `excess` sums 1 - dt/period over the frames: for one producer it stays within the jitter, whatever the number of
@@ -67,13 +67,13 @@ def advanced(pace: Pace, t_us: int, period_us: float) -> Pace:
     (frames that waited while the bus or the reader was busy); with regular frames that is forgotten."""
     dt = (t_us - pace.t_us) / period_us
     if pace.t_us == _NEVER or dt < 0.0:
-        return Pace(t_us, 0.0, pace.doubled_us)
+        return PdoRate(t_us, 0.0, pace.doubled_us)
     excess = pace.excess + 1.0 - dt
     if 0.5 <= dt <= 1.5:  # a regular frame: the nearest multiple of the period is one
         excess = max(excess, FORGOTTEN * excess)
     if excess > EXCESS:
-        return Pace(t_us, 1.0, t_us)  # the next two frames of the other one are the next sign
-    return Pace(t_us, excess, pace.doubled_us)
+        return PdoRate(t_us, 1.0, t_us)  # the next two frames of the other one are the next sign
+    return PdoRate(t_us, excess, pace.doubled_us)
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Supervisor:
 
     @cached_property
     def pdos(self) -> tuple[tuple[SensorNode, Pdo], ...]:
-        """Every PDO and who sends it, in the order of `Watched.pdos`."""
+        """Every PDO and who sends it, in the order of `Senders.pdos`."""
         return tuple((node, pdo) for node in self.service.nodes for pdo in node.pdos)
 
     @cached_property
@@ -113,11 +113,11 @@ class Supervisor:
         pdos = (pdo.can_id for pdo in self.service.publication)
         return frozenset({*pdos, _EMERGENCY + own, _ANSWER + own, _HEARTBEAT + own})
 
-    def begin(self) -> Watched:
+    def begin(self) -> Senders:
         """The state before any frame."""
-        return Watched((Heard(),) * len(self.service.nodes), (Pace(),) * len(self.pdos))
+        return Senders((LastHeartbeat(),) * len(self.service.nodes), (PdoRate(),) * len(self.pdos))
 
-    def received(self, watched: Watched, frame: Frame) -> Watched:
+    def received(self, watched: Senders, frame: Frame) -> Senders:
         """The state after a frame."""
         place = self._places.get(frame.can_id)
         if place is not None:
@@ -127,11 +127,11 @@ class Supervisor:
             return self._after_pause(watched, self.pdos[place][0], before, frame.t_us)
         node = self._nodes.get(frame.can_id)
         if node is not None and len(frame.data) == 1:
-            heard = Heard(frame.t_us, frame.data[0] & 0x7F)
+            heard = LastHeartbeat(frame.t_us, frame.data[0] & 0x7F)
             return watched._replace(nodes=_with(watched.nodes, node, heard))
         return watched._replace(ours_us=frame.t_us) if frame.can_id in self.ours else watched
 
-    def _after_pause(self, watched: Watched, node: SensorNode, before: Pace, t_us: int) -> Watched:
+    def _after_pause(self, watched: Senders, node: SensorNode, before: PdoRate, t_us: int) -> Senders:
         """After a pause of the PDO, or a leap of the clock, the heartbeat has its whole time once more."""
         if before.t_us == _NEVER or 0 <= t_us - before.t_us <= _patience_us(node):
             return watched
@@ -141,26 +141,27 @@ class Supervisor:
             return watched
         return watched._replace(nodes=_with(watched.nodes, k, heard._replace(t_us=t_us)))
 
-    def restarted(self, watched: Watched, node_id: int) -> Watched:
+    def restarted(self, watched: Senders, node_id: int) -> Senders:
         """The state after a node booted: what was known of it is forgotten."""
         nodes = tuple(
-            Heard() if node.node_id == node_id else heard
+            LastHeartbeat() if node.node_id == node_id else heard
             for node, heard in zip(self.service.nodes, watched.nodes, strict=True)
         )
         pdos = tuple(
-            Pace() if node.node_id == node_id else pace for (node, _), pace in zip(self.pdos, watched.pdos, strict=True)
+            PdoRate() if node.node_id == node_id else pace
+            for (node, _), pace in zip(self.pdos, watched.pdos, strict=True)
         )
         return watched._replace(nodes=nodes, pdos=pdos)
 
-    def doubled(self, watched: Watched, t_us: int) -> tuple[Pdo, ...]:
+    def doubled(self, watched: Senders, t_us: int) -> tuple[Pdo, ...]:
         """The PDOs that more than one node sends."""
         return tuple(pdo for (_, pdo), pace in zip(self.pdos, watched.pdos, strict=True) if pace.doubled(t_us))
 
-    def reasons(self, watched: Watched, t_us: int) -> dict[int, Reason]:
+    def reasons(self, watched: Senders, t_us: int) -> dict[int, Reason]:
         """The signals that are not to be used now, and why."""
         return dict(self._distrusted(watched, t_us))
 
-    def _distrusted(self, watched: Watched, t_us: int) -> Iterator[tuple[int, Reason]]:
+    def _distrusted(self, watched: Senders, t_us: int) -> Iterator[tuple[int, Reason]]:
         for (node, _), pace, signals in zip(self.pdos, watched.pdos, self._signals, strict=True):
             if not _runs(watched.nodes[self._nodes[_HEARTBEAT + node.node_id]], node, pace):
                 yield from ((signal, Reason.NOT_OPERATIONAL) for signal in signals)
@@ -176,7 +177,7 @@ def _patience_us(node: SensorNode) -> float:
     return 1e6 * CONSUMER_FACTOR * node.heartbeat_s
 
 
-def _runs(heard: Heard, node: SensorNode, pace: Pace) -> bool:
+def _runs(heard: LastHeartbeat, node: SensorNode, pace: PdoRate) -> bool:
     """Whether a node was operational and alive when its PDO came; a heartbeat that was never heard is not missed."""
     if heard.t_us == _NEVER or node.heartbeat_s <= 0.0:
         return True
