@@ -126,8 +126,9 @@ class Panel:
             return None
         masses = ("total", "target", "in_part", "trailer")
         unexplained = tuple(None if torque == not_available("i") else float(torque) for torque in left)
-        known = Known(*told, unexplained=unexplained)
-        return known._replace(**{name: KG * getattr(known, name) for name in masses})
+        known = Known(*told)
+        kg = {name: KG * getattr(known, name) for name in masses}
+        return known._replace(unexplained=unexplained, **kg)
 
     async def obey(self, what: str, value: float) -> Reply:
         """Send a command."""
