@@ -200,7 +200,7 @@ class _Search:
         if least <= GAP:
             return None
         work = Work(self._question, case)
-        idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
+        idle, at_work, kept = work.idle()
         likelier = idle.log > max(log for log, _ in found) and idle.rest < least
         return AtWork(work, idle, at_work, kept) if likelier else None
 
