@@ -254,6 +254,7 @@ def test_the_engineering_page_lists_every_signal_and_node(page, cab):
     page.wait_for_selector("#signals tr")
     service = load(cab.machine).service
     assert len(page.query_selector_all("#signals tr")) == len(service.machine.signals)
+    page.wait_for_selector("#cylinders tr:nth-child(3) td:nth-child(3):has-text('N m')")
     assert len(page.query_selector_all("#nodes tr")) == len(service.nodes) + 1
     assert "kbit/s" in page.text_content("#load")
 

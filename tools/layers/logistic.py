@@ -13,7 +13,8 @@ KINDS = 4  # of outcomes
 
 def fitted(features: Array, outcome: NDArray[np.intp], weight: Array, tempered: float) -> Outcomes:
     """The regression of `outcome` (N,), numbers from 0 to 3, on features (N, F), cases counted by `weight` (N,)."""
-    mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-9
+    mean, scale = features.mean(axis=0), features.std(axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
     x = np.column_stack([(features - mean) / scale, np.ones(len(features))])
     ridge, true = np.append(np.full(features.shape[1], RIDGE), 1e-3), np.eye(KINDS)[outcome]
 

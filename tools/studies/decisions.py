@@ -292,8 +292,11 @@ def _calibrated(pairs: Sequence[tuple[Row, Belief]], group: Callable[[Row], obje
     """Each group of cases with the calibration that the others teach."""
     found = []
     for own in dict.fromkeys(group(r) for r, _ in pairs):
-        by = calibration([r for r, _ in pairs if group(r) != own])
-        found += [Scored(r, calibrated(b, by)) for r, b in pairs if group(r) == own]
+        others = [r for r, _ in pairs if group(r) != own]
+        by = {working: calibration(others, working) for working in {r.working for r in others}}
+        found += [
+            Scored(r, calibrated(b, by[r.working]) if r.working in by else b) for r, b in pairs if group(r) == own
+        ]
     return found
 
 
@@ -308,12 +311,13 @@ def without_their_effect(rows: Sequence[Row]) -> list[Scored]:
     return found
 
 
-def calibration(rows: Sequence[Row]) -> Outcomes:
-    """Fitted on all cases in the air that are in order or visible, and, ODD times, on the visible ones without their
-    own effect's hypotheses; then the power with the best log score."""
-    air = [r for r in rows if not r.truth.work and (r.truth.visible or not r.truth.effects)]
-    cases = [Scored(r, believed(r.asked)) for r in air]
-    less = [Scored(r, believed(r.asked)) for r in map(left_out, air) if r]
+def calibration(rows: Sequence[Row], working: bool = False) -> Outcomes:
+    """Fitted on all cases in the air (or all of which is said that the machine was `working`) that are in order or
+    visible, and, ODD times, on the visible ones without their own effect's hypotheses; then the power with the best log
+    score. At work no feature is looked at: on other machines they say less than nothing."""
+    own = [r for r in rows if (r.working if working else not r.truth.work) and (r.truth.visible or not r.truth.effects)]
+    cases = [Scored(r, believed(r.asked)) for r in own]
+    less = [Scored(r, believed(r.asked)) for r in map(left_out, own) if r]
     told = [_outcome(c) for c in cases] + [ODD_ONE] * len(less)
     weight = np.concatenate([np.ones(len(cases)), np.full(len(less), ODD)])
     features = np.array([c.answer.features for c in (*cases, *less)])
@@ -321,7 +325,7 @@ def calibration(rows: Sequence[Row]) -> Outcomes:
     def by(power: float) -> Outcomes:
         return plain._replace(tempered=power)
 
-    plain = fitted(features, np.array(told), weight, 1.0)
+    plain = fitted(0.0 * features if working else features, np.array(told), weight, 1.0)
 
     def score(power: float) -> float:
         each = [Scored(c.row, calibrated(c.answer, by(power))).probability for c in cases]
@@ -353,19 +357,24 @@ def left_out(row: Row) -> Row | None:
     return found if any(h.which for h in kept) else None
 
 
-HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
+HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --write`: data."""
 
 from cylforce.diagnosis.inference.posterior import Outcomes
 
 '''
+NO_WORK = "AT_WORK: Outcomes | None = None\n"
 
 
-def written(by: Outcomes) -> str:
+def written(air: Outcomes, work: Outcomes | None) -> str:
     """The module that the diagnosis reads."""
+    return HEAD + _written("CALIBRATION", air) + "\n" + (_written("AT_WORK", work) if work else NO_WORK)
+
+
+def _written(name: str, by: Outcomes) -> str:
     weights = "".join(f"        {tuple(round(x, 3) for x in each)},\n" for each in by.weights)
     scales = "".join(f"    {tuple(round(x, 3) for x in each)},\n" for each in (by.mean, by.scale))
     own = f"{scales}    (\n{weights}    ),\n    {by.tempered:.4g},\n)\n"
-    return HEAD + "CALIBRATION: Outcomes | None = Outcomes(\n" + own
+    return f"{name}: Outcomes | None = Outcomes(\n" + own
 
 
 def main() -> int:
@@ -413,7 +422,8 @@ def main() -> int:
             each["left out of the library, named"] = own if name == "with calibration" else "-"
     show(report, Console(highlight=False))
     if options.write:
-        options.write.write_text(written(calibration(rows)))
+        work = calibration(rows, working=True) if any(r.working for r in rows) else None
+        options.write.write_text(written(calibration(rows), work))
     if options.json:
         cases_ = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
         options.json.write_text(json.dumps({"figures": report, "cases": cases_}, indent=1) + "\n")

@@ -3,21 +3,24 @@
 import asyncio
 from collections import deque
 from struct import pack
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cylforce.canopen.dictionary.object_dictionary import (
     COUNT,
     IN_PART,
+    JOINTS,
     LAST,
     PART_NUMBER,
     RECORDED,
     RECORDS,
     TOTAL,
     TRUCK,
+    UNEXPLAINED,
 )
 from cylforce.canopen.network import Network
 from cylforce.canopen.sdo_client import AbortedError, Client, SdoError
 from cylforce.service import commands
+from cylforce.signals.layout import not_available
 
 EVERY_S = 1.0
 SOON_S = 0.05  # after a command: the service shows its effect at its next step
@@ -43,7 +46,7 @@ NOT_KNOWN, NO_ANSWER = "unknown", "no answer"
 class Known(NamedTuple):
     """The truck as the service has it: number, mass and target [kg], buckets, product; numbers of the last booking, of
     the last one on disk; state of the records; number of the tool; mass in the present part (None: as in the truck),
-    number of the part, target of the trailer."""
+    number of the part, target of the trailer; the torque residual of the first measured joints [N m], None for none."""
 
     number: int
     total: float
@@ -57,6 +60,7 @@ class Known(NamedTuple):
     in_part: float | None = None
     part: int = 1
     trailer: float = 0.0
+    unexplained: tuple[float | None, ...] = ()
 
     @property
     def loaded(self) -> float:
@@ -95,10 +99,11 @@ class Loading:
 
 
 class Panel:
-    """Speaks with the service of node `node_id`; one transfer at a time."""
+    """Speaks with the service of node `node_id`, whose machine has so many measured `joints`; one transfer at a
+    time."""
 
-    def __init__(self, network: Network, node_id: int) -> None:
-        self._client = Client(network, node_id)
+    def __init__(self, network: Network, node_id: int, joints: int = 0) -> None:
+        self._client, self._joints = Client(network, node_id), joints
         self.loading = Loading()
         self._soon = asyncio.Event()
 
@@ -115,11 +120,15 @@ class Panel:
     async def read(self) -> Known | None:
         """What the service knows of the truck; None without an answer."""
         try:
-            known = Known(*[await self._client.read(commands.LOADING, sub, kind) for sub, kind in FIELDS])
+            told: list[Any] = [await self._client.read(commands.LOADING, sub, kind) for sub, kind in FIELDS]
+            left = [await self._client.read(UNEXPLAINED, k + 1, "i") for k in range(min(self._joints, JOINTS))]
         except SdoError:
             return None
         masses = ("total", "target", "in_part", "trailer")
-        return known._replace(**{name: KG * getattr(known, name) for name in masses})
+        unexplained = tuple(None if torque == not_available("i") else float(torque) for torque in left)
+        known = Known(*told)
+        kg = {name: KG * getattr(known, name) for name in masses}
+        return known._replace(unexplained=unexplained, **kg)
 
     async def obey(self, what: str, value: float) -> Reply:
         """Send a command."""

@@ -65,7 +65,7 @@ class Painter:
         known[self._listener.service.node_id] = "cylforce"
         return self.work(loading, t_us) | {
             "signals": [_signal(self._machine.signals, sample, k, age) for k, age in enumerate(ages)],
-            "cylinders": self._cylinders(sample),
+            "cylinders": self._cylinders(sample, loading),
             "nodes": [
                 {
                     "id": number,
@@ -106,12 +106,18 @@ class Painter:
         """No point is farther from the first pin than this [m]."""
         return float(sum(self._machine.lengths[:-1])) + abs(self._machine.tool)
 
-    def _cylinders(self, sample: Sample) -> list[Picture]:
-        """Force of each cylinder [N] as its pressures give it."""
+    def _cylinders(self, sample: Sample, loading: Loading) -> list[Picture]:
+        """Force of each cylinder [N] as its pressures give it, and the torque [N m] at its joint that the empty machine
+        does not explain; None of a cylinder that acts on more joints than one."""
         force: Array = self._channels.read(sample.values)[self._channels.forces]
+        left = dict(zip(self._machine.rows, loading.known.unexplained if loading.known else (), strict=False))
         return [
-            {"name": cylinder.name, "force": _number(float(f))}
-            for cylinder, f in zip(self._machine.cylinders, force, strict=True)
+            {
+                "name": cylinder.name,
+                "force": _number(float(f)),
+                "unexplained": left.get(span[0]) if len(span) == 1 else None,
+            }
+            for cylinder, span, f in zip(self._machine.cylinders, self._machine.spans, force, strict=True)
         ]
 
 

@@ -69,7 +69,7 @@ class Display:
         self._bus = bus
         self._network = Network(bus.send)
         self._listener = Listener(served.service)
-        self.panel = Panel(self._network, served.service.node_id)
+        self.panel = Panel(self._network, served.service.node_id, len(served.service.machine.rows))
         painter, loading = Painter(self._listener, served.marks), self.panel.loading
         self.work = Feed(lambda: painter.work(loading, now_us()))
         self.engineering = Feed(lambda: painter.engineering(loading, now_us()))

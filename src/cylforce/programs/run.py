@@ -14,7 +14,7 @@ import structlog
 from cylforce.can.bus import Bus
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_shared_bus
-from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN
+from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN, JOINTS, UNEXPLAINED
 from cylforce.canopen.j1939 import J1939, Claim, name_of
 from cylforce.files.atomic import RecordingError, is_stream, warn
 from cylforce.files.logfile import Header, LogWriter
@@ -34,6 +34,7 @@ from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status, no_estimate
 from cylforce.signals.events import Frame
+from cylforce.signals.layout import not_available
 
 LEAST_CODE, MOST_CODE = 6, 9  # digits
 MISSING = 0x8250  # a sensor's PDOs stopped
@@ -112,6 +113,7 @@ class Daemon(Station[State]):
         self._say_collisions(self.state.estimate.t_us)
         if self.counts.steps % self._every[1] == 0:
             self._show_drift()
+            self._show_unexplained()
         if self._j1939 is not None and self.counts.steps % self._every[1] == 0:
             self._j1939.publish(self.state.estimate)
         if self._j1939 is not None and self.counts.steps % self._second == 0:
@@ -134,6 +136,12 @@ class Daemon(Station[State]):
             drift = self.state.drift
             self.node.set_value(ADAPTATION, 1, round(10.0 * drift.mass))
             self.node.set_value(ADAPTATION, 2, FOLLOWING if drift.following else FROZEN)
+
+    def _show_unexplained(self) -> None:
+        """What the empty machine does not explain, in the object dictionary."""
+        shown = [round(torque) for torque in self.state.unexplained[:JOINTS]]
+        for k, torque in enumerate(shown + [not_available("i")] * (JOINTS - len(shown)), 1):
+            self.node.set_value(UNEXPLAINED, k, torque)
 
     def _say_changes(self, estimate: Estimate) -> None:
         """One line when the measurement is lost or back, one for every booking."""

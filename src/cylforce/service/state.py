@@ -44,7 +44,8 @@ class State(NamedTuple):
     started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
     it should change because the machine moves; whose machine it is; contact with the ground; the truck that is being
     loaded; the working cycle so far, and the one that the last booking ended; whether NMT has stopped our node; the
-    name of the tool."""
+    name of the tool; the torque that the empty machine does not explain, of each measured joint [N m] (none: not
+    measured)."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -61,6 +62,7 @@ class State(NamedTuple):
     ended: Cycle = NO_CYCLE
     stopped: bool = False
     tool: str = STANDARD
+    unexplained: tuple[float, ...] = ()
 
     @property
     def memory(self) -> Memory:

@@ -142,6 +142,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         drift=drift,
         recognition=recognition,
         interaction=interaction,
+        unexplained=tuple(left.torque.tolist()),
     )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
@@ -189,6 +190,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
         estimate=_nothing(state, t_us, reason),
+        unexplained=(),
     )
 
 

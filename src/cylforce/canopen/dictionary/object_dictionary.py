@@ -34,6 +34,7 @@ ZERO, TARE = 0x6125, 0x6139  # commands, at sub-index 1
 UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
 INT16, INT32 = 0x7130, 0x9130  # process values
 ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperature and wear, and its states
+UNEXPLAINED, JOINTS = 0x21B0, 8  # torque that the empty machine does not explain, of the first eight measured joints
 
 LOADING = 0x2190  # the truck that is being loaded
 TRUCK, TOTAL, COUNT, LAST, RECORDED, RECORDS = 6, 7, 8, 9, 10, 11  # its sub-indices that are read only
@@ -97,6 +98,7 @@ def own_objects(
             group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
             group(LOADING, "Truck", RECORD, _loading()),
             group(PROTECTION, "Protection", RECORD, _protection()),
+            group(UNEXPLAINED, "Torque residual", ARRAY, _unexplained()),
         ]
     )
 
@@ -104,6 +106,13 @@ def own_objects(
 def _adaptation() -> tuple[Entry, ...]:
     drift = Entry(1, "Adaptation drift, in 0.1 kg of payload", "i", "ro", 0)
     return drift, Entry(2, "Adaptation state: 0 off, 1 frozen, 2 following", "B", "ro", OFF)
+
+
+def _unexplained() -> tuple[Entry, ...]:
+    none = not_available("i")
+    return tuple(
+        Entry(k, f"Torque residual of measured joint {k}, in N m", "i", "ro", none) for k in range(1, JOINTS + 1)
+    )
 
 
 def _protection() -> tuple[Entry, ...]:

@@ -12,7 +12,7 @@ from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking
 from cylforce.diagnosis.inference.fitting import Fitting, Sized, fitting, without_step
 from cylforce.diagnosis.inference.hypotheses import Hypothesis
-from cylforce.diagnosis.inference.learnt import CALIBRATION
+from cylforce.diagnosis.inference.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
 from cylforce.diagnosis.inference.residuals import added, hung, residuals, rms
 from cylforce.diagnosis.inference.search import Found
@@ -146,10 +146,11 @@ class Judged(NamedTuple):
     explained: float
 
 
-def searched(found: Found, by: Outcomes | None = CALIBRATION) -> Search:
+def searched(found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes | None = AT_WORK) -> Search:
     """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
     belief = believed(found.asked)
-    learnt = by if found.question.problem.clean else None  # from cases with references, and for them
+    taught = at_work if found.working else by
+    learnt = taught if found.question.problem.clean else None  # from cases with references, and for them
     belief = calibrated(belief, learnt) if learnt else belief
     candidates = _candidates(found, belief)
     h = _best(found, belief)

@@ -146,16 +146,21 @@ class Asking:
         if not self.problem.clean:
             return self
         nothing = Noisy(*(tuple(np.zeros_like(each) for each in group) for group in self.noisy))
-        plain = replace(self, noisy=nothing)
+        plain, own = replace(self, noisy=nothing), self.references
+        plain.__dict__["references"] = tuple(replace(s, crossed=np.zeros_like(s.crossed)) for s in own)
         corrected, least = (asking.machine({}).left for asking in (self, plain))
         return plain if np.any(corrected > GAP * np.maximum(least, 1.0)) else self
 
     def machine(self, everyday: dict[str, float]) -> InOrder:
-        """The machine as its references show it."""
-        plain = replace(self, step=None)
+        """The machine as its references show it; a step is the field's alone."""
+        plain = replace(self, step=None) if self.step else self
+        return InOrder(plain.scene, plain.references, everyday, len(self.floor.rms))
+
+    @cached_property
+    def references(self) -> tuple[Sums, ...]:
+        """Statistics of each reference."""
         pairs = zip(self.problem.clean, self.noisy.clean, strict=True)
-        each = tuple(plain.sums([seen], [noise]) for seen, noise in pairs)
-        return InOrder(plain.scene, each, everyday, len(self.floor.rms))
+        return tuple(self.sums([seen], [noise]) for seen, noise in pairs)
 
 
 def _kept(whites: Sequence[White], kept: NDArray[np.bool_]) -> list[White]:

@@ -1,4 +1,4 @@
-"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
+"""What was learnt from labelled cases, by `tools/accuracy decisions --write`: data."""
 
 from cylforce.diagnosis.inference.posterior import Outcomes
 
@@ -12,4 +12,16 @@ CALIBRATION: Outcomes | None = Outcomes(
         (-0.159, 0.348, 0.021, 0.085, -0.096, -0.303, 0.129),
     ),
     0.01995,
+)
+
+AT_WORK: Outcomes | None = Outcomes(
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+    (
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.314),
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -5.827),
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.25),
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.263),
+    ),
+    0.001,
 )

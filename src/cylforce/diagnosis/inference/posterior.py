@@ -245,6 +245,8 @@ def calibrated(belief: Belief, by: Outcomes) -> Belief:
     if not effects:
         return belief
     none, first, unknown, other = by(belief.features).tolist()
+    least = (first + other) / len(effects)  # the first is never less probable than the others
+    first, other = max(first, least), min(other, first + other - least)
     if len(effects) < 2:
         return belief._replace(of={NOTHING: none, effects[0]: first, UNKNOWN: unknown + other})
     said = np.array([max(belief.of[k], LEAST) for k in effects])

@@ -34,7 +34,6 @@ MANY = 12  # hypotheses of a machine at work
 AGAIN = 6  # hypotheses that are looked at again at their sizes
 TIP = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
 SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
-CONTACT = "soil_contact"
 Watch = Callable[[str], None]
 
 
@@ -194,16 +193,16 @@ class _Search:
         return self._as_found(case, hypotheses, happened, when, {})
 
     def _apart(self, case: Inference, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]) -> AtWork | None:
-        """The machine in order where some blocks do not count, if contact explains more than any one effect and this
-        is likelier than all that was found."""
+        """The machine in order where some blocks do not count, if this is likelier than all that was found, and leaves
+        less of the others: loads and contact together may hide each other from all that is asked by itself."""
         found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
-        touched = max((h.log for h in happened if h.key[0] == CONTACT), default=-np.inf)
-        one = max(h.log for h in hypotheses if len(h.which) < 2)
-        if min(rest for _, rest in found) <= GAP or touched < one:
+        least = min(rest for _, rest in found)
+        if least <= GAP:
             return None
         work = Work(self._question, case)
-        idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
-        return AtWork(work, idle, at_work, kept) if idle.log > max(log for log, _ in found) else None
+        idle, at_work, kept = work.idle()
+        likelier = idle.log > max(log for log, _ in found) and idle.rest < least
+        return AtWork(work, idle, at_work, kept) if likelier else None
 
     def _as_found(
         self,

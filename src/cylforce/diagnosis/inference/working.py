@@ -89,11 +89,15 @@ class Work:
         alone = -count * (np.log(np.maximum(own, 1.0)) + 0.5 * np.minimum(own, 1.0) ** 2) - scale
         return -0.5 * energy - scale + np.log(1.0 - HAPPENS), alone + np.log(HAPPENS)
 
-    def quiet(self) -> Blocks:
-        """The blocks in which least is left by the references' parameters."""
+    def idle(self) -> tuple[Hypothesis, Inference, Blocks]:
+        """The machine in order, begun with the blocks in which least is left by the references' parameters, and with
+        those that are free of contact by them: whichever is likelier in the end."""
         left, count = np.append(-self.case.mean, 1.0), self._rows[2]
         each = self.energies(left, self.case.usual) / np.maximum(count, 1.0)
-        return np.asarray((count > 0.0) & (each <= np.quantile(each[count > 0.0], QUIET)))
+        least = np.asarray((count > 0.0) & (each <= np.quantile(each[count > 0.0], QUIET)))
+        free = self.free(left, self.case.usual)
+        begun = [kept for kept in (least, free) if np.any(kept)]
+        return max((self.hypothesis((), kept, self.case.usual) for kept in begun), key=lambda found: found[0].log)
 
     def on(self, kept: Blocks) -> Inference:
         """The question put to some blocks (B,)."""

@@ -33,7 +33,8 @@ export function showEngineering(picture) {
     return row([`${n.id} ${n.name}`, state, age(n.age_ms), code], n.emergency !== 0);
   }));
   at("cylinders").replaceChildren(...picture.cylinders.map((c) =>
-    row([c.name, c.force === null ? "–" : `${one(c.force / 1000)} kN`])));
+    row([c.name, c.force === null ? "–" : `${one(c.force / 1000)} kN`,
+      c.unexplained === null ? "–" : `${count(c.unexplained)} N m`])));
   const kbit = picture.bits_per_second / 1000;
   at("load").textContent = `${count(kbit)} kbit/s` + RATES.map((r) => `, ${count((100 * kbit) / r)} % / ${r} kbit/s`).join("");
 }
