@@ -166,6 +166,20 @@ def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
         assert set(found.values()) <= {Reason.NOT_OPERATIONAL}
 
 
+@pytest.mark.parametrize(("booted", "missed"), [(True, True), (False, False)])
+def test_a_node_that_booted_must_send_heartbeats_and_one_that_never_did_need_not(booted, missed):
+    supervisor = Supervisor(load(EXCAVATOR).service)
+    node, pdo = supervisor.pdos[0]
+    senders, patience = supervisor.begin(), int(3e6 * node.heartbeat_s)
+    if booted:
+        senders = supervisor.restarted(senders, node.node_id)
+    for t in range(1_000_000, 1_000_000 + patience + 1, PERIOD_US):
+        senders = supervisor.received(senders, Frame(t, pdo.can_id, b""))
+        assert supervisor.reasons(senders, t) == {}
+    senders = supervisor.received(senders, Frame(1_000_000 + patience + 1, pdo.can_id, b""))
+    assert bool(supervisor.reasons(senders, 1_000_000 + patience + 1)) is missed
+
+
 def names(pdo):
     return {field.signal for field in pdo.fields}
 

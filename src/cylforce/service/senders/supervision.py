@@ -25,10 +25,12 @@ _NEVER = -(1 << 62)
 
 
 class LastHeartbeat(NamedTuple):
-    """A node's last heartbeat: time [us] and state; _NEVER: none since it booted."""
+    """A node's last heartbeat: time [us] and state; _NEVER: none yet. `booted`: it has told that it booted, so that its
+    heartbeat must follow its first PDO."""
 
     t_us: int = _NEVER
     state: int = _OPERATIONAL
+    booted: bool = False
 
 
 class PdoRate(NamedTuple):
@@ -131,20 +133,21 @@ class Supervisor:
             return watched._replace(nodes=_with(watched.nodes, node, heard))
         return watched._replace(ours_us=frame.t_us) if frame.can_id in self.ours else watched
 
-    def _after_pause(self, watched: Senders, node: SensorNode, before: PdoRate, t_us: int) -> Senders:
-        """After a pause of the PDO, or a leap of the clock, the heartbeat has its whole time once more."""
-        if before.t_us == _NEVER or 0 <= t_us - before.t_us <= _patience_us(node):
-            return watched
+    def _after_pause(self, senders: Senders, node: SensorNode, before: PdoRate, t_us: int) -> Senders:
+        """With the first PDO after a boot, after a pause, or after a leap of the clock, the heartbeat has its whole
+        time (once more)."""
+        if before.t_us != _NEVER and 0 <= t_us - before.t_us <= _patience_us(node):
+            return senders
         k = self._nodes[_HEARTBEAT + node.node_id]
-        heard = watched.nodes[k]
-        if heard.t_us == _NEVER:
-            return watched
-        return watched._replace(nodes=_with(watched.nodes, k, heard._replace(t_us=t_us)))
+        heard = senders.nodes[k]
+        if heard.t_us == _NEVER and not heard.booted:
+            return senders
+        return senders._replace(nodes=_with(senders.nodes, k, heard._replace(t_us=t_us)))
 
     def restarted(self, watched: Senders, node_id: int) -> Senders:
         """The state after a node booted: what was known of it is forgotten."""
         nodes = tuple(
-            LastHeartbeat() if node.node_id == node_id else heard
+            LastHeartbeat(booted=True) if node.node_id == node_id else heard
             for node, heard in zip(self.service.nodes, watched.nodes, strict=True)
         )
         pdos = tuple(
