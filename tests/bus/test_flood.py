@@ -1,4 +1,4 @@
-"""The daemon on a real vcan0 while others fill the bus: it goes on measuring.
+"""The daemon on a real vcan0 while others fill the bus: foreign frames do not reach it.
 
 One processor for the daemon, the sensors and whoever sends 4000 foreign frames per second, so that the comparison is
 with the same flood on another bus. Six seconds each, in a guest beside other work (ms between two PDOs of 20 ms):
@@ -26,7 +26,6 @@ from cylforce.service.state import NOTHING_KEPT
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
-from cylforce.signals.estimate import Reason
 from scenarios import EXCAVATOR, identified
 
 RATE = 4000  # foreign frames per second
@@ -64,12 +63,15 @@ async def ran(loaded, core, filtered):
     if not filtered:
         bus.accept = lambda filters: None
     daemon = Daemon(loaded, core, bus, None, NOTHING_KEPT)
+    receive, foreign = daemon.on_frame, []
+    daemon.on_frame = lambda frame: (receive(frame), frame.can_id in FOREIGN and foreign.append(frame))
     loop = asyncio.get_running_loop()
     daemon.start(loop)
     sent = bus._on_sent
     bus._on_sent = lambda can_id, data: (sent(can_id, data), can_id == OURS and times.append(time.monotonic()))
     await asyncio.sleep(1.0)
     times.clear()
+    foreign.clear()  # what came between opening and filtering
     before = time.process_time()
     counted = daemon.counts
     await asyncio.sleep(SECONDS)
@@ -79,7 +81,7 @@ async def ran(loaded, core, filtered):
     await daemon.stop(loop)
     return (
         np.array(times),
-        {"cpu": cpu, "received": bus.counters.received, "steps": steps, "overruns": overruns},
+        {"cpu": cpu, "received": bus.counters.received, "foreign": len(foreign), "steps": steps, "overruns": overruns},
         reason,
     )
 
@@ -120,11 +122,4 @@ def table():
 
 
 def test_foreign_frames_do_not_reach_the_daemon(table):
-    (beside, _), (on_it, _) = table["vcan1"], table["vcan0"]
-    assert on_it["received"] < 1.1 * beside["received"]  # none of the 28000 foreign ones
-
-
-def test_steps_and_measurement_go_on(table):
-    (beside, _), (on_it, reason) = table["vcan1"], table["vcan0"]
-    assert on_it["steps"] > 0.5 * beside["steps"]  # without filters one step in six is left
-    assert reason is Reason.NOT_A_LOAD  # of a posture that is none, with pressures of 0: measured
+    assert table["vcan0"][0]["foreign"] == 0
