@@ -5,18 +5,20 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tomlkit
 from pydantic import AllowInfNan, BaseModel, ConfigDict, ValidationError
 
 import cylforce
-from cylforce.commissioning.identification import Identification
 from cylforce.estimation.model import EXPECTED, FRICTION, BetweenStrokes, Model, Tares
 from cylforce.files.atomic import LARGEST, is_large, is_stream, replacing
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.signals.estimate import Array
+
+if TYPE_CHECKING:  # the service reads what identification wrote, without identification
+    from cylforce.commissioning.identification import Identification
 
 Number = Annotated[float, AllowInfNan(False)]
 FORMAT = 1
@@ -80,7 +82,9 @@ class IdentifiedFile(_Strict):
     attachments: tuple[IdentifiedAttachment, ...] = ()
 
 
-def write_identified(path: Path, found: Identification, loaded: Loaded, recordings: Sequence[tuple[str, str]]) -> None:
+def write_identified(
+    path: Path, found: "Identification", loaded: Loaded, recordings: Sequence[tuple[str, str]]
+) -> None:
     """Write the file whole or not at all; `recordings` are (name, SHA-256)."""
     table = IdentifiedFile(
         provenance=Provenance(
@@ -140,7 +144,7 @@ _COMMENT = """\
 """
 
 
-def _parameters(found: Identification) -> tuple[IdentifiedParameter, ...]:
+def _parameters(found: "Identification") -> tuple[IdentifiedParameter, ...]:
     error = np.sqrt(np.diag(found.tares.covariance))
     return tuple(
         IdentifiedParameter(
