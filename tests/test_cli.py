@@ -44,6 +44,8 @@ def files(tmp_path_factory):
         "junk.asc": "junk",
         "junk.parquet": "junk",
         "notes.txt": "junk",
+        "late.csv": stamped([0.01 * k for k in range(10)] + [1e6, 1e6 + 0.01]),
+        "long.csv": stamped([3600.0 * k for k in range(40)]),
     }.items():
         (folder / name).write_text(content)
     (folder / "binary.toml").write_bytes(b"\xff\xfe\x00")
@@ -52,6 +54,13 @@ def files(tmp_path_factory):
     for name in ("huge.toml", "endless.log", "endless.csv"):
         (folder / name).write_text("a" * (11_000_000 if name == "huge.toml" else 2_000_000))
     return folder
+
+
+def stamped(times):
+    """A table of the excavator's signals, all 0, at these times [s]."""
+    names = [signal.name for signal in load(EXCAVATOR).service.machine.signals]
+    rows = (",".join([f"{t}", *("0" for _ in names)]) for t in times)
+    return "\n".join([",".join(["t_s", *names]), *rows]) + "\n"
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +111,24 @@ MENDABLE = [
     ("replay M @/endless.log", r"endless\.log, line 1: longer than 1000000 characters"),
     ("identify M @/endless.csv -o @/o.toml", r"endless\.csv, line 1: longer than 1000000 characters"),
     ("gap M @/endless.csv", r"endless\.csv, line 1: longer than 1000000 characters"),
+    (
+        "identify M @/late.csv -o @/o.toml",
+        r"late\.csv, line 12: time leaps by 1e\+06 s, more than 3600 s: a wrong stamp",
+    ),
+    ("replay M @/late.csv", r"late\.csv, line 12: time leaps by 1e\+06 s, .* correct it, or split the file there"),
+    ("gap M @/late.csv", r"late\.csv, line 12: time leaps"),
+    ("identify M @/long.csv -o @/o.toml", r"long\.csv, line 30: 100800 s after the first row, more than 100000 s"),
+    ("run M --bus RELAY --records @/pipe.log", r"pipe\.log: is no ordinary file"),
+    ("run M --bus RELAY --lock-file @/pipe.log", r"--lock-file .*pipe\.log: is no small text file"),
+    ("run M --bus RELAY --lock-file /dev/zero", r"--lock-file /dev/zero: is no small text file"),
+    ("run M --bus RELAY --log @/pipe.log", r"--log .*pipe\.log: is no ordinary file"),
+    ("run M --bus RELAY --identified /dev/zero", r"/dev/zero: is no ordinary file"),
+    ("records audit @/pipe.log", r"pipe\.log: there are no records"),
+    ("seal M @/pipe.toml --reason x", r"pipe\.toml: is no ordinary file"),
+    (
+        "display M --bus RELAY --listen 0.0.0.0:1 --pin-file @/pipe.log",
+        r"--pin-file .*pipe\.log: is no small text file",
+    ),
     ("describe M --svg @/run.log", r"run\.log: exists and is no \.svg file, so it is kept"),
     ("describe M --eds @/run.csv", r"run\.csv: exists and is no \.eds file"),
     ("replay M @/run.csv -o @/moves.log", r"moves\.log: exists and is no \.csv file"),

@@ -13,11 +13,14 @@ import pytest
 import structlog
 
 from cylforce.can.opening import open_bus
-from cylforce.programs.common.readings import make_core
+from cylforce.files.atomic import RecordingError
+from cylforce.files.logfile import LogWriter
+from cylforce.files.rotation import Rotation
+from cylforce.programs.common.readings import header_of, make_core
 from cylforce.programs.live.messages import ROOM, Messages, configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.station import SOFTWARE, serve
-from cylforce.programs.run import Daemon
+from cylforce.programs.run import Daemon, _check_log
 from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Tick
@@ -176,6 +179,35 @@ def test_a_step_that_hangs_feeds_no_watchdog(manager):
     after(daemon, STEPS, hang)
     run(daemon, tell, seconds=1.0)
     assert during == []
+
+
+def test_a_log_that_cannot_be_written_now_does_not_keep_the_service_from_starting(tmp_path):
+    _check_log(tmp_path / "absent" / "run.log", (EXCAVATOR,))
+    log = LogWriter(
+        tmp_path / "absent" / "run.log", header_of(MACHINE, None, "virtual:nolog", NOTHING_KEPT), 1, "can0",
+        tell=lambda words: None, rotation=Rotation(10**6, 1),
+    )  # fmt: skip
+    core = make_core(MACHINE, None)
+    daemon = Daemon(MACHINE, core, open_bus("virtual:nolog"), log, NOTHING_KEPT)
+    ticks = after(daemon, 10**9, lambda: None)
+    run(daemon, seconds=0.5)
+    assert len(ticks) > 20
+    assert log.failure
+
+
+def test_a_log_that_cannot_be_meant_is_refused(tmp_path):
+    pipe, machine = tmp_path / "pipe.log", tmp_path / "machine.log"
+    os.mkfifo(pipe)
+    machine.write_text("")
+    (tmp_path / "folder.log").mkdir()
+    for log, why in (
+        (pipe, "no ordinary file"),
+        (tmp_path / "folder.log", "no ordinary file"),
+        (tmp_path / "run.txt", r"must end in \.log"),
+        (machine, "would replace another file"),
+    ):
+        with pytest.raises(RecordingError, match=why):
+            _check_log(log, (machine,))
 
 
 def test_without_a_manager_nothing_is_said():

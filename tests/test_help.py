@@ -16,6 +16,7 @@ DAY = [
     "describe",
     "commission",
     "identify",
+    "seal",
     "run",
     "display",
     "scale",

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from cylforce.files.atomic import RecordingError
 from cylforce.files.candump import Sent, event_line, own_event, parsed
-from cylforce.files.logfile import Header, LogWriter, file_sha256, mismatches, running_versions
-from cylforce.files.logreader import read_events, with_ticks
+from cylforce.files.logfile import Header, LogWriter, file_sha256, running_versions
+from cylforce.files.logreader import mismatches, read_events, with_ticks
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 
 T0 = 1_700_000_000_123_456

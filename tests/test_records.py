@@ -114,7 +114,7 @@ def test_a_booking_written_twice_counts_once(path):
 class Put:
     """Takes what is handed over, and what is shown."""
 
-    failure, recorded = "", 0
+    failure, recorded, audited = "", 0, 0
 
     def __init__(self):
         self.changes = []

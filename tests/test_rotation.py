@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import os
+import time
 
 import numpy as np
 import pytest
@@ -12,8 +14,9 @@ from cylforce.commissioning.identification import identify
 from cylforce.files.atomic import RecordingError
 from cylforce.files.candump import Sent
 from cylforce.files.checkpoint import packed, unpacked
-from cylforce.files.logfile import Header, LogWriter, Rotation, header_lines, running_versions
+from cylforce.files.logfile import RETRY_US, Header, LogWriter, header_lines, running_versions
 from cylforce.files.logreader import log_header, read_events
+from cylforce.files.rotation import Rotation, check_room
 from cylforce.programs.common.readings import header_of, make_core, model_of
 from cylforce.programs.replay import run_replay
 from cylforce.programs.run import Daemon
@@ -42,7 +45,7 @@ def written(path, ticks, size, keep, first=0):
     """`ticks` ticks, a new file whenever the writer asks for one; its header names the tick at which it begins."""
     with LogWriter(path, HEADER, T0, "can0", rotation=Rotation(size, keep)) as log:
         for k in range(first, first + ticks):
-            if log.full:
+            if log.wants_turn:
                 state = {"zero": float(k), "tare": 0.0}
                 log.turn(lambda state=state: HEADER.model_copy(update={"state": state}), T0 + k)
             log.log(Tick(T0 + k * 10_000))
@@ -98,27 +101,121 @@ def test_no_older_file_is_kept_if_none_is_wanted(tmp_path):
 def test_without_a_limit_there_is_one_file(tmp_path):
     with LogWriter(tmp_path / "run.log", HEADER, T0, "can0") as log:
         for k in range(5000):
-            assert not log.full
+            assert not log.wants_turn
             log.log(Tick(T0 + k * 10_000))
     assert len(parts(tmp_path / "run.log")) == 1
 
 
-def test_a_disk_that_refuses_the_next_file_ends_the_log(tmp_path):
-    """The folder is gone when the next file is to begin: told once, all else goes on."""
-    folder, told = tmp_path / "logs", []
+def test_a_disk_that_refuses_the_next_file_ends_the_log_until_it_takes_one(tmp_path):
+    """The folder is gone when the next file is to begin: told once, all else goes on; it is back: so is the log."""
+    folder, away, told = tmp_path / "logs", tmp_path / "elsewhere", []
     folder.mkdir()
-    log = LogWriter(folder / "run.log", HEADER, T0, "can0", tell=told.append, rotation=Rotation(10, 1))
+    log = LogWriter(folder / "run.log", HEADER, T0, "can0", tell=told.append, rotation=Rotation(100_000, 1))
     log.log(Tick(T0))
-    log.flush()
-    assert log.full
-    folder.rename(tmp_path / "elsewhere")
-    log.turn(lambda: HEADER, T0 + 1)
-    for k in range(1, 500):
-        log.log(Tick(T0 + k * 10_000))
-    log.close()
+    folder.rename(away)
+    t_us = ticked(log, T0, 40)
     assert len(told) == 1
     assert "logging stopped: No such file" in told[0]
-    assert log.lost == 499
+    assert "is tried again every 10 s" in told[0]
+    away.rename(folder)
+    begun = ticked(log, t_us, 15)
+    log.close()
+    assert told[1:] == [f"{folder / 'run.log'}: logging goes on"]
+    assert_without_hole(folder / "run.log", begun)
+
+
+def ticked(log, t_us, seconds):
+    """A daemon's ticks for so long, with a turn where the log wants one; the thread gets time. The last time."""
+    for _ in range(100 * seconds):
+        t_us += 10_000
+        if log.wants_turn:
+            log.turn(lambda: HEADER, t_us)
+        log.log(Tick(t_us))
+        if t_us % 500_000 < 10_000:
+            time.sleep(0.01)
+    return t_us
+
+
+def assert_without_hole(path, last_us):
+    ticks = [event.t_us for event in read_events(path, 10_000)[1]]
+    assert ticks == list(range(ticks[0], last_us + 1, 10_000))
+    assert len(ticks) > 100
+
+
+def test_a_file_that_cannot_be_opened_at_the_start_is_tried_again(tmp_path):
+    told, path = [], tmp_path / "later" / "run.log"
+    log = LogWriter(path, HEADER, T0, "can0", tell=told.append, rotation=Rotation(10_000_000, 1))
+    t_us = ticked(log, T0, 15)
+    assert len(told) == 1
+    assert "logging stopped: No such file" in told[0]
+    path.parent.mkdir()
+    last = ticked(log, t_us, 15)
+    log.close()
+    assert told[1:] == [f"{path}: logging goes on"]
+    assert_without_hole(path, last)
+
+
+def test_a_full_disk_costs_no_older_log_and_is_used_again(tmp_path):
+    path, told = tmp_path / "run.log", []
+    (tmp_path / "run.1.log").write_text("an older one")
+    path.symlink_to("/dev/full")
+    log = LogWriter(path, HEADER, T0, "can0", tell=told.append, rotation=Rotation(10_000_000, 1))
+    last = ticked(log, T0, 40)
+    log.close()
+    assert ["No space left" in said for said in told] == [True, False]
+    assert (tmp_path / "run.1.log").read_text() == "an older one"
+    assert_without_hole(path, last)
+
+
+def test_a_disk_that_is_nearly_full_is_left_alone(tmp_path, monkeypatch):
+    free = [0]
+    disk = os.statvfs(tmp_path)
+
+    class Disk:
+        f_frsize, f_blocks = disk.f_frsize, disk.f_blocks
+
+        @property
+        def f_bavail(self):
+            return free[0]
+
+    monkeypatch.setattr("cylforce.files.rotation.os.statvfs", lambda path: Disk())
+    rotation = Rotation(1_000_000, 1)
+    with pytest.raises(OSError, match="No space left"):
+        check_room(tmp_path / "run.log", rotation)
+    free[0] = 2 * rotation.size // disk.f_frsize + 1
+    check_room(tmp_path / "run.log", rotation)
+
+
+@pytest.mark.parametrize("how", ["renamed", "deleted", "replaced"])
+def test_a_log_that_lost_its_name_begins_a_file_that_has_it(tmp_path, how):
+    path, told = tmp_path / "run.log", []
+    log = LogWriter(path, HEADER, T0, "can0", tell=told.append, rotation=Rotation(10_000_000, 5))
+    t_us = ticked(log, T0, 3)
+    if how == "deleted":
+        path.unlink()
+    else:
+        path.rename(tmp_path / "mine.log")
+    if how == "replaced":
+        path.write_text("another program's")
+    last = ticked(log, t_us, 5)
+    log.close()
+    assert told == []
+    assert_without_hole(path, last)
+    if how == "renamed":
+        taken = [e.t_us for f in (tmp_path / "mine.log", path) for e in read_events(f, 10_000)[1]]
+        assert taken == list(range(T0 + 10_000, last + 1, 10_000))  # nothing is lost between the two
+    if how == "replaced":
+        assert (tmp_path / "run.1.log").read_text() == "another program's"
+
+
+def test_attempts_are_ten_seconds_apart(tmp_path):
+    log = LogWriter(tmp_path / "no" / "run.log", HEADER, T0, "can0", tell=lambda _: None, rotation=Rotation(10**6, 1))
+    for t in (1, RETRY_US - 1):
+        log.log(Tick(T0 + t))
+        assert not log.wants_turn
+    log.log(Tick(T0 + RETRY_US))
+    assert log.wants_turn
+    log.close()
 
 
 class ToldTime:

@@ -17,7 +17,7 @@ from cylforce.can.bus import BusError
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_bus
 from cylforce.can.python_can import Relay
-from cylforce.signals.events import ERROR, EXTENDED, REMOTE
+from cylforce.signals.events import ERROR, EXACTLY, EXTENDED, REMOTE
 
 numbers = itertools.count()
 
@@ -78,6 +78,23 @@ class Contract:
         ]
         got = self.exchange(pair, frames)
         assert [(f.can_id, f.data) for f in got] == frames
+
+    def test_only_frames_that_are_wanted_come_in_and_error_frames(self, pair):
+        sender, receiver = pair
+        receiver.accept([(0x181, EXACTLY), (EXTENDED | 0xEA0000, EXTENDED | REMOTE | 0x3FF0000)])
+        got = []
+        foreign = [0x182, 0x581, 0x181 | EXTENDED, 0x181 | REMOTE, 0x18EB40FE | EXTENDED, 0x7FF]
+        wanted = [0x181, 0x18EA40FE | EXTENDED, 0x181]
+
+        async def main():
+            receiver.attach(asyncio.get_running_loop(), got.append)
+            for can_id in (*foreign, *wanted[:2], *foreign, wanted[2]):
+                assert sender.send(can_id, b"")
+            await until(lambda: len(got) >= len(wanted))
+
+        run(main())
+        assert [frame.can_id for frame in got] == wanted
+        assert receiver.counters.received == len(wanted)
 
     def test_a_burst_does_not_starve_the_loop(self, pair):
         turns = 0
@@ -233,8 +250,31 @@ class TestSocketCan(Contract):
         assert self.survives(link, pair, lambda: ip("link", "delete", link), mend) < 0.5
 
     def test_error_frames_are_told(self, pair):
+        pair[1].accept([(0x181, EXACTLY)])
         got = self.exchange(pair, [(ERROR | 0x4, bytes(8))])
         assert got[0].can_id == ERROR | 0x4
+
+    def test_filters_are_those_of_the_socket_that_follows(self, link, pair):
+        for bus in pair:
+            bus.accept([(0x123, EXACTLY)])
+        got = []
+
+        async def main():
+            loop = asyncio.get_running_loop()
+            pair[0].attach(loop, got.append)
+            pair[1].attach(loop, lambda frame: None)
+            ip("link", "set", link, "down")
+            await until(lambda: pair[0].counters.errors)
+            ip("link", "set", link, "up")
+            await until(lambda: pair[0].counters.reopened and pair[1].send(0x124, b"") and pair[1].send(0x123, b""))
+            await until(lambda: got)
+
+        run(main())
+        assert {frame.can_id for frame in got} == {0x123}
+
+    def test_more_filters_than_the_kernel_takes_are_refused(self, pair):
+        with pytest.raises(BusError, match="takes no 513 filters"):
+            pair[0].accept([(k, EXACTLY) for k in range(513)])
 
     def test_what_the_kernel_had_to_throw_away_is_counted(self, pair):
         sender, receiver = pair

@@ -7,13 +7,14 @@ No frame is sent over a network to another computer: `remote` accepts 127.0.0.1 
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from cylforce.signals.events import Frame
+from cylforce.signals.events import ERROR, Frame
 
 OnFrame = Callable[[Frame], None]
 OnSent = Callable[[int, bytes], None]
+Filter = tuple[int, int]  # identifier and mask, both with SocketCAN's flag bits
 
 BURST = 256  # frames read at one wake-up; then the loop serves its timers, so that many frames cannot delay the ticks
 FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # wait before a failed bus is opened again, doubled at each attempt
@@ -49,6 +50,18 @@ class Bus(ABC):
         self._delay_s = FIRST_DELAY_S
         self._passed = 0  # frames received and sent until the last failure
         self._again: asyncio.TimerHandle | None = None
+        self._filters: tuple[Filter, ...] | None = None  # None: every frame
+
+    def accept(self, filters: Iterable[Filter]) -> None:
+        """From now on receive only frames that match one of the filters, and the controller's error frames: foreign
+        traffic, however much there is, then costs no time."""
+        self._filters = tuple(filters)
+
+    def _accepts(self, can_id: int) -> bool:
+        """For a transport that cannot filter by itself."""
+        if self._filters is None or can_id & ERROR:
+            return True
+        return any((can_id ^ wanted) & mask == 0 for wanted, mask in self._filters)
 
     def attach(self, loop: asyncio.AbstractEventLoop, on_frame: OnFrame, on_sent: OnSent | None = None) -> None:
         """From now on `on_frame` is called, in the loop's thread, with each frame received, and `on_sent` with

@@ -54,7 +54,17 @@ class _Mailbox(queue.Queue[can.Message]):
         self._arrived()
 
 
-class Virtual(Bus):
+class PythonCan(Bus):
+    """What both have in common: messages of python-can become frames."""
+
+    def _received(self, t_us: int, message: can.Message) -> None:
+        can_id = _can_id(message)
+        if self._accepts(can_id):
+            self.counters.received += 1
+            self._on_frame(Frame(t_us, can_id, bytes(message.data)))
+
+
+class Virtual(PythonCan):
     """`virtual:NAME`: python-can's virtual bus, so that other programs in this process can use python-can on it. Frames
     may come from any thread."""
 
@@ -93,8 +103,7 @@ class Virtual(Bus):
                 message = self._mailbox.get_nowait()
             except queue.Empty:
                 return
-            self.counters.received += 1
-            self._on_frame(Frame(t_us, _can_id(message), bytes(message.data)))
+            self._received(t_us, message)
         self._arrived()
 
     def send(self, can_id: int, data: bytes) -> bool:
@@ -109,7 +118,7 @@ class Virtual(Bus):
         return self._mailbox.lost
 
 
-class Remote(Bus):
+class Remote(PythonCan):
     """`remote:127.0.0.1:PORT`: a client of the relay (`Relay`, or `python -m can_remote -H 127.0.0.1`)."""
 
     def __init__(self, channel: str, now: Callable[[], int]) -> None:
@@ -156,8 +165,7 @@ class Remote(Bus):
                 self._lost()
                 return
             if message is not None:
-                self.counters.received += 1
-                self._on_frame(Frame(t_us, _can_id(message), bytes(message.data)))
+                self._received(t_us, message)
 
     def send(self, can_id: int, data: bytes) -> bool:
         """See Bus.send."""

@@ -7,14 +7,16 @@ import asyncio
 import errno
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from struct import Struct
 
-from cylforce.can.bus import BURST, Bus, BusError
+from cylforce.can.bus import BURST, Bus, BusError, Filter
 from cylforce.signals.events import Frame
 
 _FRAME = Struct("=IB3x8s")  # struct can_frame
-_ERROR_FILTER, _ERROR_MASK = 2, 0x1FFFFFFF  # CAN_RAW_ERR_FILTER, CAN_ERR_MASK: the socket module lacks them
+_FILTER, _ERROR_FILTER = 1, 2  # CAN_RAW_FILTER, CAN_RAW_ERR_FILTER
+_ERROR_MASK = 0x145  # the error classes TX_TIMEOUT, CRTL, BUSOFF, RESTARTED; the others may come with every frame
+_PAIR = Struct("=II")  # struct can_filter
 _RECEIVE_BUFFER_FORCE, _MEMORY_INFO = 33, 55  # SO_RCVBUFFORCE, SO_MEMINFO
 _BUFFER_BYTES = 4 << 20  # 5000 frames: a second of a full bus
 _STAMP, _TIMESPEC = 35, Struct("@ll")  # SO_TIMESTAMPNS, which is SCM_TIMESTAMPNS too; struct timespec
@@ -49,11 +51,25 @@ class SocketCan(Bus):
             opened.setsockopt(socket.SOL_CAN_RAW, _ERROR_FILTER, _ERROR_MASK)
             opened.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
             _enlarge(opened)
+            self._install(opened)
             opened.bind((self._interface,))
         except OSError:
             opened.close()
             raise
         self._socket = opened
+
+    def accept(self, filters: Iterable[Filter]) -> None:
+        """See Bus.accept: the kernel filters. Raises BusError for more filters than it takes (512)."""
+        super().accept(filters)
+        if self._socket is not None:
+            try:
+                self._install(self._socket)
+            except OSError as error:
+                raise BusError(f"{self.name}: the kernel takes no {len(self._filters or ())} filters") from error
+
+    def _install(self, opened: socket.socket) -> None:
+        if self._filters is not None:
+            opened.setsockopt(socket.SOL_CAN_RAW, _FILTER, b"".join(_PAIR.pack(*pair) for pair in self._filters))
 
     def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._socket is not None:

@@ -5,6 +5,7 @@ from functools import partial
 
 from canopen.objectdictionary import ODVariable
 
+from cylforce.canopen.access import Access
 from cylforce.canopen.dictionary.object_dictionary import (
     ADD,
     INT16,
@@ -24,21 +25,26 @@ from cylforce.canopen.dictionary.object_dictionary import (
 )
 from cylforce.canopen.dictionary.object_table import dictionary
 from cylforce.canopen.heartbeat import OnPeer
-from cylforce.canopen.node import Node
+from cylforce.canopen.node import Node, OnWritten, unnoticed
 from cylforce.canopen.objects import Commands
 from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.service.publication import GROSS, NET, PAYLOAD_QUALITY, QUALITY
+from cylforce.service.supervision import CONSUMER_FACTOR
 from cylforce.signals.estimate import Status
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
-
-CONSUMER_FACTOR = 3  # a node counts as lost after three missing heartbeats
 
 Address = tuple[int, int]
 
 
-def own_node(service: Service, verdict: Callable[[], int | None], on_peer: OnPeer) -> Node:
+def own_node(
+    service: Service,
+    verdict: Callable[[], int | None],
+    on_peer: OnPeer,
+    access: Access | None = None,
+    on_written: OnWritten = unnoticed,
+) -> Node:
     """Our node: `publish` sends what the core encoded; commands are answered by `verdict()`, see Commands; the
-    sensors' heartbeats are watched, see Heartbeats. Operational after `boot()`.
+    sensors' heartbeats are watched, see Heartbeats; `access` and `on_written`: see Node. Operational after `boot()`.
 
     Raises ValueError if there are more sensors with a heartbeat than entries in 1016h."""
     watched = [
@@ -59,6 +65,8 @@ def own_node(service: Service, verdict: Callable[[], int | None], on_peer: OnPee
         commands=commands,
         autostart=True,
         on_peer=on_peer,
+        access=access,
+        on_written=on_written,
     )
     node.add_read_callback(Derived(node, service.publication).read)
     return node

@@ -1,5 +1,6 @@
 """Emergency messages, error register (1001h) and the list of past errors (1003h)."""
 
+from collections import deque
 from collections.abc import Callable
 from struct import Struct
 
@@ -11,11 +12,12 @@ HISTORY = 8  # entries of 1003h
 
 
 class Emergencies:
-    """The present and past errors of a node. `send(data)` sends an EMCY message, `store(index, sub, value)` writes into
-    the object dictionary."""
+    """The present and past errors of a node. `send(data)` sends an EMCY message, False: the bus cannot take it now, so
+    that it is sent with the next `flush`; `store(index, sub, value)` writes into the object dictionary."""
 
-    def __init__(self, send: Callable[[bytes], None], store: Callable[[int, int, int], None]) -> None:
+    def __init__(self, send: Callable[[bytes], bool], store: Callable[[int, int, int], None]) -> None:
         self._send, self._store = send, store
+        self._waiting: deque[bytes] = deque(maxlen=_ACTIVE)
         self._active: dict[int, int] = {}
         self._history: list[int] = []
 
@@ -35,7 +37,7 @@ class Emergencies:
         self._active[code] = bit
         self._history = [code | int.from_bytes(info[:2], "little") << 16, *self._history][:HISTORY]
         self._mirror()
-        self._send(_EMCY.pack(code, self.register, info[:5]))
+        self._say(_EMCY.pack(code, self.register, info[:5]))
         return True
 
     def repair(self, code: int) -> bool:
@@ -43,8 +45,17 @@ class Emergencies:
         if self._active.pop(code, None) is None:
             return False
         self._mirror()
-        self._send(_EMCY.pack(0, self.register, b""))
+        self._say(_EMCY.pack(0, self.register, b""))
         return True
+
+    def flush(self) -> None:
+        """Send what the bus could not take, in order; of a long time without bus the last ones."""
+        while self._waiting and self._send(self._waiting[0]):
+            self._waiting.popleft()
+
+    def _say(self, data: bytes) -> None:
+        self._waiting.append(data)
+        self.flush()
 
     def clear(self) -> None:
         """Clear the list of past errors (0 written to 1003h:0); present errors stay."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from cylforce.service.publication import quality
 from cylforce.signals.estimate import Estimate
-from cylforce.signals.events import EXTENDED, Frame
+from cylforce.signals.events import EXTENDED, REMOTE, Frame
 from cylforce.signals.units import DEGREE
 
 REQUEST, CLAIMED = 0xEA00, 0xEE00
@@ -51,6 +51,11 @@ def identifier(pgn: int, source: int, destination: int = GLOBAL) -> int:
     """The 29-bit identifier with SocketCAN's flag."""
     peer = destination if pgn >> 8 < 0xF0 else 0
     return EXTENDED | PRIORITY << 26 | pgn << 8 | peer << 8 | source
+
+
+def filters() -> tuple[tuple[int, int], ...]:
+    """Which frames `J1939.take` looks at: identifier and mask, with SocketCAN's flags; whoever is meant by them."""
+    return tuple((EXTENDED | pgn << 8, EXTENDED | REMOTE | 0x3FF0000) for pgn in (REQUEST, CLAIMED))
 
 
 def vehicle_weight(estimate: Estimate) -> bytes:

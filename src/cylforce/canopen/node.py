@@ -5,20 +5,24 @@ The daemon's node and the simulated sensors are both such nodes. Time is an argu
 the frames.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import canopen.network
 from canopen.nmt import NmtSlave
 from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo.exceptions import SdoAbortedError
 
+from cylforce.canopen.access import INCOMPATIBLE, Access
+from cylforce.canopen.dictionary.object_dictionary import CODE, PROTECTION
 from cylforce.canopen.emergency import Emergencies
 from cylforce.canopen.heartbeat import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Heartbeats, OnPeer
 from cylforce.canopen.network import Network, Send
 from cylforce.canopen.objects import NO_COMMANDS, RANGE, Commands, Objects
-from cylforce.canopen.sdo_server import SdoServer
+from cylforce.canopen.sdo_server import NOT_STORED, SdoServer
 from cylforce.canopen.tpdo import Tpdo
 from cylforce.signals.layout import CODES, Pdo
+
+OnWritten = Callable[[int, int, bytes, bytes], None]
 
 SILENT = 0x8130  # EMCY: heartbeat of another node lost
 COMMUNICATION = 0x10  # bit of 1001h
@@ -53,6 +57,10 @@ def _nobody(node_id: int, state: int | None) -> None:
     """Heartbeats of other nodes are ignored."""
 
 
+def unnoticed(index: int, sub: int, before: bytes, after: bytes) -> None:
+    """Nobody asked for what SDO clients change."""
+
+
 def _no_network(can_id: int, data: bytes) -> bool:  # noqa: ARG001  # as every way to send
     """Used until the node is in a network: nothing is sent."""
     return False
@@ -61,8 +69,9 @@ def _no_network(can_id: int, data: bytes) -> bool:  # noqa: ARG001  # as every w
 class Node(Objects):
     """A CANopen node. `pdos`: what each of its TPDOs carries, for `publish` and `store`. `timers`: it sends
     its event-driven TPDOs by itself; without, `publish` sends them. `autostart`: operational right after
-    boot-up. `on_peer`: see Heartbeats. `send(can_id, data)` sends a
-    frame; False: dropped. `state` is the NMT state, 0 before boot-up."""
+    boot-up. `on_peer`: see Heartbeats. `access`: who may write (None: everybody); `on_written(index, sub, before,
+    after)` is called after an SDO client changed an object. `send(can_id, data)` sends a frame; False: dropped. `state`
+    is the NMT state, 0 before boot-up."""
 
     def __init__(
         self,
@@ -74,8 +83,11 @@ class Node(Objects):
         timers: bool = False,
         autostart: bool = False,
         on_peer: OnPeer = _nobody,
+        access: Access | None = None,
+        on_written: OnWritten = unnoticed,
     ) -> None:
         self.state = 0
+        self._access, self._on_written = access, on_written
         self._tpdos: dict[int, Tpdo] = {}
         super().__init__(node_id, dictionary, commands)
         self._ours: Network | None = None
@@ -84,6 +96,8 @@ class Node(Objects):
         self._write_callbacks.clear()
         self.nmt = _Nmt(self)
         self.add_write_callback(self.nmt.on_write)
+        if access is not None:
+            self.add_read_callback(self._read_access)
         self._timers, self._autostart, self._on_peer = timers, autostart, on_peer
         self._slices = {pdo.number: tuple(_slices(pdo)) for pdo in pdos}
         self.heartbeats = Heartbeats(self._peer)
@@ -125,7 +139,9 @@ class Node(Objects):
             self.change_state(OPERATIONAL)
 
     def reset(self, application: bool = True) -> None:
-        """Reset node, or communication only: default values again, then boot."""
+        """Reset node, or communication only: default values again, then boot. The lock closes."""
+        if self._access is not None:
+            self._access.close()
         self.nmt.stop_heartbeat()
         self.restore(0x1000, 0x10000 if application else 0x2000)
         for tpdo in self._tpdos.values():
@@ -146,16 +162,40 @@ class Node(Objects):
             self._watch()
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """See Objects. PDO parameters must pass `Tpdo.check`; 0 written to 1003h clears the list of errors, which takes
-        no other value."""
+        """See Objects. What is protected must pass `Access.check`, PDO parameters `Tpdo.check`; 0 written to 1003h
+        clears the list of errors, which takes no other value."""
+        if self._access is not None:
+            if (index, sub) == (PROTECTION, CODE):
+                self._access.enter(int.from_bytes(data, "little"), self.t_us)
+                return
+            self._access.check(index, sub, int.from_bytes(data, "little"), self.state, self.t_us)
         if 0x1800 <= index < 0x1C00:
             self._tpdos[(index & 0x1FF) + 1].check(index, sub, int.from_bytes(data, "little"))
+        if 0x1800 <= index < 0x1A00 and sub == 1:
+            self._check_unique(index, int.from_bytes(data, "little"))
         if index != 0x1003:
+            before = self.data_store[index][sub]
             super().write(index, sub, data)
+            if data != before:
+                self._on_written(index, sub, before, data)
         elif data == b"\0":
             self.emergencies.clear()
         else:
             raise SdoAbortedError(RANGE)
+
+    def check_segmented(self, index: int, sub: int) -> None:
+        """See Objects. A code is written in one frame, which the log knows and blanks."""
+        super().check_segmented(index, sub)
+        if (index, sub) == (PROTECTION, CODE):
+            raise SdoAbortedError(NOT_STORED)
+
+    def _check_unique(self, index: int, value: int) -> None:
+        others = (0x17FF + number for number in self._tpdos if 0x17FF + number != index)
+        if any(self.raw(other, 1) & 0x7FF == value & 0x7FF for other in others):
+            raise SdoAbortedError(INCOMPATIBLE)
+
+    def _read_access(self, index: int, subindex: int, od: object) -> int | None:
+        return None if self._access is None else self._access.read(index, subindex, self.t_us)
 
     def store(self, number: int, data: bytes) -> None:
         """Write a TPDO's data into the objects that its layout names."""
@@ -186,13 +226,14 @@ class Node(Objects):
 
     def _poll(self, t_us: int) -> None:
         self.heartbeats.poll(t_us)
+        self.emergencies.flush()
         if self._timers:
             for tpdo in self._tpdos.values():
                 tpdo.poll(t_us)
 
-    def _send_emergency(self, data: bytes) -> None:
-        if self.answers:
-            self.send(0x80 + self.node_id, data)
+    def _send_emergency(self, data: bytes) -> bool:
+        """True: sent, or not to be sent in this state."""
+        return not self.answers or self.send(0x80 + self.node_id, data)
 
     def _watch(self) -> None:
         if 0x1016 not in self.data_store or self._ours is None:

@@ -10,6 +10,7 @@ import json
 import platform
 import re
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from importlib.metadata import version
 from io import FileIO
 from itertools import takewhile
@@ -24,6 +25,7 @@ from pydantic import BaseModel, ConfigDict, JsonValue
 import cylforce
 from cylforce.files.atomic import RecordingError, Tell, warn
 from cylforce.files.candump import HEAD, SENT, TICK, Line, Sent, event_line, line
+from cylforce.files.rotation import Rotation, check_room, is_elsewhere, opened
 from cylforce.signals.events import Event
 
 FORMAT = 1
@@ -31,6 +33,7 @@ FLUSH_US = 500_000  # when the program is killed, no more than this is lost
 BLOCK_LINES = 4096
 BACKLOG_BYTES = 16_000_000  # minutes of a busy bus: a disk that stalls for longer has failed
 CLOSE_S = 5.0
+RETRY_US = 10_000_000  # after a failure, until a new file is tried; chosen
 _HEAD_ID = 0x7FF
 _CHANNEL = re.compile(r"[A-Za-z][\w.-]{0,14}", re.ASCII)
 
@@ -68,28 +71,6 @@ def file_sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def mismatches(path: Path, recorded: Header, now: Header) -> tuple[str, ...]:
-    """Why a replay with the present files and versions may differ from the recording: one sentence for each
-    difference."""
-    found = []
-    if recorded.machine_sha256 != now.machine_sha256:
-        found.append(f"{path} was recorded with another machine file ({recorded.machine}) than {now.machine}")
-    if recorded.identified_sha256 != now.identified_sha256:
-        found.append(f"{path} was recorded with {_identified(recorded)}, this is with {_identified(now)}")
-    if recorded.node_id != now.node_id:
-        found.append(f"{path} was recorded as node {recorded.node_id}, not as node {now.node_id}")
-    for name in sorted({*recorded.versions, *now.versions}):
-        there, here = recorded.versions.get(name, "none"), now.versions.get(name, "none")
-        if there != here:
-            found.append(f"{path} was recorded with {name} {there}, this is {name} {here}: digits may differ")
-    return tuple(found)
-
-
-def _identified(header: Header) -> str:
-    sha256 = header.identified_sha256
-    return "no identified file" if sha256 is None else f"the identified file of sha256 {sha256[:12]}"
-
-
 def header_lines(header: Header, t_us: int) -> str:
     """The header as lines of candump text, all at the time that the log begins."""
     text = json.dumps({"format": FORMAT, **header.model_dump()}, allow_nan=False).encode()
@@ -117,28 +98,25 @@ def header_from(path: Path, lines: Iterable[Line]) -> Header | None:
         raise RecordingError(f"{path}: the log's header is broken, so its start is lost; record anew") from error
 
 
-class Rotation(NamedTuple):
-    """A log of limited size: a new file when this one has `size` bytes, and `keep` older files, FILE.NUMBER.log, the
-    lowest number the oldest."""
-
-    size: int
-    keep: int
-
-
 class _Turn(NamedTuple):
-    """An order to the writing thread: a new file, which begins with this header at this time."""
+    """An order to the writing thread: a new file, which begins with this header at this time; `again`: after a
+    failure."""
 
     header: Callable[[], Header]
     t_us: int
+    again: bool
 
 
 class LogWriter:
     """Writes a log and never makes the loop wait: blocks of lines go to a thread, which alone waits for the disk.
 
-    When the disk fails, or stalls for minutes, logging ends: a log with a hole could not be replayed. `tell`
-    is called once about it, on the caller's thread; `lost` counts the events that are not in the file.
-    With a `rotation` the file becomes `full`, and the caller asks for a `turn`: only the caller knows the header that
-    the next file needs, and when it can begin.
+    When the disk fails, or stalls for minutes, logging ends: a log with a hole could not be replayed. `tell` is called
+    once about it, on the caller's thread; `lost` counts the events that are not in the file.
+
+    With a `rotation` the writer `wants_turn` when the file is full, when it no longer has its name, and, after a
+    failure, every RETRY_US: the caller then gives a `turn`, for only the caller knows the header that the next file
+    needs, and when it can begin. A file that cannot be opened at the start is then a failure like any other; without a
+    rotation it raises RecordingError.
     """
 
     def __init__(
@@ -156,28 +134,37 @@ class LogWriter:
         self.header, self._rotation = header, rotation
         self._room = rotation.size if rotation else 0
         self.failure: str | None = None
-        self._error: OSError | None = None
         self._logged = self._handed = 0  # the loop's counts: events, bytes
         self._kept = self._done = 0  # the thread's
         self._lines: list[str] = []
-        self._begun = t_us
-        try:
-            self._file = _opened(path, rotation)
-        except OSError as error:
-            raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+        self._begun = self._now_us = self._failed_us = t_us
+        self._told = False  # that it fails
+        self._elsewhere = self._resumed = False  # the thread's: the file lost its name; a failure is over
+        self._file, self._error = self._first()
         self._blocks: SimpleQueue[tuple[bytes, int] | _Turn | None] = SimpleQueue()
         self._thread = Thread(target=self._drain, name="event log", daemon=True)
         self._thread.start()
         self._hand(header_lines(header, t_us).encode("ascii"), 0)
+        if self._error is not None:
+            self._fail(self._error)
+
+    def _first(self) -> tuple[FileIO | None, OSError | None]:
+        try:
+            return opened(self._path, self._rotation), None
+        except OSError as error:
+            if self._rotation is None:
+                raise RecordingError(f"{self._path}: cannot be written: {error.strerror or error}") from error
+            return None, error
 
     @property
     def lost(self) -> int:
-        """Events that did not reach the file; known once logging has failed or ended."""
+        """Events that did not reach a file; known once logging has failed or ended."""
         return self._logged - self._kept if self.failure else 0
 
     def log(self, event: Event | Sent) -> None:
         """Log an event, before the service processes it, or a frame that our node sent."""
         self._logged += 1
+        self._now_us = event.t_us
         if self.failure is None:
             self._lines.append(event_line(event, self._channel))
             if len(self._lines) >= BLOCK_LINES or not 0 <= event.t_us - self._begun < FLUSH_US:
@@ -185,21 +172,32 @@ class LogWriter:
                 self.flush()
 
     @property
-    def full(self) -> bool:
-        """Whether the file has reached its size, so that the caller should ask for a `turn`."""
-        return self._rotation is not None and self._room <= 0
+    def wants_turn(self) -> bool:
+        """Whether the caller should give a `turn`: the file is full, lost its name, or a failure may be over."""
+        if self._rotation is None:
+            return False
+        if self.failure is not None:
+            stalled = self._handed - self._done > BACKLOG_BYTES // 2
+            return not stalled and not 0 <= self._now_us - self._failed_us < RETRY_US
+        return self._room <= 0 or self._elsewhere
 
     def turn(self, header: Callable[[], Header], t_us: int) -> None:
         """Begin a new file: the events logged so far stay in the old one. `header` is called on the writing thread."""
-        if self._rotation is not None:
+        if self._rotation is None:
+            return
+        if self.failure is None:
             self.flush()
-            self._room = self._rotation.size
-            self._blocks.put(_Turn(header, t_us))
+        again, self.failure, self._error = self.failure is not None, None, None
+        self._room, self._elsewhere = self._rotation.size, False
+        self._blocks.put(_Turn(header, t_us, again))
 
     def flush(self) -> None:
         """Pass the lines gathered so far to the writing thread."""
         block, events = "".join(self._lines).encode("ascii"), len(self._lines)
         self._lines.clear()
+        if self._resumed:
+            self._resumed = self._told = False
+            self._tell(f"{self._path}: logging goes on")
         if self._handed - self._done > BACKLOG_BYTES:
             self._error = self._error or TimeoutError(None, "the disk does not keep up")
         if self._error is None:
@@ -213,8 +211,13 @@ class LogWriter:
         self._blocks.put((block, events))
 
     def _fail(self, error: OSError) -> None:
-        if self.failure is None:
-            self.failure = f"{self._path}: logging stopped: {error.strerror or error}; all else goes on"
+        if self.failure is not None:
+            return
+        again = "" if self._rotation is None else f", and is tried again every {RETRY_US // 1_000_000} s"
+        self.failure = f"{self._path}: logging stopped: {error.strerror or error}; all else goes on{again}"
+        self._failed_us = self._now_us
+        if not self._told:
+            self._told = True
             self._tell(self.failure)
 
     def close(self) -> None:
@@ -228,34 +231,59 @@ class LogWriter:
             self._fail(self._error)
 
     def _drain(self) -> None:
+        """The thread. After an error, whose file has a hole, nothing is written until a new file begins."""
         while (order := self._blocks.get()) is not None:
-            if self._error is None and isinstance(order, _Turn):
+            if isinstance(order, _Turn):
                 self._begin(order)
-            elif self._error is None:
+            else:
                 self._put(*order)
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
 
     def _begin(self, turn: _Turn) -> None:
         try:
-            self._file.close()
-            self._file = _opened(self._path, self._rotation)
-            self._write(header_lines(turn.header(), turn.t_us).encode("ascii"))
+            self._leave()
+            if turn.again and self._rotation is not None:
+                check_room(self._path, self._rotation)
+            self._file = opened(self._path, self._rotation)
         except OSError as error:
-            self._error = error
+            self._broken(error)
+            return
+        try:
+            self._write(self._file, header_lines(turn.header(), turn.t_us).encode("ascii"))
+            self._resumed = turn.again
+        except OSError as error:
+            self._broken(error)
+            with suppress(OSError):
+                self._path.unlink()  # else each attempt would push an older log out
 
     def _put(self, block: bytes, events: int) -> None:
+        self._done += len(block)
+        if self._file is None:
+            return
         try:
-            self._write(block)
+            self._write(self._file, block)
+            self._elsewhere = self._rotation is not None and is_elsewhere(self._path, self._file)
         except OSError as error:
-            self._error = error
+            self._broken(error)
         else:
             self._kept += events
-            self._done += len(block)
 
-    def _write(self, block: bytes) -> None:
+    def _broken(self, error: OSError) -> None:
+        self._error = error
+        with suppress(OSError):
+            self._leave()
+
+    def _leave(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    @staticmethod
+    def _write(file: FileIO, block: bytes) -> None:
         rest = memoryview(block)
         while rest:
-            rest = rest[self._file.write(rest) :]
+            rest = rest[file.write(rest) :]
 
     def __enter__(self) -> Self:
         return self
@@ -264,23 +292,3 @@ class LogWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def _opened(path: Path, rotation: Rotation | None) -> FileIO:
-    """The file, empty. A log of this name is kept as NAME.NUMBER.log, because the log before a crash is the one of
-    interest. With a rotation the oldest ones are deleted."""
-    older = _older(path)
-    if path.is_file() and path.stat().st_size:
-        number = 1 + max(older, default=0)
-        older[number] = path.rename(path.with_name(f"{path.stem}.{number}{path.suffix}"))
-    if rotation is not None:
-        for number in sorted(older)[: max(0, len(older) - rotation.keep)]:
-            older[number].unlink(missing_ok=True)
-    return FileIO(path, "w")
-
-
-def _older(path: Path) -> dict[int, Path]:
-    """Earlier logs of this name by their numbers."""
-    name = re.compile(rf"{re.escape(path.stem)}\.([1-9]\d*){re.escape(path.suffix)}")
-    found = ((name.fullmatch(other.name), other) for other in path.parent.iterdir())
-    return {int(match[1]): other for match, other in found if match}

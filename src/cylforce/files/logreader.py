@@ -116,3 +116,25 @@ def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Line]:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     if skipped:
         tell(f"{path}: {skipped} CAN FD or XL frames were skipped")
+
+
+def mismatches(path: Path, recorded: Header, now: Header) -> tuple[str, ...]:
+    """Why a replay with the present files and versions may differ from the recording: one sentence for each
+    difference."""
+    found = []
+    if recorded.machine_sha256 != now.machine_sha256:
+        found.append(f"{path} was recorded with another machine file ({recorded.machine}) than {now.machine}")
+    if recorded.identified_sha256 != now.identified_sha256:
+        found.append(f"{path} was recorded with {_identified(recorded)}, this is with {_identified(now)}")
+    if recorded.node_id != now.node_id:
+        found.append(f"{path} was recorded as node {recorded.node_id}, not as node {now.node_id}")
+    for name in sorted({*recorded.versions, *now.versions}):
+        there, here = recorded.versions.get(name, "none"), now.versions.get(name, "none")
+        if there != here:
+            found.append(f"{path} was recorded with {name} {there}, this is {name} {here}: digits may differ")
+    return tuple(found)
+
+
+def _identified(header: Header) -> str:
+    sha256 = header.identified_sha256
+    return "no identified file" if sha256 is None else f"the identified file of sha256 {sha256[:12]}"

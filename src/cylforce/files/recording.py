@@ -60,7 +60,7 @@ def open_pieces(
     check_ordinary(path)
     if path.suffix.lower() in tables.SUFFIXES:
         names = [signal.name for signal in service.machine.signals]
-        return _at_rate(path, table_pieces(path, names, mapping), rate_hz)
+        return _at_rate(path, table_pieces(path, names, mapping, as_recording=True), rate_hz)
     if path.suffix.lower() == ".toml":
         raise RecordingError(f"{path}: is no recording: a machine file is named once, before the recordings")
     if path.suffix.lower() not in logreader.SUFFIXES:

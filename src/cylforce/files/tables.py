@@ -13,6 +13,8 @@ from cylforce.signals.estimate import Array
 
 SUFFIXES = (".csv", ".parquet")
 TIME = "t_s"
+LONGEST_LEAP_S = 3600.0  # between two rows: a longer one is a clock that was set, or two recordings; chosen
+LONGEST_SPAN_S = 100_000.0  # of a table: a day of recording and more; each second of it takes memory; chosen
 GAP_PERIODS = 5  # periods; values within a longer gap are unknown and become NaN
 
 
@@ -62,18 +64,24 @@ def joined(pieces: Sequence[Table]) -> Table:
     return Table(t_s, values, pieces[0].signals)
 
 
-def table_pieces(path: Path, signals: Sequence[str], mapping: TableMap | None = None) -> Iterator[Table]:
-    """The same, piece by piece."""
+def table_pieces(
+    path: Path, signals: Sequence[str], mapping: TableMap | None = None, *, as_recording: bool = False
+) -> Iterator[Table]:
+    """The same, piece by piece. `as_recording`: to be resampled, so that a time which leaps by more than LONGEST_LEAP_S
+    or spans more than LONGEST_SPAN_S is refused: its gaps would fill the memory."""
     wanted = _columns(signals, mapping)
     names = [mapping.time_column if mapping else TIME, *(c.column for c in wanted)]
     scale = np.array([mapping.time_scale_s if mapping else 1.0, *(c.scale for c in wanted)])
     offset = np.array([0.0, *(c.offset for c in wanted)])
-    count, last = 0, -np.inf
+    count, last, first = 0, -np.inf, np.nan
     for cells in read_parquet(path, names) if path.suffix.lower() == ".parquet" else read_csv(path, names):
         if len(cells.at):
             _check(path, cells, names, last)
-            count, last = count + len(cells.at), cells.numbers[-1, 0]
             si = cells.numbers * scale + offset
+            first = si[0, 0] if np.isnan(first) else first
+            if as_recording:
+                _check_span(path, cells, si[:, 0], (first, last * scale[0]))
+            count, last = count + len(cells.at), cells.numbers[-1, 0]
             yield Table(np.ascontiguousarray(si[:, 0]), np.ascontiguousarray(si[:, 1:]), tuple(signals))
     if count < 2:
         raise RecordingError(f"{path}: holds {count} rows, at least two are needed")
@@ -96,6 +104,25 @@ def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
     if len(bad):
         why = "is empty or not a number" if np.isnan(t[bad[0]]) else "does not increase"
         raise RecordingError(f"{path}, {cells.place} {cells.at[bad[0]]}: time (column {names[0]!r}) {why}")
+
+
+def _check_span(path: Path, cells: Cells, t_s: Array, before: tuple[float, float]) -> None:
+    """Raises RecordingError for a time [s] that is too far from the one before it, or from the first; `before`: the
+    table's first, and the last before this piece (-inf: none)."""
+    first, last = before
+    leaps = np.diff(t_s, prepend=last if np.isfinite(last) else first)
+    bad = np.flatnonzero((leaps > LONGEST_LEAP_S) | (t_s - first > LONGEST_SPAN_S))
+    if not len(bad):
+        return
+    k, where = bad[0], f"{path}, {cells.place} {cells.at[bad[0]]}"
+    if leaps[k] > LONGEST_LEAP_S:
+        raise RecordingError(
+            f"{where}: time leaps by {leaps[k]:.6g} s, more than {LONGEST_LEAP_S:g} s: a wrong stamp, or two "
+            "recordings: correct it, or split the file there"
+        )
+    raise RecordingError(
+        f"{where}: {t_s[k] - first:.6g} s after the first row, more than {LONGEST_SPAN_S:g} s: split the file"
+    )
 
 
 class SlowTableError(RecordingError):

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import JsonValue
 
 from cylforce.effects.loads.slew import slew_parameters
-from cylforce.files.atomic import RecordingError
+from cylforce.files.atomic import RecordingError, check_ordinary
 from cylforce.mechanics.machine import Machine, base_parameters
 from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import Record
@@ -97,6 +97,7 @@ class TruthWriter:
 
 def read_truth(path: Path) -> TruthTable:
     """Read a truth file. Raises RecordingError when it is not one."""
+    check_ordinary(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header = json.loads(file.readline().removeprefix("# "))

@@ -20,6 +20,7 @@ from cylforce.programs.commands import (
     replay,
     run,
     scale,
+    seal,
     sim,
 )
 from cylforce.programs.commands.options import INTERRUPTED
@@ -66,6 +67,7 @@ app.command(epilog=new.EXAMPLE)(new.new)
 app.command(epilog=describe.EXAMPLE)(describe.describe)
 app.command(epilog=commission.EXAMPLE)(commission.commission)
 app.command(epilog=identify.EXAMPLE)(identify.identify)
+app.command(epilog=seal.EXAMPLE)(seal.seal)
 app.command(epilog=run.EXAMPLE)(run.run)
 app.command(epilog=display.EXAMPLE)(display.display)
 app.command(epilog=scale.EXAMPLE)(scale.scale)
@@ -81,6 +83,7 @@ booked.command("ticket", epilog=records.TICKET_EXAMPLE)(records.ticket)
 booked.command("label", epilog=records.LABEL_EXAMPLE)(records.label)
 booked.command("export", epilog=records.EXPORT_EXAMPLE)(records.export)
 booked.command("telematics", epilog=records.TELEMATICS_EXAMPLE)(records.telematics)
+booked.command("audit", epilog=records.AUDIT_EXAMPLE)(records.audit)
 booked.command("mqtt", epilog=records.MQTT_EXAMPLE)(records.mqtt)
 app.add_typer(booked, name="records")
 

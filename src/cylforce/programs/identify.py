@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from cylforce.commissioning.identification import Identification, identify, identify_attachment
-from cylforce.files.atomic import RecordingError
+from cylforce.files.atomic import RecordingError, check_outputs
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
 from cylforce.mechanics.installation import STANDARD
@@ -24,7 +24,7 @@ from cylforce.programs.common.readings import (
     tool_models,
 )
 from cylforce.programs.common.tables import print_table
-from cylforce.settings.identified import read_identified, write_attachment, write_identified
+from cylforce.settings.identified import read_identified, seal_again, write_attachment, write_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 
@@ -95,6 +95,16 @@ def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch) -> Itera
     for _, segment in named_segments(loaded, recordings, watch):
         yield segment
     watch("fitting, choosing friction laws", None)
+
+
+def run_seal(loaded: Loaded, path: Path, reason: str) -> None:
+    """Accept a file of tares as it is now, and say what was changed. Raises SettingsError or RecordingError."""
+    if not reason.strip():
+        raise RecordingError("--reason: say in a few words why the file was changed")
+    check_outputs((path,))
+    changed, seal = seal_again(path, loaded, reason.strip())
+    print(f"changed since it was sealed: {', '.join(changed) or 'nothing'}")
+    print(f"{path}: seal {seal.counter}, {seal.sha256[:16]}, by {seal.who}, {seal.date}: {seal.reason}")
 
 
 def show(found: Identification, console: Console) -> None:

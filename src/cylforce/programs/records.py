@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from cylforce.can.clock import now_us
 from cylforce.files.atomic import RecordingError, check_outputs
+from cylforce.records.audit import entries, first_broken
 from cylforce.records.export import export, iso, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import Total, bookings, last_truck, totals
-from cylforce.records.schema import open_labels, open_reading
+from cylforce.records.schema import AUDITED, open_labels, open_reading, version_of
 from cylforce.records.ticket import PartSum, Ticket, TicketLine, ticket
 from cylforce.signals.units import KILOGRAM, MassUnit
 
@@ -81,6 +83,22 @@ def show_telematics(path: Path) -> None:
     """The two payload figures of ISO 15143-3 as JSON."""
     with closing(open_reading(path)) as connection:
         print(json.dumps(telematics(connection), indent=1))
+
+
+def show_audit(path: Path, last: int) -> bool:
+    """The audit trail, and whether it is whole; `last` entries of it (0: all)."""
+    with closing(open_reading(path)) as connection:
+        if version_of(connection) < AUDITED:
+            raise RecordingError(f"{path}: is older than the audit trail: it begins when the service runs with it")
+        found, at = list(entries(connection)), first_broken(connection)
+    table = _table(("entry", "time (UTC)", "who", "what"))
+    for entry in found[-last:]:
+        table.add_row(str(entry.number), iso(entry.t_us), entry.who, escape(entry.what))
+    console = Console(highlight=False)
+    console.print(table)
+    whole = "the chain is whole" if at is None else f"[bold red]entry {at} is missing or was changed[/bold red]"
+    console.print(f"{len(found)} entries; {whole}")
+    return at is None
 
 
 def print_ticket(path: Path, truck: int | None, unit: MassUnit = KILOGRAM) -> None:

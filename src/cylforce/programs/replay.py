@@ -12,8 +12,8 @@ from rich.console import Console
 from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
 from cylforce.files.atomic import replacing, warn
 from cylforce.files.candump import Sent
-from cylforce.files.logfile import Header, mismatches
-from cylforce.files.logreader import log_header, with_ticks
+from cylforce.files.logfile import Header
+from cylforce.files.logreader import log_header, mismatches, with_ticks
 from cylforce.files.recording import Events, open_recording, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.records.export import iso

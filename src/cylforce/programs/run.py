@@ -16,11 +16,13 @@ from cylforce.can.clock import now_us
 from cylforce.can.opening import open_shared_bus
 from cylforce.canopen.dictionary.object_dictionary import ADAPTATION, FOLLOWING, FROZEN, JOINTS, UNEXPLAINED
 from cylforce.canopen.j1939 import J1939, Claim, name_of
-from cylforce.files.atomic import RecordingError, check_outputs, warn
-from cylforce.files.logfile import Header, LogWriter, Rotation
+from cylforce.files.atomic import RecordingError, is_stream, warn
+from cylforce.files.logfile import Header, LogWriter
+from cylforce.files.rotation import Rotation
 from cylforce.mechanics.installation import Service
+from cylforce.programs.common.addresses import secret_of
 from cylforce.programs.common.readings import continued, header_of, make_core
-from cylforce.programs.live.books import Ledger, open_recorder
+from cylforce.programs.live.books import Ledger, open_recorder, show_identity
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.station import Counts, Station, serve
@@ -34,6 +36,7 @@ from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Statu
 from cylforce.signals.events import Frame
 from cylforce.signals.layout import not_available
 
+LEAST_CODE, MOST_CODE = 6, 9  # digits
 MISSING = 0x8250  # a sensor's PDOs stopped
 
 OnEstimate = Callable[[Estimate], None]
@@ -63,13 +66,16 @@ class Daemon(Station[State]):
         log: LogWriter | None,
         kept: Memory,
         recorder: Recorder | None = None,
+        code: int | None = None,
+        identified: Path | None = None,
     ) -> None:
-        super().__init__(core.service, partial(step, core), core.begin(kept), bus, log)
+        super().__init__(core.service, partial(step, core), core.begin(kept), bus, log, code)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
         self._j1939 = _j1939_of(core.service, bus)
         self._second = round(core.service.filters.rate_hz)  # steps
         self._books = Ledger(self.node, recorder, kept, core.service.tools)
+        show_identity(self.node, loaded, identified)
         booked = kept.booking.number if kept.booking else 0
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
 
@@ -86,18 +92,25 @@ class Daemon(Station[State]):
         for number, data in frames(self.core.service.publication, nothing):
             self.node.publish(number, data)
 
+    def protected(self, words: str) -> None:
+        """Into the journal and the audit trail."""
+        super().protected(words)
+        self._books.audit(now_us(), "SDO client", words)
+
     def after_frame(self, frame: Frame) -> None:
         """Another node may claim our J1939 address."""
         if self._j1939 is not None:
             self._j1939.take(frame)
 
     def before_tick(self, t_us: int) -> None:
-        """When the log is full: a new file, which begins with what the service remembers now."""
-        if self.log is not None and self.log.full:
+        """When the log is full, was renamed, or failed a while ago: a new file, which begins with what the service
+        remembers now."""
+        if self.log is not None and self.log.wants_turn:
             self.log.turn(partial(continued, self.log.header, self.state), t_us)
 
     def after_sync(self) -> None:
         """Publish the adaptation's state, log what has changed."""
+        self._say_collisions(self.state.estimate.t_us)
         if self.counts.steps % self._every[1] == 0:
             self._show_drift()
             self._show_unexplained()
@@ -108,6 +121,14 @@ class Daemon(Station[State]):
         self._books.look(self.state)
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
+
+    def _say_collisions(self, t_us: int) -> None:
+        """An emergency while another node uses a sensor's identifiers, or ours."""
+        watched = self.state.inputs.watched
+        for pdo in self.core.assembler.supervisor.doubled(watched, t_us):
+            self.edge.health.doubled(pdo.node_id, t_us)
+        if watched.spoofed(t_us):
+            self.edge.health.doubled(self.core.service.node_id, t_us)
 
     def _show_drift(self) -> None:
         """The adaptation's state in the object dictionary."""
@@ -204,20 +225,39 @@ def show_status(daemon: Daemon) -> None:
 
 
 def _check_log(log: Path, inputs: Sequence[Path | None]) -> None:
+    """Whether the name can be meant; that nothing can be written there now does not prevent measuring."""
     if log.suffix.lower() != ".log":
         raise RecordingError(f"--log {log}: must end in .log: by that ending it is read again")
-    check_outputs((log,), inputs)
+    if log.is_dir() or is_stream(log):
+        raise RecordingError(f"--log {log}: is no ordinary file: choose a file to write")
+    if log.resolve() in {path.resolve() for path in inputs if path is not None}:
+        raise RecordingError(f"--log {log}: would replace another file that this command names: choose another")
 
 
 def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
     return LogWriter(log, header, now_us(), header.bus.partition(":")[2], rotation=rotation)
 
 
+def read_code(path: Path) -> int:
+    """The code that unlocks protected objects. Raises ValueError with a sentence."""
+    text = secret_of("--lock-file", path)
+    if not (text.isascii() and text.isdecimal() and LEAST_CODE <= len(text) <= MOST_CODE) or int(text) == 0:
+        raise ValueError(f"--lock-file {path}: the code must be {LEAST_CODE} to {MOST_CODE} digits, not all of them 0")
+    return int(text)
+
+
 def run_daemon(
-    loaded: Loaded, bus_name: str, identified: Path | None, log: Path | None, rotation: Rotation, records: Path | None
+    loaded: Loaded,
+    bus_name: str,
+    identified: Path | None,
+    log: Path | None,
+    rotation: Rotation,
+    records: Path | None,
+    lock_file: Path | None = None,
 ) -> Counts:
-    """The daemon until a signal. Raises BusError, SettingsError or RecordingError with a sentence."""
+    """The daemon until a signal. Raises BusError, SettingsError, RecordingError or ValueError with a sentence."""
     configure_messages()
+    code = None if lock_file is None else read_code(lock_file)
     if log is not None:
         _check_log(log, (loaded.path, identified, records))
     warnings: list[str] = []
@@ -225,12 +265,12 @@ def run_daemon(
     bus = open_shared_bus(bus_name)
     for sentence in warnings:
         warn(sentence)
-    recorder = open_recorder(records, loaded)
+    recorder = open_recorder(records, loaded, identified)
     kept = recorder.kept if recorder else NOTHING_KEPT
     writer = _writer(header_of(loaded, identified, bus_name, kept), log, rotation) if log else None
 
     async def main() -> Counts:
-        daemon = Daemon(loaded, core, bus, writer, kept, recorder)
+        daemon = Daemon(loaded, core, bus, writer, kept, recorder, code, identified)
         await serve(daemon, asyncio.Event(), lambda: show_status(daemon), manager=Manager())
         structlog.get_logger("cylforce").info("stopped", **daemon.counts._asdict())
         return daemon.counts

@@ -9,9 +9,10 @@ from queue import Empty, Full, Queue
 from threading import Thread
 
 from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.records.audit import Audit, length
 from cylforce.records.queries import cumulated
 from cylforce.records.schema import open_writing
-from cylforce.records.writing import Change, Start, begin, end, write
+from cylforce.records.writing import Change, Start, begin, end, entered, write
 from cylforce.service.state import NOTHING_KEPT, Memory
 
 BACKLOG = 1000  # changes: hours of work; a disk that stalls for longer has failed
@@ -20,9 +21,9 @@ CLOSE_S = 5.0
 
 class Recorder:
     """Takes changes and never makes its caller wait. `kept`: what was kept from before; `recorded`: number of the last
-    booking that is safe on the disk; `lifetime` [kg]: all that was ever loaded (None: not known). When the disk is
-    full, read-only or fails, recording ends with `failure`, which `tell` is given once, on the caller's thread; nothing
-    else ends.
+    booking that is safe on the disk; `audited`: of the last audit entry; `lifetime` [kg]: all that was ever loaded
+    (None: not known). When the disk is full, read-only or fails, recording ends with `failure`, which `tell` is given
+    once, on the caller's thread; nothing else ends.
 
     Raises RecordingError only when another service writes the same file."""
 
@@ -30,14 +31,16 @@ class Recorder:
         self._path, self._tell, self.failure, self._error = path, tell, "", ""
         self.kept: Memory = NOTHING_KEPT
         self.lifetime: float | None = None
+        self.audited = 0
         self._connection: sqlite3.Connection | None = None
-        self._changes: Queue[Change | int] = Queue(BACKLOG)
+        self._changes: Queue[Change | Audit | int] = Queue(BACKLOG)
         self._begun, self._last_us = 0, start.t_us
         self._lock = _locked(path)
         try:
             self._connection = open_writing(path, tell)
             self._begun, self.kept = begin(self._connection, start)
             self.lifetime = cumulated(self._connection).mass
+            self.audited = length(self._connection)
         except (sqlite3.Error, OSError) as error:
             self._error = f"{error}"
         self.recorded = self.kept.booking.number if self.kept.booking else 0
@@ -45,7 +48,7 @@ class Recorder:
         self._thread.start()
         self.look()
 
-    def put(self, change: Change) -> None:
+    def put(self, change: Change | Audit) -> None:
         """Hand over a change; it is written soon."""
         self._last_us = change.t_us
         if not self._error:
@@ -86,12 +89,16 @@ class Recorder:
             with suppress(sqlite3.Error):
                 self._connection.close()
 
-    def _write(self, connection: sqlite3.Connection, change: Change | int) -> None:
+    def _write(self, connection: sqlite3.Connection, change: Change | Audit | int) -> None:
         if isinstance(change, int):
             end(connection, self._begun, change)
             return
+        if isinstance(change, Audit):
+            self.audited = entered(connection, change)
+            return
         write(connection, self._begun, change)
         self.lifetime = cumulated(connection).mass
+        self.audited = length(connection)
         if change.booked is not None:
             self.recorded = change.booked.booking.number
 

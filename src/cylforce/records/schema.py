@@ -66,8 +66,16 @@ MIGRATIONS = (
     ALTER TABLE kept ADD COLUMN hanging TEXT NOT NULL DEFAULT '';
     ALTER TABLE kept ADD COLUMN hanging_us INTEGER NOT NULL DEFAULT 0;
     """,
+    # the audit trail (records/audit.py): nothing of it is changed or removed
+    """
+    CREATE TABLE audit (number INTEGER PRIMARY KEY, t_us INTEGER NOT NULL, who TEXT NOT NULL, what TEXT NOT NULL,
+        digest TEXT NOT NULL) STRICT;
+    CREATE TRIGGER audit_stays BEFORE DELETE ON audit BEGIN SELECT raise(ABORT, 'the audit trail stays'); END;
+    CREATE TRIGGER audit_is_so BEFORE UPDATE ON audit BEGIN SELECT raise(ABORT, 'the audit trail is as it is'); END;
+    """,
 )
 VERSION = len(MIGRATIONS)
+AUDITED = 5  # the first version with an audit trail
 BUSY_S = 10.0  # how long the writer waits for another program that writes labels
 
 

@@ -5,12 +5,14 @@ import sqlite3
 from typing import NamedTuple
 
 from cylforce.files.checkpoint import packed, unpacked
+from cylforce.records.audit import Audit, enter, enter_if_other
 from cylforce.service.booking import Weighed
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import KEPT, Bucket, Truck
 from cylforce.service.state import Memory, Scale
 from cylforce.signals.estimate import Booking
 
+OPERATOR = "operator"  # in the audit trail: commands over SDO that need no code
 BY_HAND = "BY_HAND"  # status of a booking that the operator gave
 RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"
 # us: no machine dumps a bucket, fills it and lifts it again sooner; excavators need 15 s and more for a cycle
@@ -18,11 +20,14 @@ SHORTEST_CYCLE_US = 12_000_000
 
 
 class Start(NamedTuple):
-    """A start of the service: when [us], cylforce's version, the machine's name."""
+    """A start of the service: when [us], cylforce's version, the machine's name; who started it, and what is entered
+    into the audit trail if it has changed since the last start: (what it is about, how it is now)."""
 
     t_us: int
     version: str
     machine: str
+    who: str = ""
+    now: tuple[tuple[str, str], ...] = ()
 
 
 class BookedBucket(NamedTuple):
@@ -51,6 +56,8 @@ def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
     connection.execute("UPDATE starts SET how = ? WHERE how = ?", (INTERRUPTED, RUNNING))
     values = (start.t_us, RUNNING, start.version, start.machine)
     row = connection.execute("INSERT INTO starts (begun_us, how, version, machine) VALUES (?, ?, ?, ?)", values)
+    for about, how in start.now:
+        enter_if_other(connection, Audit(start.t_us, start.who, f"{about}: {how}"), f"{about}: ")
     connection.execute("COMMIT")
     return int(row.lastrowid or 0), restored(connection, start.t_us)
 
@@ -94,6 +101,19 @@ def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
         raise
 
 
+def entered(connection: sqlite3.Connection, said: Audit) -> int:
+    """One audit entry as one transaction; its number."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        number = enter(connection, said)
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
+    return number
+
+
 def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
     truck = change.kept.truck
     connection.execute(
@@ -121,6 +141,7 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
     if change.words:
         row = (start, change.t_us, change.words)
         connection.execute("INSERT INTO changes (start, t_us, words) VALUES (?, ?, ?)", row)
+        enter(connection, Audit(change.t_us, OPERATOR, change.words))
 
 
 def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: BookedBucket) -> None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.mechanics.installation import Service
+from cylforce.service.supervision import NOBODY, Supervisor, Watched
 from cylforce.signals.codec import Decoder, Slot, decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
@@ -49,11 +50,12 @@ class FrameCounters(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """State of all channels, frame counters, and the time [us] of the last frame that was too long."""
+    """State of all channels, frame counters, the time [us] of the last frame that was too long, and of who sends."""
 
     channels: tuple[Channel, ...]
     counters: FrameCounters
     long_t_us: int
+    watched: Watched = NOBODY
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,11 @@ class Assembler:
     """Receives frames and gives samples. Pure: every method returns the new state."""
 
     service: Service
+
+    @cached_property
+    def supervisor(self) -> Supervisor:
+        """Watches who sends."""
+        return Supervisor(self.service)
 
     @cached_property
     def decoders(self) -> dict[int, Decoder]:
@@ -85,11 +92,12 @@ class Assembler:
     def begin(self) -> Inputs:
         """The state before any frame."""
         empty = Channel(float("nan"), NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
-        return Inputs((empty,) * len(self.service.machine.signals), FrameCounters(), NEVER)
+        return Inputs((empty,) * len(self.service.machine.signals), FrameCounters(), NEVER, self.supervisor.begin())
 
     def receive(self, inputs: Inputs, frame: Frame, moving: tuple[bool, ...]) -> Inputs:
         """The state after a frame: length and range are checked, unknown identifiers are counted. `moving`, per signal:
         whether the machine moves so that an equal value from this sensor means that it is frozen."""
+        inputs = inputs._replace(watched=self.supervisor.received(inputs.watched, frame))
         found = self.decoders.get(frame.can_id)
         if found is None:
             return inputs._replace(counters=inputs.counters._replace(unknown=inputs.counters.unknown + 1))
@@ -108,9 +116,9 @@ class Assembler:
                 moving[slot.signal],
             )
         if len(frame.data) == found.struct.size:
-            return Inputs(tuple(channels), inputs.counters, inputs.long_t_us)
+            return inputs._replace(channels=tuple(channels))
         counters = inputs.counters._replace(long=inputs.counters.long + 1)
-        return Inputs(tuple(channels), counters, frame.t_us)
+        return inputs._replace(channels=tuple(channels), counters=counters, long_t_us=frame.t_us)
 
     def _short(self, inputs: Inputs, found: Decoder) -> Inputs:
         channels = list(inputs.channels)
@@ -158,7 +166,8 @@ class Assembler:
         after enough good values."""
         mine = {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}
         lost = Channel(float("nan"), NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
-        return inputs._replace(channels=tuple(lost if k in mine else c for k, c in enumerate(inputs.channels)))
+        channels = tuple(lost if k in mine else c for k, c in enumerate(inputs.channels))
+        return inputs._replace(channels=channels, watched=self.supervisor.restarted(inputs.watched, node_id))
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
@@ -174,6 +183,8 @@ class Assembler:
             reasons.append(Reason.NONE)
             if channel.reason is not Reason.NONE or age > 1.5e6 * signal.period_s:
                 late = Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason
+        for k, reason in self.supervisor.reasons(inputs.watched, t_us).items():
+            reasons[k] = max(reasons[k], reason)
         values = np.array([c.value for c in inputs.channels])
         return Sample(t_us, values, tuple(reasons), late)
 

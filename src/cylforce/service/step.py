@@ -245,3 +245,5 @@ def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
         yield Reason.OTHER_TOOL
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME
+    if state.inputs.watched.spoofed(t_us):
+        yield Reason.OWN_IDENTIFIER

@@ -55,6 +55,8 @@ class Reason(IntEnum):
     NO_CONTACT = 25
     OTHER_TOOL = 26
     NOT_CURLED = 27
+    TWO_PRODUCERS = 30
+    OWN_IDENTIFIER = 31
 
 
 class Sample(NamedTuple):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 EXTENDED = 0x80000000
 REMOTE = 0x40000000
 ERROR = 0x20000000
+EXACTLY = EXTENDED | REMOTE | 0x7FF  # a mask: this 11-bit identifier and no other frame
 
 
 class Frame(NamedTuple):

@@ -23,6 +23,8 @@ from cylforce.canopen.dictionary.object_table import (
 )
 from cylforce.canopen.emergency import HISTORY
 from cylforce.mechanics.installation import SensorNode
+from cylforce.service.commands import KG, NEXT_WORD, SIGNATURES
+from cylforce.service.loading.truck import LARGEST_TARGET
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
 
@@ -32,7 +34,7 @@ ZERO, TARE = 0x6125, 0x6139  # commands, at sub-index 1
 UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
 INT16, INT32 = 0x7130, 0x9130  # process values
 ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperature and wear, and its states
-UNEXPLAINED, JOINTS = 0x21A0, 8  # torque that the empty machine does not explain, of the first eight measured joints
+UNEXPLAINED, JOINTS = 0x21B0, 8  # torque that the empty machine does not explain, of the first eight measured joints
 
 LOADING = 0x2190  # the truck that is being loaded
 TRUCK, TOTAL, COUNT, LAST, RECORDED, RECORDS = 6, 7, 8, 9, 10, 11  # its sub-indices that are read only
@@ -40,7 +42,16 @@ TOOL, ADD = 12, 13  # number of the tool: a command, and read; a bucket by hand:
 PART, TRAILER, IN_PART, PART_NUMBER = 14, 15, 16, 17  # next part and its target: commands; mass and number: read
 NO_RECORDS, RECORDING, RECORDS_STOPPED = 0, 1, 2  # values of sub-index RECORDS
 
+PROTECTION = 0x21A0  # who may write, what was written, what runs
+CODE, LOCK_STATE, SECONDS_LEFT, AUDIT_COUNT, SOFTWARE_ID, PARAMETERS_ID, MACHINE_ID = range(1, 8)  # its sub-indices
+
 _BASES = range(0x180, 0x580, 0x80)  # COB-IDs of PDOs in CiA 301, to which the node id is added
+_LARGEST_U32 = 0xFFFFFFFF
+_LARGEST_TARGET = round(LARGEST_TARGET / KG)
+_NEXT, _ZERO = (int.from_bytes(word, "little") for word in (NEXT_WORD, *SIGNATURES[0x6125]))
+_TARA, _TARE = sorted(int.from_bytes(word, "little") for word in SIGNATURES[0x6139])
+_LONGEST_HEARTBEAT_MS = 10_000
+_COB_IDS = 0x181, 0xC00006DF  # of a PDO, with the bits "disabled" and "no remote frames"
 _SLOTS = 8  # entries of a mapping that can be written
 _SYNC = 0x80
 # SI unit -> code of CiA 303-2 for the unit in which it is published, that unit's size in SI
@@ -72,7 +83,9 @@ def own_objects(
         raise ValueError(f"{len(watched)} nodes have a heartbeat, {CONSUMERS} can be watched: set heartbeat_ms = 0")
     entries = [*watched, *[0] * (CONSUMERS - len(watched))]
     produces = 1 << 30 if sync_us else 0
-    consumers = (Entry(k, f"Consumer {k}", "I", "rw", entry) for k, entry in enumerate(entries, 1))
+    consumers = (
+        Entry(k, f"Consumer {k}", "I", "rw", entry, low=0, high=0x7FFFFF) for k, entry in enumerate(entries, 1)
+    )
     fields = [field for pdo in pdos for field in pdo.fields]
     return merged(
         [
@@ -84,6 +97,7 @@ def own_objects(
             *_own_channels(channels(fields)),
             group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
             group(LOADING, "Truck", RECORD, _loading()),
+            group(PROTECTION, "Protection", RECORD, _protection()),
             group(UNEXPLAINED, "Torque residual", ARRAY, _unexplained()),
         ]
     )
@@ -101,24 +115,37 @@ def _unexplained() -> tuple[Entry, ...]:
     )
 
 
+def _protection() -> tuple[Entry, ...]:
+    """See `canopen.access` and `records.audit`."""
+    return (
+        Entry(CODE, "Code that unlocks; 0 locks", "I", "wo", low=0, high=_LARGEST_U32),
+        Entry(LOCK_STATE, "Lock: 0 no code, 1 locked, 2 unlocked, 3 blocked", "B", "ro", 0),
+        Entry(SECONDS_LEFT, "Seconds until it locks, or until the next code", "H", "ro", 0),
+        Entry(AUDIT_COUNT, "Number of the last audit entry", "I", "ro", 0),
+        Entry(SOFTWARE_ID, "Software: first 4 bytes of the SHA-256 of its files", "I", "ro", 0),
+        Entry(PARAMETERS_ID, "Identified parameters: first 4 bytes of the SHA-256", "I", "ro", 0),
+        Entry(MACHINE_ID, "Machine file: first 4 bytes of the SHA-256", "I", "ro", 0),
+    )
+
+
 def _loading() -> tuple[Entry, ...]:
     """Sub-indices 1 to 5 are commands, see `service.commands`."""
     return (
-        Entry(1, "Target, in 0.1 kg; 0: none", "i", "rw", 0),
-        Entry(2, "Number of the product", "I", "rw", 0),
-        Entry(3, "Next truck", "I", "wo"),
-        Entry(4, "Cancel booking", "I", "wo"),
-        Entry(5, "Accept booking", "I", "wo"),
+        Entry(1, "Target, in 0.1 kg; 0: none", "i", "rw", 0, low=0, high=_LARGEST_TARGET),
+        Entry(2, "Number of the product", "I", "rw", 0, low=0, high=_LARGEST_U32),
+        Entry(3, "Next truck", "I", "wo", low=_NEXT, high=_NEXT),
+        Entry(4, "Cancel booking", "I", "wo", low=1, high=_LARGEST_U32),
+        Entry(5, "Accept booking", "I", "wo", low=1, high=_LARGEST_U32),
         Entry(TRUCK, "Number of the truck", "I", "ro", 1),
         Entry(TOTAL, "Mass in the truck, in 0.1 kg", "i", "ro", 0),
         Entry(COUNT, "Buckets in the truck", "I", "ro", 0),
         Entry(LAST, "Number of the last booking", "I", "ro", 0),
         Entry(RECORDED, "Number of the last booking on disk", "I", "ro", 0),
         Entry(RECORDS, "State of the records: 0 off, 1 on, 2 stopped", "B", "ro", NO_RECORDS),
-        Entry(TOOL, "Number of the attachment; 0: standard", "I", "rw", 0),
-        Entry(ADD, "Bucket by hand, in 0.1 kg", "i", "wo"),
-        Entry(PART, "Next part of the truck", "I", "wo"),
-        Entry(TRAILER, "Target of the trailer, in 0.1 kg; 0: none", "i", "rw", 0),
+        Entry(TOOL, "Number of the attachment; 0: standard", "I", "rw", 0, low=0, high=_LARGEST_U32),
+        Entry(ADD, "Bucket by hand, in 0.1 kg", "i", "wo", low=1, high=_LARGEST_TARGET),
+        Entry(PART, "Next part of the truck", "I", "wo", low=_NEXT, high=_NEXT),
+        Entry(TRAILER, "Target of the trailer, in 0.1 kg; 0: none", "i", "rw", 0, low=0, high=_LARGEST_TARGET),
         Entry(IN_PART, "Mass in this part, in 0.1 kg", "i", "ro", 0),
         Entry(PART_NUMBER, "Number of the part; 1: the truck itself", "I", "ro", 1),
     )
@@ -165,7 +192,10 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
         variable(0x1008, "Manufacturer device name", TEXT, "const", name),
         variable(0x100A, "Manufacturer software version", TEXT, "const", __version__),
         Object(0x1014, "COB-ID EMCY", VARIABLE, (Entry(0, "COB-ID EMCY", "I", "ro", 0x80, relative=True),)),
-        variable(0x1017, "Producer heartbeat time", "H", "rw", heartbeat_ms),
+        first_entry(
+            variable(0x1017, "Producer heartbeat time", "H", "rw", heartbeat_ms),
+            Entry(0, "Producer heartbeat time", "H", "rw", heartbeat_ms, low=0, high=_LONGEST_HEARTBEAT_MS),
+        ),
         group(0x1018, "Identity object", RECORD, (Entry(k, n, "I", "ro", v) for k, (n, v) in enumerate(numbers, 1))),
         group(0x1200, "SDO server parameter", RECORD, server),
     ]
@@ -176,8 +206,9 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
     entries = [f.index << 16 | f.sub << 8 | 8 * CODES[f.code] for f in pdo.fields]
     slots = entries + [0] * (_SLOTS - len(entries)) if access == "rw" else entries
     relative = pdo.can_id - pdo.node_id in _BASES
+    limits = _COB_IDS if access == "ro" else (None, None)
     parameter = (
-        Entry(1, "COB-ID used by TPDO", "I", "rw", pdo.can_id - relative * pdo.node_id, relative),
+        Entry(1, "COB-ID used by TPDO", "I", "rw", pdo.can_id - relative * pdo.node_id, relative, *limits),
         Entry(2, "Transmission type", "B", access, max(pdo.sync, 1) if pdo.synchronous else 255),
         Entry(5, "Event timer", "H", access, 0 if pdo.synchronous else round(1e3 * pdo.period_s)),
     )
@@ -237,8 +268,8 @@ def _own_channels(found: dict[int, Field]) -> list[Object]:
     """What CiA 404 has beside the process values, and each of these in both integer types."""
     return [
         *_channel_objects(found),
-        group(ZERO, "AI autozero", ARRAY, [Entry(1, "Autozero of channel 1", "I", "wo")]),
-        group(TARE, "AI autotare", ARRAY, [Entry(1, "Autotare of channel 1", "I", "wo")]),
+        group(ZERO, "AI autozero", ARRAY, [Entry(1, "Autozero of channel 1", "I", "wo", low=_ZERO, high=_ZERO)]),
+        group(TARE, "AI autotare", ARRAY, [Entry(1, "Autotare of channel 1", "I", "wo", low=_TARA, high=_TARE)]),
         group(TARE_VALUE, "AI tare zero", ARRAY, [Entry(1, "Tare of channel 1", "i", "ro", not_available("i"))]),
         group(STATUS, "AI status", ARRAY, (Entry(k, f"Status of channel {k}", "B", "ro", 1) for k in sorted(found))),
         *(_carried(replace(f, index=INT16, code="h"), _NAMES[404]) for f in found.values() if f.index != INT16),

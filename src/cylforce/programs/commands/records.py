@@ -14,6 +14,7 @@ TELEMATICS_EXAMPLE = example("cylforce records telematics records.db")
 TICKET_EXAMPLE = example("cylforce records ticket records.db")
 LABEL_EXAMPLE = example("cylforce records label records.db --product 1 --name gravel")
 
+AUDIT_EXAMPLE = example("cylforce records audit records.db --last 20")
 MQTT_EXAMPLE = example("cylforce records mqtt records.db --broker broker.example:1883 --topic cylforce/machine7")
 
 File = Annotated[Path, typer.Argument(metavar="RECORDS.db", help="What `cylforce run --records` writes.")]
@@ -95,6 +96,17 @@ def label(
         raise RecordingError("--product and --name belong together: give both")
     named = None if product is None or name is None else (product, name)
     label(records, truck, given(customer=customer, job=job, operator=operator, note=note), named)
+
+
+def audit(
+    records: File,
+    last: Annotated[int, typer.Option(min=0, help="Only so many, the latest; 0: all.")] = 0,
+) -> None:
+    """Who changed what and when; fails if the chain of entries is broken."""
+    from cylforce.programs.records import show_audit
+
+    if not show_audit(records, last):
+        raise typer.Exit(1)
 
 
 def mqtt(

@@ -24,14 +24,19 @@ def run(
     records: Annotated[
         Path | None, typer.Option(help="Keep bookings, zero, tare and the open truck there (SQLite).")
     ] = None,
+    lock_file: Annotated[
+        Path | None, typer.Option(help="File with the code (6 to 9 digits) that unlocks protected objects over SDO.")
+    ] = None,
     log_keep: Annotated[int, typer.Option(min=0, help="How many older files to keep, FILE.NUMBER.log.")] = 9,
 ) -> None:
     """Read the sensors, publish payload and force: the service."""
     from cylforce.files.atomic import RecordingError
-    from cylforce.files.logfile import Rotation
+    from cylforce.files.rotation import Rotation
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.run import run_daemon
 
     if not 1.0 <= log_size <= 100_000.0:
         raise RecordingError(f"--log-size {log_size:g}: is no size of a log: give 1 to 100000 MB")
-    run_daemon(load_machine(machine), bus, identified, log, Rotation(round(1e6 * log_size), log_keep), records)
+    run_daemon(
+        load_machine(machine), bus, identified, log, Rotation(round(1e6 * log_size), log_keep), records, lock_file
+    )

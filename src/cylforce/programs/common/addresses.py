@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from cylforce.files.atomic import is_large, is_stream
+
 
 def host_and_port(option: str, address: str) -> tuple[str, int]:
     """Of HOST:PORT; an IPv6 address stands in square brackets. Raises ValueError that names the option."""
@@ -13,6 +15,8 @@ def host_and_port(option: str, address: str) -> tuple[str, int]:
 
 def secret_of(option: str, path: Path) -> str:
     """The text of a file, without blanks at its ends. Raises ValueError that names the option."""
+    if is_stream(path) or is_large(path):
+        raise ValueError(f"{option} {path}: is no small text file: write it into one")
     try:
         return path.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:

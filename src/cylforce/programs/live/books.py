@@ -6,22 +6,30 @@ from pathlib import Path
 import cylforce
 from cylforce.can.clock import now_us
 from cylforce.canopen.dictionary.object_dictionary import (
+    AUDIT_COUNT,
     COUNT,
     IN_PART,
     LAST,
     LOADING,
+    MACHINE_ID,
     NO_RECORDS,
+    PARAMETERS_ID,
     PART_NUMBER,
+    PROTECTION,
     RECORDED,
     RECORDING,
     RECORDS,
     RECORDS_STOPPED,
+    SOFTWARE_ID,
     TOOL,
     TOTAL,
     TRUCK,
 )
 from cylforce.canopen.node import Node
+from cylforce.files.atomic import check_ordinary
+from cylforce.files.software import short, software_sha256
 from cylforce.mechanics.installation import STANDARD
+from cylforce.records.audit import Audit
 from cylforce.records.recorder import Recorder
 from cylforce.records.writing import BY_HAND, BookedBucket, Change, Start
 from cylforce.service.booking import Weighed
@@ -29,10 +37,13 @@ from cylforce.service.commands import KG, PRODUCT, TARGET, TRAILER
 from cylforce.service.loading.cycle import LastBucket, ended
 from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, State
+from cylforce.settings.identified import identified_seal
 from cylforce.settings.machine_file import Loaded
+from cylforce.settings.seal import user
 from cylforce.signals.estimate import Booking, is_new
 
 OFTEN = 10  # steps between two looks at the writing thread
+AUDIT_MOST, AUDIT_US = 20, 60_000_000  # audit entries that SDO clients cause, and in which time; chosen
 SAME_LOAD = 0.02  # share by which the weight of a load that hangs may change without being kept anew; chosen
 
 
@@ -45,12 +56,28 @@ class Ledger:
         self._tools = tools
         self._node, self._recorder, self._kept, self._steps = node, recorder, kept, 0
         self._written = kept.booking
+        self._minute_us = self._audits = self._withheld = 0
         self._show(kept)
 
     @property
     def lifetime(self) -> float | None:
         """All that was ever loaded [kg]; None without records."""
         return None if self._recorder is None else self._recorder.lifetime
+
+    def audit(self, t_us: int, who: str, what: str) -> None:
+        """Enter something into the audit trail. Of more than AUDIT_MOST entries a minute only the number is kept, so
+        that nobody can fill the disk with them."""
+        if self._recorder is None:
+            return
+        if not 0 <= t_us - self._minute_us < AUDIT_US:
+            self._minute_us, self._audits = t_us, 0
+        self._audits += 1
+        if self._audits > AUDIT_MOST:
+            self._withheld += 1
+            return
+        more = f" (before it {self._withheld} entries were withheld: too many)" if self._withheld else ""
+        self._withheld = 0
+        self._recorder.put(Audit(t_us, who, f"{what}{more}"))
 
     def look(self, state: State) -> None:
         """Hand over what changed; show it."""
@@ -92,6 +119,7 @@ class Ledger:
             self._node.set_value(LOADING, RECORDS, NO_RECORDS)
             return
         self._recorder.look()
+        self._node.set_value(PROTECTION, AUDIT_COUNT, self._recorder.audited)
         self._node.set_value(LOADING, RECORDED, self._recorder.recorded)
         self._node.set_value(LOADING, RECORDS, RECORDS_STOPPED if self._recorder.failure else RECORDING)
 
@@ -151,8 +179,34 @@ def _truck_words(truck: Truck) -> str:
     return f"{part}target {truck.target:.1f} kg{trailer}, product {truck.product}, cancelled: {off}"
 
 
-def open_recorder(path: Path | None, loaded: Loaded) -> Recorder | None:
-    """The records of this start of the service. Raises RecordingError when another service writes them."""
+def open_recorder(path: Path | None, loaded: Loaded, identified: Path | None = None) -> Recorder | None:
+    """The records of this start of the service. What runs and with which parameters is entered into the audit trail if
+    it is another than at the last start. Raises RecordingError when another service writes them, or where
+    they are no ordinary file."""
     if path is None:
         return None
-    return Recorder(path, Start(now_us(), cylforce.__version__, loaded.service.machine.name))
+    check_ordinary(path)
+    now = (
+        ("software", f"{cylforce.__version__} {software_sha256()[:16]}"),
+        ("machine file", f"{loaded.path.name} {loaded.sha256[:16]}"),
+        ("parameters", _sealed_as(identified)),
+    )
+    return Recorder(path, Start(now_us(), cylforce.__version__, loaded.service.machine.name, user(), now))
+
+
+def _sealed_as(identified: Path | None) -> str:
+    seal = None if identified is None else identified_seal(identified)
+    if identified is None or seal is None:
+        return "of the data sheet"
+    return f"{identified.name} seal {seal.counter} {seal.sha256[:16]} by {seal.who} {seal.date}: {seal.reason}"
+
+
+def show_identity(node: Node, loaded: Loaded, identified: Path | None) -> None:
+    """Which software, machine file and parameters run, in the object dictionary."""
+    seal = None if identified is None else identified_seal(identified)
+    for sub, sha256 in (
+        (SOFTWARE_ID, software_sha256()),
+        (MACHINE_ID, loaded.sha256),
+        (PARAMETERS_ID, "" if seal is None else seal.sha256),
+    ):
+        node.set_value(PROTECTION, sub, short(sha256))

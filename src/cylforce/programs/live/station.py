@@ -11,12 +11,15 @@ import structlog
 
 from cylforce.can.bus import Bus
 from cylforce.can.clock import Timer, now_us
+from cylforce.canopen.access import Access
 from cylforce.canopen.devices import own_node
+from cylforce.canopen.dictionary.object_dictionary import CODE, PROTECTION
 from cylforce.canopen.network import Network
 from cylforce.canopen.startup import Commissioner, Outcome, Stage
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import LogWriter
 from cylforce.mechanics.installation import Service
+from cylforce.programs.live.edge import Edge
 from cylforce.programs.live.notify import Manager
 from cylforce.service.state import Output
 from cylforce.signals.events import Event, Frame, Tick
@@ -24,6 +27,7 @@ from cylforce.signals.events import Event, Frame, Tick
 S = TypeVar("S")  # the step's state
 Step = Callable[[S, Event], tuple[S, Output]]
 
+_CODE = PROTECTION.to_bytes(2, "little") + bytes([CODE])
 OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
 SOFTWARE = 0x6100  # EMCY code: internal software
 ON_TIME = 100  # steps; at each such count a step without overrun repairs the emergency
@@ -38,9 +42,17 @@ class Counts(NamedTuple):
 
 
 class Station(Generic[S]):
-    """A service on a bus: `step(state, event)` gives the new state and what to send out."""
+    """A service on a bus: `step(state, event)` gives the new state and what to send out. `code`: see Access."""
 
-    def __init__(self, service: Service, step: Step[S], state: S, bus: Bus, log: LogWriter | None) -> None:
+    def __init__(
+        self,
+        service: Service,
+        step: Step[S],
+        state: S,
+        bus: Bus,
+        log: LogWriter | None,
+        code: int | None = None,
+    ) -> None:
         self._step, self.state = step, state
         rate = service.filters.rate_hz
         self._every = {pdo.number: max(1, round(pdo.period_s * rate)) for pdo in service.publication}
@@ -51,10 +63,13 @@ class Station(Generic[S]):
         self._tell = structlog.get_logger("cylforce")
         self._verdict: int | None = None
         self.network = Network(bus.send)
-        self.node = own_node(service, self._last_verdict, self._on_peer)
+        taken = {pdo.can_id for node in service.nodes for pdo in node.pdos}
+        access = Access(code, taken, self.protected)
+        self.node = own_node(service, self._last_verdict, self._on_peer, access, self._written)
         self.network.add_node(self.node)
         heard = self.node.heartbeats.state
         self.commissioner = Commissioner(service.nodes, self.network, heard, self._commissioned)
+        self.edge = Edge(service, bus, self.node, self.commissioner.begin, self._bus_fault)
         self._timer = Timer(1.0 / service.filters.rate_hz)
         self.manager = Manager({})
 
@@ -69,6 +84,7 @@ class Station(Generic[S]):
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Join the bus and begin to step; the sensors are commissioned beside the loop."""
         self.network.poll(now_us())
+        self.edge.filter(frozenset(self.network.subscribers))
         self.bus.attach(loop, self.on_frame, self._on_sent)
         self.node.boot()
         self.commissioner.start()
@@ -90,15 +106,24 @@ class Station(Generic[S]):
 
     def on_frame(self, frame: Frame) -> None:
         """A frame is logged, passed to the step, then to our node, which answers a command with the step's verdict."""
-        self._keep(frame)
+        self._keep(without_code(frame, self.node.node_id))
         self.state, out = self._step(self.state, frame)
         self._verdict = out.verdict
         if out.verdict is not None:
             say = self._tell.warning if out.verdict else self._tell.info
             say("command", words=out.words, abort=hex(out.verdict))
+        self.edge.on_frame(frame)
         self.network.on_frame(frame)
         self._verdict = None
         self.after_frame(frame)
+
+    def protected(self, words: str) -> None:
+        """Something about the lock, or a write that it refused."""
+        self._tell.warning("protection", words=words)
+
+    def _written(self, index: int, sub: int, before: bytes, after: bytes) -> None:
+        """An SDO client changed an object."""
+        self.protected(f"{index:04X}h:{sub} from {before[::-1].hex()}h to {after[::-1].hex()}h")
 
     def after_frame(self, frame: Frame) -> None:
         """What else a frame is for; nothing here."""
@@ -121,8 +146,18 @@ class Station(Generic[S]):
         self.node.produce_sync()
         self.network.poll(tick.t_us)
         self._say_overruns(late, tick.t_us)
+        self._look_around(tick.t_us)
         self.after_sync()
         self._tell_manager(late)
+
+    def _look_around(self, t_us: int) -> None:
+        self.edge.look(t_us)
+        if self.counts.steps % ON_TIME == 0:
+            self.edge.filter(frozenset(self.network.subscribers))
+            self.edge.wake(self.outcomes, t_us)
+
+    def _bus_fault(self, words: str) -> None:
+        self._tell.warning("bus", why=words)
 
     def _tell_manager(self, late: int) -> None:
         """A step that was on time, and whose values were sent, is what the watchdog is fed with."""
@@ -160,6 +195,13 @@ class Station(Generic[S]):
         self.outcomes[outcome.node.node_id] = outcome
         say = self._tell.info if outcome.stage is Stage.OPERATIONAL else self._tell.warning
         say("sensor", name=outcome.node.name, node=outcome.node.node_id, stage=outcome.stage, why=outcome.reason)
+
+
+def without_code(frame: Frame, node_id: int) -> Frame:
+    """The frame as it is logged: a code that unlocks is written as 0."""
+    if frame.can_id != 0x600 + node_id or frame.data[1:4] != _CODE or frame.data[0] & 0xE0 != 0x20:
+        return frame
+    return frame._replace(data=frame.data[:4] + bytes(len(frame.data) - 4))
 
 
 async def serve(

@@ -1,0 +1,24 @@
+"""Which software runs: one hash over all its files."""
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import cylforce
+
+
+@cache
+def software_sha256() -> str:
+    """SHA-256 over the names and bytes of all Python files of the package, in the order of their names. The same files
+    give the same hash on every computer; a file that was changed after installation gives another."""
+    root = Path(cylforce.__file__).parent
+    whole = hashlib.sha256()
+    for path in sorted(root.rglob("*.py"), key=lambda path: path.relative_to(root).as_posix()):
+        whole.update(f"{path.relative_to(root).as_posix()}\0{path.stat().st_size}\0".encode())
+        whole.update(path.read_bytes())
+    return whole.hexdigest()
+
+
+def short(sha256: str) -> int:
+    """The first four bytes of a hash, as it is said on the bus; 0 for none."""
+    return int(sha256[:8] or "0", 16)

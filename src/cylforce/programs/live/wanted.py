@@ -1,0 +1,23 @@
+"""Which frames our node has to see: its sensors', what is sent to it, and its own identifiers, which nobody else may
+use."""
+
+from collections.abc import Iterable
+
+from cylforce.can.bus import Filter
+from cylforce.canopen import j1939
+from cylforce.mechanics.installation import Service
+from cylforce.service.supervision import Supervisor
+from cylforce.signals.events import EXACTLY
+
+_NMT, _SYNC, _EMERGENCY, _ANSWER, _REQUEST, _HEARTBEAT = 0, 0x80, 0x80, 0x580, 0x600, 0x700
+
+
+def wanted(service: Service, subscribed: Iterable[int] = ()) -> tuple[Filter, ...]:
+    """Filters for `Bus.accept`; `subscribed`: identifiers that the node asks for besides (1016h may have been
+    changed)."""
+    found = {_NMT, _SYNC, _REQUEST + service.node_id, *Supervisor(service).ours, *subscribed}
+    for node in service.nodes:
+        found |= {base + node.node_id for base in (_EMERGENCY, _ANSWER, _HEARTBEAT)}
+        found |= {pdo.can_id for pdo in node.pdos}
+    exact = tuple((can_id, EXACTLY) for can_id in sorted(found) if can_id <= 0x7FF)
+    return exact + (() if service.j1939_address is None else j1939.filters())

@@ -1,0 +1,63 @@
+"""The seal of identified.toml: a hash of every key, so that a value that was edited is found and named.
+
+It proves that nothing was changed by mistake, by a broken disk, or by an editor; it is no signature: whoever can write
+the file can seal it, which `cylforce seal` does, with a reason that stays in the file and in the audit trail."""
+
+import getpass
+import hashlib
+import json
+from collections.abc import Mapping
+
+from pydantic import BaseModel, ConfigDict, JsonValue
+
+
+class Seal(BaseModel):
+    """`keys`: SHA-256 of each key of the file; `counter` grows with every seal; when, by whom and why; `before`: the
+    seal's own hash that was in the file before (empty: none); `sha256`: of all these."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    counter: int
+    date: str
+    who: str
+    reason: str
+    before: str
+    keys: dict[str, str]
+    sha256: str
+
+
+def sealed(
+    content: Mapping[str, JsonValue], before: Seal | None, date: str, reason: str, who: str | None = None
+) -> Seal:
+    """The seal of a file's content, which replaces the one `before`."""
+    said = {
+        "counter": 1 if before is None else before.counter + 1,
+        "date": date,
+        "who": user() if who is None else who,
+        "reason": reason,
+        "before": "" if before is None else before.sha256,
+        "keys": {key: _hash(value) for key, value in content.items()},
+    }
+    return Seal.model_validate({**said, "sha256": _hash(said)})
+
+
+def broken(content: Mapping[str, JsonValue], seal: Seal) -> tuple[str, ...]:
+    """The keys that are not as they were sealed; "seal" when the seal itself was changed."""
+    said = seal.model_dump(mode="json", exclude={"sha256"})
+    if _hash(said) != seal.sha256:
+        return ("seal",)
+    names = sorted(content.keys() | seal.keys.keys())
+    return tuple(key for key in names if key not in content or _hash(content[key]) != seal.keys.get(key))
+
+
+def user() -> str:
+    """Who runs this program."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user without a name, as in a container
+        return "unknown"
+
+
+def _hash(value: object) -> str:
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
