@@ -5,19 +5,21 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tomlkit
 from pydantic import AllowInfNan, BaseModel, ConfigDict, JsonValue, ValidationError
 
 import cylforce
-from cylforce.commissioning.identification import Identification
 from cylforce.estimation.model import EXPECTED, FRICTION, BetweenStrokes, Model, Tares
 from cylforce.files.atomic import LARGEST, is_large, is_stream, replacing
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.settings.seal import Seal, broken, sealed
 from cylforce.signals.estimate import Array
+
+if TYPE_CHECKING:  # the service reads what identification wrote, without identification
+    from cylforce.commissioning.identification import Identification
 
 Number = Annotated[float, AllowInfNan(False)]
 FORMAT = 2
@@ -88,7 +90,9 @@ class IdentifiedFile(_Strict):
         return found
 
 
-def write_identified(path: Path, found: Identification, loaded: Loaded, recordings: Sequence[tuple[str, str]]) -> None:
+def write_identified(
+    path: Path, found: "Identification", loaded: Loaded, recordings: Sequence[tuple[str, str]]
+) -> None:
     """Write the file whole or not at all; `recordings` are (name, SHA-256)."""
     table = IdentifiedFile(
         provenance=Provenance(
@@ -162,7 +166,7 @@ _COMMENT = """\
 """
 
 
-def _parameters(found: Identification) -> tuple[IdentifiedParameter, ...]:
+def _parameters(found: "Identification") -> tuple[IdentifiedParameter, ...]:
     error = np.sqrt(np.diag(found.tares.covariance))
     return tuple(
         IdentifiedParameter(
