@@ -11,7 +11,7 @@ NODES = {
     "chassis_tilt": 48,
     "slew_gyro": 49,
 }
-PROFILE = {"pressure": 404, "angle": 406, "tilt": 410, "gyro": 404}
+PROFILE = {"pressure": 404, "angle": 406, "tilt": 410, "gyro": 404, "imu": 0}
 BAR = 1e5
 # Fields of each node's TPDO1: signal, value of a digit and of zero in SI, bytes, signed
 Field = tuple[str, float, float, int, bool]

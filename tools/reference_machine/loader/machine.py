@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_machine.arm import GRAVITY, up_vector
 from reference_machine.engine import DT
 from reference_machine.friction import Friction, PinFriction, draw_friction
 from reference_machine.hydraulics import Hydraulics, draw_hydraulics
@@ -18,7 +19,7 @@ from reference_machine.truth import body_numbers
 
 from .engine import TRUE_COLUMNS, Engine, Plant, Trace
 from .geometry import Geometry
-from .machinefile import NODES, PDOS, machine_file
+from .machinefile import INERTIAL, INERTIAL_NODES, INERTIAL_PDOS, NODES, PDOS, machine_file
 from .sheet import CYLINDERS, JOINTS
 from .site import Site
 from .specimen import Specimen, draw_specimen
@@ -32,13 +33,14 @@ KIND = {
     "roll": "tilt",
 }
 SIGNALS = tuple(KIND)
-NODE = {field[0]: node for node, fields in PDOS.items() for field in fields}
+NODE = {field[0]: node for node, fields in INERTIAL_PDOS.items() for field in fields}
 LIKE = ("boom", "stick")  # the excavator's joints whose friction is that of lift and tilt
 
 
 @dataclass(frozen=True)
 class Loader:
-    """One loader; every part can be replaced (`dataclasses.replace`) before a run."""
+    """One loader; every part can be replaced (`dataclasses.replace`) before a run. `inertial`: whether its base has an
+    inertial sensor."""
 
     seed: int
     specimen: Specimen
@@ -47,6 +49,7 @@ class Loader:
     sensors: Sensors
     hydraulics: Hydraulics
     friction_kind: str
+    inertial: bool = False
 
     @property
     def name(self) -> str:
@@ -84,7 +87,9 @@ class Loader:
             self.specimen, deepcopy(list(self.friction)), deepcopy(list(self.pins)), self.hydraulics, pitch, roll
         )
         trace = Engine(plant, plan).run()
-        values = self.sensors.measure(signals_of(trace.fast, pitch, roll), plan.kelvin, 0, rng)
+        names = tuple(channel.name for channel in self.sensors.channels)
+        seen = signals_of(self.specimen, trace.fast, pitch, roll)[:, : len(names)]
+        values = self.sensors.measure(seen, plan.kelvin, 0, rng)
         t_s = np.arange(plan.rows) / RATE
         header = self.describe() | {
             "scenario": scenario,
@@ -96,8 +101,9 @@ class Loader:
             "pieces": [{"begin_s": 0.0, "rows": plan.rows} | plan.notes],
         }
         truth = _truth(trace, plan)
-        sheet = machine_file(self.name)
-        return Recording(name or scenario, t_s, SIGNALS, values, truth, header, sheet, NODES, PDOS)
+        sheet = machine_file(self.name, inertial=self.inertial)
+        bus = (INERTIAL_NODES, INERTIAL_PDOS) if self.inertial else (NODES, PDOS)
+        return Recording(name or scenario, t_s, names, values, truth, header, sheet, *bus)
 
     def describe(self) -> dict[str, object]:
         """What the loader really is, for the truth file; SI units."""
@@ -119,13 +125,21 @@ class Loader:
 
 
 def draw(
-    seed: int, *, friction: str = "own", sensors: str = "class", masses: bool = True, geometry: bool = True
+    seed: int,
+    *,
+    friction: str = "own",
+    sensors: str = "class",
+    masses: bool = True,
+    geometry: bool = True,
+    inertial: bool = False,
 ) -> Loader:
-    """Loader number `seed`; arguments as for the excavator. Raises ValueError."""
+    """Loader number `seed`, with an `inertial` sensor or without; other arguments as for the excavator. Raises
+    ValueError."""
     rng, seen, on = stream(seed, FRICTION), stream(seed, SENSORS), parts(sensors)
     pairs = [draw_friction(friction, like, rng, DT) for like in LIKE]
-    skew = {node: float(seen.uniform(0.0, LATEST)) for node in NODES}
-    channels = tuple(draw_channel(name, kind, skew[NODE[name]], seen, on) for name, kind in KIND.items())
+    skew = {node: float(seen.uniform(0.0, LATEST)) for node in INERTIAL_NODES}
+    kinds = KIND | INERTIAL if inertial else KIND
+    channels = tuple(draw_channel(name, kind, skew[NODE[name]], seen, on) for name, kind in kinds.items())
     return Loader(
         seed=seed,
         specimen=draw_specimen(stream(seed, SPECIMEN), masses=masses, geometry=geometry),
@@ -134,13 +148,19 @@ def draw(
         sensors=Sensors(channels),
         hydraulics=draw_hydraulics(stream(seed, HYDRAULICS)),
         friction_kind=friction,
+        inertial=inertial,
     )
 
 
-def signals_of(fast: Array, pitch: float, roll: float) -> Array:
-    """True signals (10 T, S) at 1 kHz."""
-    tilted = pitch + fast[:, 7]
-    return np.column_stack([fast[:, :6], tilted, np.full(len(fast), roll)])
+def signals_of(specimen: Specimen, fast: Array, pitch: float, roll: float) -> Array:
+    """True signals (10 T, S) at 1 kHz, those of the inertial sensor last: its specific force is that against gravity,
+    driving, and rocking about the wheels."""
+    drive, rock, rate, turn = fast[:, 6:10].T
+    x, _, z = up_vector(pitch, roll)
+    outside = (GRAVITY * (x + 1j * z) + drive) * np.exp(-1j * rock)
+    arm = complex(*specimen.sheet.inertial) - complex(*specimen.sheet.wheels)
+    specific = outside + (1j * turn - rate**2) * arm
+    return np.column_stack([fast[:, :6], pitch + rock, np.full(len(fast), roll), rate, specific.real, specific.imag])
 
 
 def _truth(trace: Trace, plan: LoaderPlan) -> dict[str, Array]:

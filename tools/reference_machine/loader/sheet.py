@@ -25,7 +25,8 @@ class Bars:
 @dataclass(frozen=True, slots=True)
 class LoaderSheet:
     """All of it. Lengths of links pin to pin; `attitude_deg`: the bucket's line against the horizontal, dumped and
-    curled; `pin_height` above the ground; `wheels`: where the base rocks about, seen from the arm's pin."""
+    curled; `pin_height` above the ground; `wheels`: where the base rocks about, `inertial`: where its
+    inertial sensor sits, if it has one, both seen from the arm's pin."""
 
     links: dict[str, Link]
     cylinders: dict[str, Cylinder]
@@ -34,6 +35,7 @@ class LoaderSheet:
     attitude_deg: tuple[float, float] = (-46.0, 48.0)
     pin_height: float = 1.80
     wheels: Point = (-1.00, -1.80)
+    inertial: Point = (-0.60, -0.40)
     rated_payload: float = 4500.0
     payload_reach: float = 1.1
     tolerances: Tolerances = field(default_factory=Tolerances)
