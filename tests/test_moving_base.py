@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.commissioning.inertial import misplaced
+from cylforce.commissioning.wiring import misplaced
 from cylforce.effects.imposed import imposed
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.effects.loads.rocker_weight import RockerWeight

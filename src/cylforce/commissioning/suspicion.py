@@ -4,7 +4,7 @@ sentence that is said is that of the better explanation."""
 
 import numpy as np
 
-from cylforce.commissioning import emptiness, inertial, wiring
+from cylforce.commissioning import emptiness, wiring
 from cylforce.commissioning.explained import criterion, row_noise
 from cylforce.commissioning.repairs import DECISIVE, Case, Repair, repairs, typical_error
 from cylforce.commissioning.wiring import SignalHistory, Suspicion
@@ -20,7 +20,7 @@ def doubt(model: Model, whole: Factors, evidence: SignalHistory) -> str | None:
     inertial sensor on another axis, a wrong piston area, contact of the tool, a load, and what is wrong in the machine
     file when one of these is suspected. `whole`: factors with the tool's columns last; `evidence`: the raw samples. The
     bars of a linkage are not free here: their weight would explain a wrong length (tests/test_unexplained.py)."""
-    broken = wiring.frozen_pressure(model, evidence) or inertial.misplaced(model, evidence.kept)
+    broken = wiring.frozen_pressure(model, evidence) or wiring.misplaced(model, evidence.kept)
     if broken is not None:
         return broken
     model, whole = without_bars(model, whole)
