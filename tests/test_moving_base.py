@@ -10,9 +10,11 @@ from cylforce.effects.imposed import imposed
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.estimation.model import Model
+from cylforce.estimation.residual import Residual
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import base_parameters
 from cylforce.mechanics.motion import LEVEL, Attitude, motion
+from cylforce.service.contact.rocking import STILL, Rocker
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.kinds import INERTIAL, UNIT, Kind, Signal
 from cylforce.simulation.scenario import moves
@@ -187,3 +189,81 @@ def test_the_reference_loaders_sensor_sees_driving_rocking_and_slope():
     assert np.ptp(found.real) > 1.0
     assert run.column("pitch_rate") == pytest.approx(true["rock_rate"], abs=2e-3)
     assert Kind.PITCH_RATE in INERTIAL
+
+
+def rocker():
+    """Of an excavator without an inertial sensor, and a pose (D,) of its channels, pitched by 0.1."""
+    model = Model(excavator(), FILTERS, ())
+    tares = model.data_sheet
+    pose = np.array([0.4, -1.4, -0.6, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
+    return Rocker(model, tares), pose
+
+
+def remainder(of, pose, acceleration, error=100.0):
+    """What the first pin's acceleration (forwards, upwards) leaves of the torques, by the difference of two gravities,
+    while the bucket is empty."""
+    model, phi = of.model, of.tares.values
+    found = []
+    for more in (0.0, complex(*acceleration)):
+        specific = (1j * model.machine.gravity + more) * np.exp(-0.1j)
+        moving = motion(model.machine, pose[:3], np.zeros(3), np.zeros(3), Attitude(0.1, specific=specific))
+        found.append(model.empty.both_halves(moving)[1])
+    torque = (found[1] - found[0]) @ phi
+    return Residual(torque, np.full(3, error**2), np.zeros(3), found[0])
+
+
+def after(of, pose, left, samples=4000, turning=lambda k: 0.0):
+    """The state after many samples, and the variance of the last rows."""
+    state, none = STILL, np.zeros(4)
+    for k in range(samples):
+        pose = pose.copy()
+        pose[-3] = 0.1 + turning(k)
+        state, wide = of.step(state, left, pose, none, settled=True)
+    return state, wide.variance
+
+
+def test_what_the_torques_have_in_common_is_the_bases_acceleration():
+    of, pose = rocker()
+    for size in ((0.03, 0.0), (0.0, 0.008)):
+        left = remainder(of, pose, size, error=40.0)
+        state, wide = after(of, pose, left)
+        assert np.sqrt([state.forward, state.upward]) == pytest.approx(size, abs=0.2 * max(size))
+        assert wide - left.variance == pytest.approx(left.torque**2, rel=0.4)
+    quiet = remainder(of, pose, (0.0, 0.0))
+    assert after(of, pose, quiet)[1] == pytest.approx(quiet.variance)
+
+
+def test_contact_is_no_motion_of_the_base():
+    of, pose = rocker()
+    left = remainder(of, pose, (0.0, 0.5))
+    state, wide = after(of, pose, left, 500)
+    assert (state.forward, state.upward) == (0.0, 0.0)
+    assert wide == pytest.approx(left.variance)
+
+
+def test_a_tilt_that_rocks_widens_the_error():
+    """One degree at 1 Hz turns the base by 0.49 rad/s^2 rms, and moves a pin at 2 m by 1 m/s^2."""
+    of, pose = rocker()
+    left = remainder(of, pose, (0.0, 0.0))
+    state, wide = after(of, pose, left, turning=lambda k: np.radians(1.0) * np.sin(0.02 * np.pi * k))
+    assert np.sqrt(state.turning) == pytest.approx(np.radians(1.0) * (2 * np.pi) ** 2 / np.sqrt(2.0), rel=0.15)
+    by_hand = remainder(of, pose, (1.0, 0.0)).torque ** 2 + remainder(of, pose, (0.0, 1.0)).torque ** 2
+    assert wide == pytest.approx(left.variance + state.turning * 4.0 * by_hand, rel=0.05)
+
+
+def test_noise_of_the_tilt_is_no_rocking():
+    of, pose = rocker()
+    rng = np.random.default_rng(1)
+    left = remainder(of, pose, (0.0, 0.0))
+    error = next(s.standard_error for s in of.model.machine.signals if s.kind is Kind.PITCH)
+    state, wide = after(of, pose, left, turning=lambda _: error * rng.standard_normal())
+    assert np.sqrt(state.turning) < 0.1
+    assert np.all(wide < left.variance * 1.5 + 300.0**2)
+
+
+def test_with_the_sensor_nothing_is_widened():
+    m = rigged()
+    model = Model(m, FILTERS, ())
+    left = Residual(np.ones(3), np.ones(3), np.zeros(3), np.zeros((3, len(model.parameters))))
+    found = Rocker(model, model.data_sheet).step(STILL, left, np.zeros(12), np.zeros(4), settled=True)
+    assert found == (STILL, left)

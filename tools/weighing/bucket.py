@@ -7,7 +7,7 @@ from typing import Any
 
 from cylforce.settings.machine_file import load
 
-from .reference import KNOWN, Bucket, record
+from .reference import KNOWN, STANDING, Bucket, Ride, record
 
 LATE = 1.0  # s after the next digging begins, in which a bucket may still be booked
 
@@ -25,9 +25,9 @@ class Work:
     buckets: tuple[Bucket, ...]
 
 
-def reference(kind: str, seed: int, cycles: int, cache: Path, *, lift: bool) -> Work:
+def reference(kind: str, seed: int, cycles: int, cache: Path, *, lift: bool, ride: Ride = STANDING) -> Work:
     """A reference machine of a kind (`reference.DRAWN`), recorded unless it is in the cache."""
-    folder = record(kind, seed, cycles, cache)
+    folder = record(kind, seed, cycles, cache, ride)
     header = json.loads((folder / "truth" / "work.json").read_text())
     found = tuple(_noted(cycle) for piece in header["pieces"] for cycle in piece["cycles"])
     rated = load(folder / "machine.toml").service.machine.rated_payload

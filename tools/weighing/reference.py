@@ -3,7 +3,9 @@ sticks and spills, fast slewing, slopes, an unsteady hand, and oil that is colde
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +24,11 @@ SPILLS = 0.1  # share of the buckets that lose a part
 JERK = 0.012  # m, of every second machine
 
 
-DRAWN: dict[str, Callable[..., machine.Machine | loader.Loader]] = {"excavator": machine.draw, "loader": loader.draw}
+DRAWN: dict[str, Callable[..., machine.Machine | loader.Loader]] = {
+    "excavator": machine.draw,
+    "loader": loader.draw,
+    "inertial_loader": partial(loader.draw, inertial=True),
+}
 
 
 @dataclass(frozen=True)
@@ -38,20 +44,35 @@ class Bucket:
     digs: float
 
 
-def record(kind: str, seed: int, cycles: int, folder: Path) -> Path:
+class Ride(NamedTuple):
+    """How the base moves during the work: it rocks by `degrees` rms and drives with at most `acceleration` [m/s^2]."""
+
+    degrees: float = 0.0
+    acceleration: float = 0.0
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Of a loader's cycles."""
+        return {"rock_deg": self.degrees, "drive": self.acceleration} if any(self) else {}
+
+
+STANDING = Ride()
+
+
+def record(kind: str, seed: int, cycles: int, folder: Path, ride: Ride = STANDING) -> Path:
     """FOLDER with commissioning, known lift and work of the machine `seed` of a kind (DRAWN); what is there already
     stays."""
-    place = folder / f"{kind}_{seed}"
+    place = folder / "_".join([kind, str(seed), *(f"{part:g}" for part in ride if any(ride))])
     if not (place / "truth" / "work.json").exists():
         drawn = DRAWN[kind](seed, friction=("own", "foreign")[seed % 2])
         drawn.run("commissioning", seed=0, oil_degc=COMMISSIONED_DEGC).write(place)
         known = KNOWN * drawn.specimen.sheet.rated_payload
         drawn.run("known_lift", seed=3, weight_kg=known, oil_degc=COMMISSIONED_DEGC).write(place)
-        _work(drawn, seed, cycles).write(place)
+        _work(drawn, seed, cycles, ride).write(place)
     return place
 
 
-def _work(drawn: machine.Machine | loader.Loader, seed: int, cycles: int) -> Recording:
+def _work(drawn: machine.Machine | loader.Loader, seed: int, cycles: int, ride: Ride) -> Recording:
     rng = np.random.default_rng((seed, 7))
     rated = drawn.specimen.sheet.rated_payload
     loads = tuple((rated * rng.uniform(0.2, 1.0, cycles)).tolist())
@@ -60,6 +81,5 @@ def _work(drawn: machine.Machine | loader.Loader, seed: int, cycles: int) -> Rec
     manner = Manner(sticks, falls, float(rng.uniform(*SLEW)), JERK * (seed // 2 % 2))
     pitch, roll = (float(x) for x in rng.uniform(-1.0, 1.0, 2) * (PITCH_DEG, ROLL_DEG))
     oil = float(rng.uniform(*OIL_DEGC))
-    return drawn.run(
-        "cycles", seed=2, pitch_deg=pitch, roll_deg=roll, oil_degc=oil, name="work", payloads_kg=loads, manner=manner
-    )
+    where = {"pitch_deg": pitch, "roll_deg": roll, "oil_degc": oil}
+    return drawn.run("cycles", seed=2, name="work", payloads_kg=loads, manner=manner, **where, **ride.options)

@@ -11,6 +11,7 @@ from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import unseen
 from cylforce.service.contact.interaction import Forces
+from cylforce.service.contact.rocking import settled
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
@@ -123,6 +124,9 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    lift = state.weighing.lift
+    known = settled(lift.taken, lift.refused, core.service.filters.rate_hz) and bool(usable.all())
+    rocking, left = core.rocker.step(state.rocking, left, channels, lift.values, settled=known)
     curled = _curled(core, channels)
     tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
     weighing, load = core.weigher.step(
@@ -142,6 +146,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         drift=drift,
         recognition=recognition,
         interaction=interaction,
+        rocking=rocking,
     )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
@@ -188,6 +193,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
+        rocking=state.rocking._replace(pitches=None),
         estimate=_nothing(state, t_us, reason),
     )
 
