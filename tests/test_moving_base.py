@@ -15,6 +15,7 @@ from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import base_parameters
 from cylforce.mechanics.motion import LEVEL, Attitude, motion
 from cylforce.service.contact.rocking import STILL, Rocker
+from cylforce.service.weighing import Weigher
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.kinds import INERTIAL, UNIT, Kind, Signal
 from cylforce.simulation.scenario import moves
@@ -214,11 +215,11 @@ def remainder(of, pose, acceleration, error=100.0):
 
 def after(of, pose, left, samples=4000, turning=lambda k: 0.0):
     """The state after many samples, and the variance of the last rows."""
-    state, none = STILL, np.zeros(4)
+    state, lift = STILL, Weigher(of.model, of.tares).begin().lift._replace(taken=1000)
     for k in range(samples):
         pose = pose.copy()
         pose[-3] = 0.1 + turning(k)
-        state, wide = of.step(state, left, pose, none, settled=True)
+        state, wide = of.step(state, left, pose, lift, np.ones(3, dtype=bool))
     return state, wide.variance
 
 
@@ -265,5 +266,6 @@ def test_with_the_sensor_nothing_is_widened():
     m = rigged()
     model = Model(m, FILTERS, ())
     left = Residual(np.ones(3), np.ones(3), np.zeros(3), np.zeros((3, len(model.parameters))))
-    found = Rocker(model, model.data_sheet).step(STILL, left, np.zeros(12), np.zeros(4), settled=True)
+    lift = Weigher(model, model.data_sheet).begin().lift
+    found = Rocker(model, model.data_sheet).step(STILL, left, np.zeros(12), lift, np.ones(3, dtype=bool))
     assert found == (STILL, left)

@@ -11,7 +11,6 @@ from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import unseen
 from cylforce.service.contact.interaction import Forces
-from cylforce.service.contact.rocking import settled
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
@@ -124,17 +123,14 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
-    lift = state.weighing.lift
-    known = settled(lift.taken, lift.refused, core.service.filters.rate_hz) and bool(usable.all())
-    rocking, left = core.rocker.step(state.rocking, left, channels, lift.values, settled=known)
+    rocking, left = core.rocker.step(state.rocking, left, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
     tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
     weighing, load = core.weigher.step(
         state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt
     )
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
-    weighed = (weighing, load)
-    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
+    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, (weighing, load), t_us)
     drift = _drift(core, state.drift, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking

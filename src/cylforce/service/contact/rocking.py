@@ -9,6 +9,7 @@ import numpy as np
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import MIN_SECONDS, Residual
+from cylforce.service.weighing import Lift
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -57,18 +58,19 @@ class Rocker:
         return 6.0 * error**2 / self._lag / (self._lag / self.model.filters.rate_hz) ** 4
 
     def step(
-        self, state: Rocking, left: Residual, channels: Array, load: Array, *, settled: bool
+        self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array
     ) -> tuple[Rocking, Residual]:
-        """The state, and the residual with wider variances, after one instant: `channels` (D,), the
-        `load` (4,) that hangs, and whether it is `settled`, so that what it leaves of the torque is known."""
+        """The state, and the residual with wider variances, after one instant: `channels` (D,), the present `lift`
+        before it, `usable` (R,) rows. What a load leaves of the torques is asked once the lift is settled."""
         if self.model.channels.inertial:
             return state, left
         state = self._tilted(state, float(channels[-3]))
-        lever = self._levers(channels, load)
+        lever = self._levers(channels, lift.values)
         swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
-        if settled:
+        settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
+        if settled and all(usable.tolist()):
             seen = left._replace(variance=left.variance + swings * (lever**2).sum(axis=1))
-            state = self._accelerated(state, seen, lever, load)
+            state = self._accelerated(state, seen, lever, lift.values)
         power = np.array([max(state.forward, swings), max(state.upward, swings)])
         return state, left._replace(variance=left.variance + lever**2 @ power)
 
@@ -103,8 +105,3 @@ class Rocker:
             forward=max(state.forward + self._share * (forward - state.forward), 0.0),
             upward=max(state.upward + self._share * (upward - state.upward), 0.0),
         )
-
-
-def settled(taken: int, refused: int, rate_hz: float) -> bool:
-    """Whether a lift of so many samples has gone on for long enough."""
-    return not refused and taken > MIN_SECONDS * rate_hz
