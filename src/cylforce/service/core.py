@@ -9,6 +9,7 @@ from cylforce.mechanics.installation import STANDARD, Service
 from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Interactor
+from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.publication import MAGNITUDE
 from cylforce.service.recognition import Recognizer
@@ -60,6 +61,11 @@ class Core:
         """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
         friction may follow the oil much farther."""
         return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
+
+    @cached_property
+    def rocker(self) -> Rocker:
+        """Rows to how a base without an inertial sensor moves."""
+        return Rocker(self.model, self.tares)
 
     @cached_property
     def recognizer(self) -> Recognizer:

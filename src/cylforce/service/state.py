@@ -7,6 +7,7 @@ from cylforce.service.adaptation import Drift
 from cylforce.service.assembler import Inputs
 from cylforce.service.booking import Weighed
 from cylforce.service.contact.interaction import Interaction
+from cylforce.service.contact.rocking import STILL, Rocking
 from cylforce.service.loading.cycle import NO_CYCLE, Cycle
 from cylforce.service.loading.truck import NO_TRUCK, Truck
 from cylforce.service.pipeline import Pipe
@@ -45,7 +46,7 @@ class State(NamedTuple):
     it should change because the machine moves; whose machine it is; contact with the ground; the truck that is being
     loaded; the working cycle so far, and the one that the last booking ended; whether NMT has stopped our node; the
     name of the tool; the torque that the empty machine does not explain, of each measured joint [N m] (none: not
-    measured)."""
+    measured); how the base moves."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -63,6 +64,7 @@ class State(NamedTuple):
     stopped: bool = False
     tool: str = STANDARD
     unexplained: tuple[float, ...] = ()
+    rocking: Rocking = STILL
 
     @property
     def memory(self) -> Memory:

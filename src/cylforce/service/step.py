@@ -123,14 +123,14 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    rocking, left = core.rocker.step(state.rocking, left, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
     tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
     weighing, load = core.weigher.step(
         state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt
     )
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
-    weighed = (weighing, load)
-    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
+    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, (weighing, load), t_us)
     drift = _drift(core, state.drift, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
@@ -143,6 +143,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         recognition=recognition,
         interaction=interaction,
         unexplained=tuple(left.torque.tolist()),
+        rocking=rocking,
     )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
@@ -189,6 +190,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
+        rocking=state.rocking._replace(pitches=None),
         estimate=_nothing(state, t_us, reason),
         unexplained=(),
     )
