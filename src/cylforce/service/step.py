@@ -15,6 +15,8 @@ from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe
+from cylforce.service.plausibility.monitor import Seen
+from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.publication import GROSS, frames
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.signals.estimate import (
@@ -27,6 +29,7 @@ from cylforce.signals.estimate import (
     degraded,
     each_component,
     held_estimate,
+    invalid_force,
     invalid_load,
     is_new,
     less,
@@ -131,7 +134,11 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
-    drift = _drift(core, state.drift, load, rows, left, usable)
+    seen = Seen(sample.values, pipe, rows, instant, usable, left.torque, forces)
+    watch = core.monitor.step(state.watch, seen)
+    doubted = watch.suspicion.level is not Level.FINE
+    weighing = weighing._replace(books=unseen(weighing.books)) if doubted else weighing
+    drift = state.drift if doubted else _drift(core, state.drift, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
     state = state._replace(
@@ -142,6 +149,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         drift=drift,
         recognition=recognition,
         interaction=interaction,
+        watch=watch,
     )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
@@ -188,6 +196,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
+        watch=core.monitor.interrupt(state.watch),
         estimate=_nothing(state, t_us, reason),
     )
 
@@ -210,6 +219,9 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     """The published estimate: load, load less zero (gross), less tare (net), and forces. OK becomes DEGRADED for
     LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
     outside their declared range."""
+    if state.watch.suspicion.level is Level.REJECTED:
+        nothing = invalid_force(Reason.SENSORS_DISAGREE)
+        load, forces = invalid_load(Reason.SENSORS_DISAGREE), Forces(nothing, nothing)
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
         forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
@@ -241,5 +253,7 @@ def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
         yield Reason.NOT_THIS_MACHINE
     if state.weighing.tool.off is not None:
         yield Reason.OTHER_TOOL
+    if state.watch.suspicion.level is Level.DOUBTED:
+        yield Reason.SENSORS_DISAGREE
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME
