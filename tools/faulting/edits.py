@@ -76,7 +76,7 @@ def edited(values: Array, rate_hz: float, fault: Fault, machine: Machine, seed: 
 
 def named(machine: Machine, begin: float) -> dict[str, Fault]:
     """The faults of the project's table, beginning at a time [s]: boom, stick and bucket are cylinders 0 to 2."""
-    head, rod = _sides(machine, 0)
+    (head, rod), stick = _sides(machine, 0), place(machine, Kind.JOINT_ANGLE, 1)
     return {
         "boom head and rod exchanged": Fault("sides exchanged", 0, begin=begin),
         "boom and stick nodes exchanged": Fault("nodes exchanged", 0, 1, begin=begin),
@@ -85,7 +85,5 @@ def named(machine: Machine, begin: float) -> dict[str, Fault]:
         "boom rod side frozen": Fault("frozen", rod, begin=begin),
         "boom head drifts 5 bar in 200 s": Fault("drift", head, size=5.0 * BAR, begin=begin),
         "boom head steps 5 bar": Fault("step", head, size=5.0 * BAR, begin=begin),
-        "stick angle slipped 3 deg": Fault(
-            "slipped", place(machine, Kind.JOINT_ANGLE, 1), size=3 * DEGREE, begin=begin
-        ),
+        "stick angle slipped 3 deg": Fault("slipped", stick, size=3 * DEGREE, begin=begin),
     }

@@ -33,7 +33,14 @@ class Course(NamedTuple):
         k = np.logical_and(self.t_s >= begin, self.t_s < end)
         said = [(t, s) for t, s in self.suspicions if begin <= t < end]
         booked = [b for b in self.bookings if begin <= 1e-6 * b.t_us < end]
-        return Course(self.t_s[k], self.values[k], self.errors[k], self.ok[k], said, booked, self.state)
+        return self._cut(k)._replace(suspicions=said, bookings=booked)
+
+    def first(self, size: int) -> "Course":
+        """The first `size` ticks."""
+        return self._cut(slice(size))
+
+    def _cut(self, rows: "slice | NDArray[np.bool_]") -> "Course":
+        return self._replace(t_s=self.t_s[rows], values=self.values[rows], errors=self.errors[rows], ok=self.ok[rows])
 
 
 def followed(core: Core, events: Iterable[Event], state: State | None = None) -> Course:
@@ -95,7 +102,7 @@ def wrong(course: Course, order: Course, rated: float) -> Wrong:
         float(bad.any(axis=1).mean()),
         float(bad[:, 0].mean()),
         float(bad[:, 1:].any(axis=1).mean()),
-        seconds * longest(bad.any(axis=1)),
+        seconds * longest(np.asarray(bad.any(axis=1))),
         float(shown[:, 0].max()),
         float(shown[:, 1:].max()),
         booked,

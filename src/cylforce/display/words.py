@@ -39,6 +39,7 @@ REASONS = {
     Reason.NOT_THIS_MACHINE: "parameters of another machine, or a sensor has changed",
     Reason.NO_CONTACT: "nothing touches the tool",
     Reason.NOT_CURLED: "bucket not curled: nothing is booked",
+    Reason.SENSORS_DISAGREE: "a sensor is wrong: the others contradict it",
     Reason.OTHER_TOOL: "empty, but off zero: other bucket? dirt? Clean it, or choose the attachment",
 }
 SILENT = "the service sends nothing"

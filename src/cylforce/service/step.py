@@ -134,7 +134,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
-    seen = Seen(sample.values, pipe, rows, instant, usable, left.torque, forces)
+    seen = Seen(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
     watch = core.monitor.step(state.watch, seen)
     doubted = watch.suspicion.level is not Level.FINE
     weighing = weighing._replace(books=unseen(weighing.books)) if doubted else weighing

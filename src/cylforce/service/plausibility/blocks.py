@@ -12,16 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import correlated, load_spread, residual
+from cylforce.service.adaptation import Drift
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 EVERY = 10  # steps between the samples that are used: neighbouring ones contain the same information
 SAMPLES = 10  # of a block: one second at 100 Hz
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as in `recognition`
-FRICTION = 0.5  # of its identified value, by which friction changes in everyday work, as in `recognition`
+FRICTION = 0.5  # of its identified value, by which friction may have changed while it is not known, as in `recognition`
 BAR = 1e5  # Pa
 TILTED = 1e-3  # rad by which an angle is shifted to find its column
 LOAD = 4  # parameters of a load
@@ -71,11 +73,22 @@ class Gatherer:
         return [j for j in range(self.model.machine.size) if j in seen]
 
     @cached_property
-    def _everyday(self) -> Array:
-        """Standard errors (D,) of everyday changes of friction and zeros."""
-        friction = FRICTION * np.abs(self.tares.values[self.model.changing_friction])
-        zeros = [EXPECTED.zero * c.area_head for c in self.model.machine.cylinders]
-        return np.concatenate([friction, zeros])
+    def _before(self) -> Array:
+        """Standard errors (D,) of the drift before anything is seen of it."""
+        return drift_spread(self.model, self.tares.values, EXPECTED)
+
+    @cached_property
+    def _frictions(self) -> int:
+        """How many of the drifts are frictions; the others are zeros."""
+        return len(self.model.changing_friction)
+
+    def _everyday(self, drift: Drift) -> Array:
+        """Standard errors (D,) of everyday changes of friction and zeros: those of friction become smaller when the
+        adaptation has seen how it is now."""
+        spread = self._before.copy()
+        unknown = np.sqrt(np.minimum(np.diagonal(drift.covariance) / spread**2, 1.0))[: self._frictions]
+        spread[: self._frictions] *= 1.0 + (FRICTION / EXPECTED.friction - 1.0) * unknown
+        return spread
 
     @cached_property
     def _per_bar(self) -> Array:
@@ -90,7 +103,7 @@ class Gatherer:
     @cached_property
     def _prior(self) -> Array:
         """Information (4 + D,) on load and everyday changes."""
-        return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._everyday)])
+        return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
 
     @cached_property
     def _memory(self) -> float:
@@ -111,10 +124,13 @@ class Gatherer:
         """The state after an interruption of the measurement: the running block starts anew."""
         return self.begin()._replace(load=state.load)
 
-    def step(self, state: Gathering, rows: Rows, usable: Array, channels: Array) -> tuple[Gathering, Block | None]:
-        """One sample: rows, `usable` (R,), `channels` (D,) about which they are. With the block's last sample the
-        block, unless the machine hardly moved."""
-        each = self._columns(rows, usable, channels, state.load)
+    def step(
+        self, state: Gathering, rows: Rows, usable: Array, channels: Array, drift: Drift
+    ) -> tuple[Gathering, Block | None]:
+        """One sample: rows, `usable` (R,), `channels` (D,) about which they are, drift so far. With the block's last
+        sample the block, unless the machine hardly moved. Of the drift only friction is believed: a zero that drifts
+        may be a fault."""
+        each = self._columns(rows, usable, drift, self._angles(channels, state.load))
         state = state._replace(gram=state.gram + each.T @ each, rows=state.rows + len(each), samples=state.samples + 1)
         if state.samples < SAMPLES:
             return state, None
@@ -122,22 +138,24 @@ class Gatherer:
             return self.interrupt(state), None
         return self._ended(state)
 
-    def _columns(self, rows: Rows, usable: Array, channels: Array, load: Array) -> Array:
+    def _columns(self, rows: Rows, usable: Array, drift: Drift, angles: Array) -> Array:
         """Rows of the block from one sample, in units of their standard errors; none that is not in motion."""
-        left = residual(self.model, self.tares, rows, np.zeros_like(rows.torque))
+        changing = rows.columns[:, self.model.changing]
+        adapted = changing[:, : self._frictions] @ drift.values[: self._frictions]
+        left = residual(self.model, self.tares, rows, adapted)
         telling = np.logical_and(usable, left.rest < left.variance)
         own = left.columns
         unsure = ((own @ self.tares.covariance) * own).sum(axis=1)
-        changing = rows.columns[:, self.model.changing] * self._everyday
         forces = rows.columns[:, self._zeros] * self._per_bar
-        angles = self._angles(channels, self.tares.values + self.model.load @ load)
         errors = self.tares.scale * np.concatenate([forces, angles], axis=1)
-        each = np.concatenate([own @ self.model.load, changing, errors, left.torque[:, None]], axis=1)
+        changes = changing * self._everyday(drift)
+        each = np.concatenate([own @ self.model.load, changes, errors, left.torque[:, None]], axis=1)
         return np.asarray((each / np.sqrt(left.variance + left.rest + unsure)[:, None])[telling])
 
-    def _angles(self, channels: Array, values: Array) -> Array:
-        """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what the parameters
-        `values` (P,) leave, at `channels` (D,), as at rest."""
+    def _angles(self, channels: Array, load: Array) -> Array:
+        """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what tares and `load`
+        (4,) leave, at `channels` (D,), as at rest."""
+        values = self.tares.values + self.model.load @ load
         shifted = np.repeat(channels[None], 1 + len(self.turned), axis=0)
         shifted[range(1, 1 + len(self.turned)), self.turned] += TILTED
         moving = self.model.channels.moved(shifted, np.zeros_like(shifted)).motion
@@ -151,8 +169,9 @@ class Gatherer:
         reduced = gram[known:, known:] - both.T @ inverse @ both
         square = np.maximum(np.diagonal(reduced)[:-1], 1e-12)
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
-        numbers = reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self._memory
-        block = Block(*(np.array([x]) for x in numbers), reduced[:-1, -1], square, masses[:-1])
+        numbers = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self._memory)
+        left, mass, spread, weight = (np.array([x]) for x in numbers)
+        block = Block(left, mass, spread, weight, reduced[:-1, -1], square, masses[:-1])
         hangs = explained(block, self.model.machine.rated_payload)
         return self.begin()._replace(load=np.where(hangs, load, 0.0)), block
 

@@ -26,10 +26,10 @@ NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines h
 
 
 class Group(NamedTuple):
-    """The running group of P pressures: number of steps, its `first` readings, sums of the readings less the first,
+    """The running group of P pressures: number of `steps`, its `first` readings, sums of the readings less the first,
     of their squares, and of the cylinders' speeds; all (P,)."""
 
-    count: int
+    steps: int
     first: Array
     total: Array
     squares: Array
@@ -85,11 +85,11 @@ class Watching:
         """One step: all signals (S,), speed (C,) [m/s] of the cylinders."""
         now, group = values[self.signals], state.group
         state = self._fallen(state, now)
-        first = group.first if group.count else now
+        first = group.first if group.steps else now
         away = now - first
         travel = group.travel + speed[self._cylinders]
-        group = Group(group.count + 1, first, group.total + away, group.squares + away * away, travel)
-        return self._grouped(state._replace(group=group)) if group.count == GROUP else state._replace(group=group)
+        group = Group(group.steps + 1, first, group.total + away, group.squares + away * away, travel)
+        return self._grouped(state._replace(group=group)) if group.steps == GROUP else state._replace(group=group)
 
     def _fallen(self, state: Changes, now: Array) -> Changes:
         last = np.concatenate([state.last[1:], now[None]])

@@ -19,11 +19,11 @@ SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
 
 
 class Driven(NamedTuple):
-    """State: the `path` [m] over which the tool was driven, and the `work` (R,) [J] that the torque left of each joint
-    did on it."""
+    """State: the `path` [m] over which the tool was driven, and the torque left of each joint, integrated along it:
+    `strain` (R,) [N m m]."""
 
     path: float
-    work: Array
+    strain: Array
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Driving:
         """Nothing was driven."""
         return Driven(0.0, np.zeros(len(self.machine.rows)))
 
-    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Array, rates: Array) -> Driven:
+    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Array) -> Driven:
         """One step: the resultant, the tool's `velocity` [m/s] as x + i z, the `torque` (R,) [N m] that the tares
-        leave, and the rates (R,) [rad/s] of the joints. What resists takes back as much of the path."""
+        leave. What resists takes back as much of the path."""
         speed = abs(velocity)
         if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
             return state
@@ -52,4 +52,4 @@ class Driving:
         way = speed * self.seconds
         if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):
             return state._replace(path=state.path - way) if state.path > way else self.begin()
-        return Driven(state.path + way, state.work - torque * rates * self.seconds)
+        return Driven(state.path + way, state.strain + way * np.abs(torque))

@@ -12,6 +12,7 @@ import numpy as np
 from cylforce.estimation.fast import Instant
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
+from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering
@@ -39,7 +40,7 @@ class Watch(NamedTuple):
 
 class Seen(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
-    `left` by the tares (R,) [N m], forces."""
+    `left` by the tares and the drift (R,) [N m], forces, the drift so far."""
 
     values: Array
     pipe: Pipe
@@ -48,6 +49,7 @@ class Seen(NamedTuple):
     usable: Array
     left: Array
     forces: Forces
+    drift: Drift
 
 
 @dataclass(frozen=True)
@@ -95,9 +97,9 @@ class Monitor:
 
     def _gathered(self, state: Watch, seen: Seen) -> Watch:
         smooth = seen.pipe.smooth
-        rates = (smooth[-1] - smooth[0])[list(self.model.machine.rows)] * self.model.filters.rate_hz / (len(smooth) - 1)
-        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left, rates)
-        gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, smooth.mean(axis=0))
+        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
+        middle = smooth.mean(axis=0)
+        gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
         state = state._replace(gathering=gathering, driven=driven)
         if block is None:
             return state
@@ -111,15 +113,17 @@ class Monitor:
         if state.changes.burst.any():
             return Suspicion(Level.REJECTED, Cause.BURST, tuple(np.array(signals)[state.changes.burst].tolist()))
         if state.driven.path > FARTHEST:
-            return Suspicion(Level.REJECTED, Cause.EXCHANGED, self._pushing(state.driven.work))
+            return Suspicion(Level.REJECTED, Cause.EXCHANGED, self._pushing(state.driven.strain))
         if state.changes.constant.any():
             return Suspicion(Level.REJECTED, Cause.STUCK, tuple(np.array(signals)[state.changes.constant].tolist()))
         return self._off(state.offset)
 
-    def _pushing(self, work: Array) -> tuple[int, ...]:
-        """The pressures of the cylinders that act on the joint whose torque did most of the work."""
-        acting = self.model.acting[int(np.abs(work).argmax())]
-        return tuple(k for k, s in enumerate(self.model.machine.signals) if s.kind in PRESSURES and s.index in acting)
+    def _pushing(self, strain: Array) -> tuple[int, ...]:
+        """The pressures of the cylinders that act on the joint whose torque exceeds that of a load most."""
+        machine = self.model.machine
+        outward = np.append(machine.lengths[:-1], machine.payload_reach)[::-1].cumsum()[::-1]
+        acting = self.model.acting[int((strain / outward[list(machine.rows)]).argmax())]
+        return tuple(k for k, s in enumerate(machine.signals) if s.kind in PRESSURES and s.index in acting)
 
     def _off(self, offset: Offset) -> Suspicion:
         limits, gatherer = self._voting.limits, self._gatherer
