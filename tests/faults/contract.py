@@ -10,9 +10,9 @@ README = HERE / "README.md"
 FAULTS = 50  # in the list of faults that a service must survive
 HEAD = f"""# Fault contract
 
-What the service does about each fault of the list of {FAULTS}, and the tests that show it, relative to `tests/`. Written by
-`python tests/faults/contract.py` from `contract.csv`; a test checks that this page is what that writes, and that every test named
-here exists. T is the period of the loop, 10 ms.
+What the service does about each fault of the list of {FAULTS}, and the tests that show it, relative to `tests/`.
+Written by `python tests/faults/contract.py` from `contract.csv`; a test checks that this page is what that writes, and
+that every test named here exists. T is the period of the loop, 10 ms.
 
 | # | fault | noticed within | output | EMCY | over | shown by |
 |---|---|---|---|---|---|---|

@@ -113,7 +113,7 @@ def test_a_fault_of_a_sensor(work, fault, cause, code, within):
         assert not course.ok[after].any()
         assert course.state.watch.suspicion.level is Level.REJECTED
         assert course.state.estimate.gross.status is Status.INVALID
-        assert course.state.estimate.force.x.reason is Reason.SENSORS_DISAGREE
+        assert course.state.estimate.force.x.reason in (Reason.SENSORS_DISAGREE, Reason.FROZEN)
     sent, told = [], Told()
     doubts = Doubts(work.machine, Emergencies(sent.append, lambda *_: None), told)
     doubts.look(first[1])
