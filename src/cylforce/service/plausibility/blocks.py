@@ -20,8 +20,8 @@ from cylforce.service.adaptation import Drift
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-EVERY = 10  # steps between the samples that are used: neighbouring ones contain the same information
-SAMPLES = 10  # of a block: one second at 100 Hz
+EVERY = 20  # steps between the samples that are used: neighbouring ones contain the same information
+SAMPLES = 5  # of a block: one second at 100 Hz
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as in `recognition`
 FRICTION = 0.5  # of its identified value, by which friction may have changed while it is not known, as in `recognition`
 BAR = 1e5  # Pa
@@ -153,14 +153,18 @@ class Gatherer:
         return np.asarray((each / np.sqrt(left.variance + left.rest + unsure)[:, None])[telling])
 
     def _angles(self, channels: Array, load: Array) -> Array:
-        """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what tares and `load`
-        (4,) leave, at `channels` (D,), as at rest."""
-        values = self.tares.values + self.model.load @ load
-        shifted = np.repeat(channels[None], 1 + len(self.turned), axis=0)
+        """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what gravity of tares
+        and `load` (4,) leaves, at `channels` (D,): g Re((X + i Z) exp(i q)) of each link, and the levers, change."""
+        machine, size = self.model.machine, self.model.machine.size
+        shifted = np.repeat(channels[None, :size], 1 + len(self.turned), axis=0)
         shifted[range(1, 1 + len(self.turned)), self.turned] += TILTED
-        moving = self.model.channels.moved(shifted, np.zeros_like(shifted)).motion
-        left = self.model.empty.torque(moving) - self.model.empty.products(moving, values)[1]
-        return np.asarray((left[1:] - left[0]).T / TILTED)
+        values = self.tares.values + self.model.load @ load
+        moments = values[1 : 3 * size : 3] + 1j * values[2 : 3 * size : 3]
+        pitch, roll = channels[-3:-1].tolist()
+        own = machine.gravity * np.cos(roll) * (moments * np.exp(1j * (shifted.cumsum(axis=1) + pitch))).real
+        force = channels[self.model.channels.forces]
+        left = force @ machine.geometry(shifted).lever - own @ machine.sum_outward.T
+        return np.asarray((left[1:] - left[0])[:, list(machine.rows)].T / TILTED)
 
     def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
         gram, known = state.gram / self._memory, len(self._prior)

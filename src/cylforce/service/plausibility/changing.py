@@ -25,24 +25,13 @@ FALLS = 20e5  # Pa that a pressure loses in that time when its hose bursts; chos
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
 
 
-class Group(NamedTuple):
-    """The running group of P pressures: number of `steps`, its `first` readings, sums of the readings less the first,
-    of their squares, and of the cylinders' speeds; all (P,)."""
-
-    steps: int
-    first: Array
-    total: Array
-    squares: Array
-    travel: Array
-
-
 class Changes(NamedTuple):
-    """State: the `last` readings (FALL_STEPS, P), 0 where there is none; the running group; of the last groups in
-    motion the `means`, `noises` (variances) and `ways` (GROUPS, P), 0 where there was none yet; which pressures are
-    `constant` and which `burst` (P,)."""
+    """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
+    last groups in motion the `means`, `noises` (variances) and `ways` (GROUPS, P), 0 where there was none yet; which
+    pressures are `constant` and which `burst` (P,)."""
 
-    last: Array
-    group: Group
+    readings: tuple[Array, ...]
+    fresh: int
     means: Array
     noises: Array
     ways: Array
@@ -66,49 +55,42 @@ class Watching:
     def _cylinders(self) -> list[int]:
         return [self.machine.signals[k].index for k in self.signals]
 
-    @cached_property
-    def _no_group(self) -> Group:
-        none = np.zeros(len(self.signals))
-        return Group(0, none, none, none, none)
-
     def begin(self) -> Changes:
         """Nothing was seen."""
         size = len(self.signals)
         empty, no = np.zeros((GROUPS, size)), np.zeros(size, dtype=bool)
-        return Changes(np.zeros((FALL_STEPS, size)), self._no_group, empty, empty, empty, no, no)
+        return Changes((), 0, empty, empty, empty, no, no)
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
-        return state._replace(last=np.zeros_like(state.last), group=self._no_group)
+        return state._replace(readings=(), fresh=0)
 
     def step(self, state: Changes, values: Array, speed: Array) -> Changes:
         """One step: all signals (S,), speed (C,) [m/s] of the cylinders."""
-        now, group = values[self.signals], state.group
-        state = self._fallen(state, now)
-        first = group.first if group.steps else now
-        away = now - first
-        travel = group.travel + speed[self._cylinders]
-        group = Group(group.steps + 1, first, group.total + away, group.squares + away * away, travel)
-        return self._grouped(state._replace(group=group)) if group.steps == GROUP else state._replace(group=group)
+        now = values[self.signals]
+        state = state._replace(readings=(*state.readings, now), fresh=state.fresh + 1)
+        if min(now.tolist(), default=NOTHING) < NOTHING and len(state.readings) > FALL_STEPS:
+            fallen = (now < NOTHING) & (state.readings[-1 - FALL_STEPS] - now > FALLS)
+            state = state._replace(burst=state.burst | fallen)
+        return self._grouped(state, speed[self._cylinders]) if state.fresh == GROUP else state
 
-    def _fallen(self, state: Changes, now: Array) -> Changes:
-        last = np.concatenate([state.last[1:], now[None]])
-        if now.min(initial=np.inf) >= NOTHING:
-            return state._replace(last=last)
-        return state._replace(last=last, burst=state.burst | ((now < NOTHING) & (state.last[0] - now > FALLS)))
-
-    def _grouped(self, state: Changes) -> Changes:
-        """With the group that has ended, where the cylinder moved."""
-        group = state.group
-        mean, way = group.total / GROUP, group.travel / GROUP
-        noise = (group.squares - group.total * mean) / (GROUP - 1)
-        moved = np.abs(way) > MOVES
+    def _grouped(self, state: Changes, way: Array) -> Changes:
+        """With the group that has ended, of the pressures whose cylinders move, `way` (P,) [m/s]."""
+        group, moved = np.array(state.readings[-GROUP:]), np.abs(way) > MOVES
+        state = state._replace(readings=state.readings[-FALL_STEPS:], fresh=0)
+        if not moved.any():
+            return state
         means, noises, ways = (
             np.where(moved, np.concatenate([old[1:], new[None]]), old)
-            for old, new in ((state.means, mean + group.first), (state.noises, noise), (state.ways, np.sign(way)))
+            for old, new in (
+                (state.means, group.mean(axis=0)),
+                (state.noises, group.var(axis=0, ddof=1)),
+                (state.ways, np.sign(way)),
+            )
         )
         turned = np.minimum((ways > 0.0).sum(axis=0), (ways < 0.0).sum(axis=0)) >= EACH_WAY
         full = np.abs(ways).sum(axis=0) == GROUPS
-        still = means.var(axis=0, ddof=1) <= CONSTANT * np.median(noises, axis=0) / GROUP
+        noise = np.sort(noises, axis=0)[GROUPS // 2]
+        still = means.var(axis=0, ddof=1) <= CONSTANT * noise / GROUP
         constant = np.where(full & turned, still, state.constant)
-        return state._replace(group=self._no_group, means=means, noises=noises, ways=ways, constant=constant)
+        return state._replace(means=means, noises=noises, ways=ways, constant=constant)
