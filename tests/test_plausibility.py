@@ -8,7 +8,7 @@ from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import FARTHEST, Driving
 from cylforce.service.plausibility.offsets import VOTES, Voting
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Cause, Level
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.state import State
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
@@ -175,7 +175,7 @@ def test_what_is_suspected_is_stored_with_the_state(spoilt):
     assert unpacked(State, packed(state)).watch.suspicion == state.watch.suspicion
 
 
-@pytest.mark.parametrize(("cause", "stays"), [(Cause.EXCHANGED, True), (Cause.OFFSET, False)])
+@pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])
 def test_only_what_needs_a_mechanic_is_latched(cause, stays):
     assert NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause).latched is stays
     assert not NOTHING_SUSPECTED._replace(level=Level.DOUBTED, cause=cause).latched

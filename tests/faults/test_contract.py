@@ -15,7 +15,7 @@ from cylforce.files.tables import Table
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.play import prepare
 from cylforce.programs.live.doubts import Doubts
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Cause, Level
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
@@ -93,13 +93,13 @@ def work():
 
 
 FAULTS_OF_SENSORS = [
-    (Fault("nodes exchanged", 0, 1, begin=BEGIN), Cause.EXCHANGED, 0xFF10, 12.0),
-    (Fault("sides exchanged", 0, begin=BEGIN), Cause.EXCHANGED, 0xFF10, 12.0),
-    (Fault("dead", ROD, begin=BEGIN), Cause.STUCK, 0xFF20, 25.0),
-    (Fault("frozen", ROD, begin=BEGIN), Cause.STUCK, 0xFF20, 25.0),
-    (Fault("burst", HEAD, begin=BEGIN), Cause.BURST, 0xFF22, 0.06),
-    (Fault("step", HEAD, size=15.0 * BAR, begin=BEGIN), Cause.OFFSET, 0xFF23, 25.0),
-    (Fault("slipped", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), Cause.SLIPPED, 0xFF24, 30.0),
+    (Fault("nodes exchanged", 0, 1, begin=BEGIN), SensorFault.EXCHANGED, 0xFF10, 12.0),
+    (Fault("sides exchanged", 0, begin=BEGIN), SensorFault.EXCHANGED, 0xFF10, 12.0),
+    (Fault("dead", ROD, begin=BEGIN), SensorFault.STUCK, 0xFF20, 25.0),
+    (Fault("frozen", ROD, begin=BEGIN), SensorFault.STUCK, 0xFF20, 25.0),
+    (Fault("burst", HEAD, begin=BEGIN), SensorFault.BURST, 0xFF22, 0.06),
+    (Fault("step", HEAD, size=15.0 * BAR, begin=BEGIN), SensorFault.OFFSET, 0xFF23, 25.0),
+    (Fault("slipped", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.SLIPPED, 0xFF24, 30.0),
 ]
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.service.plausibility.suspicion import Level, Suspicion
+from cylforce.service.plausibility.suspicion import Level, SensorDoubt
 from cylforce.service.state import State
 from cylforce.service.step import Core, step
 from cylforce.signals.estimate import Array, Booking, Quantity, Status
@@ -24,7 +24,7 @@ class Course(NamedTuple):
     values: Array
     errors: Array
     ok: NDArray[np.bool_]
-    suspicions: list[tuple[float, Suspicion]]
+    suspicions: list[tuple[float, SensorDoubt]]
     bookings: list[Booking]
     state: State
 
@@ -49,7 +49,7 @@ def followed(core: Core, events: Iterable[Event], state: State | None = None) ->
     times: list[float] = []
     rows: list[tuple[Quantity, ...]] = []
     bookings: dict[int, Booking] = {}
-    suspicions: list[tuple[float, Suspicion]] = []
+    suspicions: list[tuple[float, SensorDoubt]] = []
     known, before = state.watch.suspicion, state.estimate.booking
     for event in events:
         state, out = step(core, state, event)
@@ -83,7 +83,7 @@ class Wrong(NamedTuple):
     wrong_bookings: int
     doubted_s: float
     rejected_s: float
-    suspicion: Suspicion
+    suspicion: SensorDoubt
 
 
 def wrong(course: Course, order: Course, rated: float) -> Wrong:

@@ -15,10 +15,11 @@ from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe
-from cylforce.service.plausibility.monitor import Seen
+from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.publication import GROSS, frames
 from cylforce.service.state import NOTHING, Output, Scale, State
+from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
     Array,
     Booking,
@@ -134,23 +135,13 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
-    seen = Seen(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
-    watch = core.monitor.step(state.watch, seen)
-    doubted = watch.suspicion.level is not Level.FINE
-    weighing = weighing._replace(books=unseen(weighing.books)) if doubted else weighing
-    drift = state.drift if doubted else _drift(core, state.drift, load, rows, left, usable)
+    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
+    watch, weighing = _watched(core, state, seen, weighing)
+    drift = _drift(core, state._replace(watch=watch), load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
-    state = state._replace(
-        pipe=pipe,
-        sampled_us=t_us,
-        moving=moving,
-        weighing=weighing,
-        drift=drift,
-        recognition=recognition,
-        interaction=interaction,
-        watch=watch,
-    )
+    state = state._replace(pipe=pipe, sampled_us=t_us, moving=moving, weighing=weighing, drift=drift)
+    state = state._replace(recognition=recognition, interaction=interaction, watch=watch)
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 
@@ -206,9 +197,19 @@ def _nothing(state: State, t_us: int, reason: Reason) -> Estimate:
     return no_estimate(t_us, reason, state.estimate.booking, state.estimate.events)
 
 
-def _drift(core: Core, drift: Drift, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
-    """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty."""
-    if not core.adapts:
+def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tuple[Watch, Weighing]:
+    """Whether the sensors agree after this instant; while they do not, nothing is booked."""
+    watch = core.monitor.step(state.watch, seen)
+    if watch.suspicion.level is Level.FINE:
+        return watch, weighing
+    return watch, weighing._replace(books=unseen(weighing.books))
+
+
+def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
+    """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
+    the sensors agree."""
+    drift = state.drift
+    if not core.adapts or state.watch.suspicion.level is not Level.FINE:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)

@@ -19,7 +19,7 @@ from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Ga
 from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import FARTHEST, Driven, Driving
 from cylforce.service.plausibility.offsets import Offset, Voting
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Cause, Level, Suspicion
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -35,10 +35,10 @@ class Watch(NamedTuple):
     offset: Offset
     changes: Changes
     driven: Driven
-    suspicion: Suspicion = NOTHING_SUSPECTED
+    suspicion: SensorDoubt = NOTHING_SUSPECTED
 
 
-class Seen(NamedTuple):
+class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
     `left` by the tares and the drift (R,) [N m], forces, the drift so far."""
 
@@ -86,7 +86,7 @@ class Monitor:
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
         return state._replace(gathering=gathering, changes=changes, driven=self._driving.begin())
 
-    def step(self, state: Watch, seen: Seen) -> Watch:
+    def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
         changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
         looked = changes.burst is not state.changes.burst or changes.constant is not state.changes.constant
@@ -95,7 +95,7 @@ class Monitor:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
 
-    def _gathered(self, state: Watch, seen: Seen) -> Watch:
+    def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
         driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
         middle = smooth.mean(axis=0)
@@ -106,16 +106,20 @@ class Monitor:
         blocks = self._voting.added(state.blocks, block)
         return state._replace(blocks=blocks, offset=self._voting.result(blocks))
 
-    def _suspicion(self, state: Watch) -> Suspicion:
+    def _suspicion(self, state: Watch) -> SensorDoubt:
         if state.suspicion.latched:
             return state.suspicion
         signals = self._watching.signals
         if state.changes.burst.any():
-            return Suspicion(Level.REJECTED, Cause.BURST, tuple(np.array(signals)[state.changes.burst].tolist()))
+            return SensorDoubt(
+                Level.REJECTED, SensorFault.BURST, tuple(np.array(signals)[state.changes.burst].tolist())
+            )
         if state.driven.path > FARTHEST:
-            return Suspicion(Level.REJECTED, Cause.EXCHANGED, self._pushing(state.driven.strain))
+            return SensorDoubt(Level.REJECTED, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
         if state.changes.constant.any():
-            return Suspicion(Level.REJECTED, Cause.STUCK, tuple(np.array(signals)[state.changes.constant].tolist()))
+            return SensorDoubt(
+                Level.REJECTED, SensorFault.STUCK, tuple(np.array(signals)[state.changes.constant].tolist())
+            )
         return self._off(state.offset)
 
     def _pushing(self, strain: Array) -> tuple[int, ...]:
@@ -125,7 +129,7 @@ class Monitor:
         acting = self.model.acting[int((strain / outward[list(machine.rows)]).argmax())]
         return tuple(k for k, s in enumerate(machine.signals) if s.kind in PRESSURES and s.index in acting)
 
-    def _off(self, offset: Offset) -> Suspicion:
+    def _off(self, offset: Offset) -> SensorDoubt:
         limits, gatherer = self._voting.limits, self._gatherer
         if offset.evidence <= limits[Level.DOUBTED]:
             return NOTHING_SUSPECTED
@@ -134,7 +138,7 @@ class Monitor:
         if offset.signal < len(gatherer.pressed):
             cylinder = gatherer.pressed[offset.signal]
             own = tuple(k for k, s in enumerate(signals) if s.kind in PRESSURES and s.index == cylinder)
-            return Suspicion(level, Cause.OFFSET, own, BAR * offset.size)
+            return SensorDoubt(level, SensorFault.OFFSET, own, BAR * offset.size)
         joint = gatherer.turned[offset.signal - len(gatherer.pressed)]
         own = tuple(k for k, s in enumerate(signals) if s.kind is Kind.JOINT_ANGLE and s.index == joint)
-        return Suspicion(level, Cause.SLIPPED, own, offset.size)
+        return SensorDoubt(level, SensorFault.SLIPPED, own, offset.size)

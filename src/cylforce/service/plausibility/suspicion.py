@@ -4,7 +4,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 
-class Cause(IntEnum):
+class SensorFault(IntEnum):
     """What is wrong with a signal."""
 
     NONE = 0
@@ -23,15 +23,19 @@ class Level(IntEnum):
     REJECTED = 2
 
 
-LATCHED = (Cause.BURST, Cause.SLIPPED, Cause.EXCHANGED)  # once rejected: until the service is started again
+LATCHED = (
+    SensorFault.BURST,
+    SensorFault.SLIPPED,
+    SensorFault.EXCHANGED,
+)  # once rejected: until the service is started again
 
 
-class Suspicion(NamedTuple):
+class SensorDoubt(NamedTuple):
     """A suspicion: `level`, `cause`, numbers of the `signals` of which one is wrong, and by how much (`size` [Pa, rad];
     0: not known)."""
 
     level: Level = Level.FINE
-    cause: Cause = Cause.NONE
+    cause: SensorFault = SensorFault.NONE
     signals: tuple[int, ...] = ()
     size: float = 0.0
 
@@ -41,4 +45,4 @@ class Suspicion(NamedTuple):
         return self.level is Level.REJECTED and self.cause in LATCHED
 
 
-NOTHING_SUSPECTED = Suspicion()
+NOTHING_SUSPECTED = SensorDoubt()
