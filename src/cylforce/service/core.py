@@ -11,6 +11,7 @@ from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Interactor
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
+from cylforce.service.plausibility.monitor import Monitor
 from cylforce.service.publication import MAGNITUDE
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
@@ -78,6 +79,11 @@ class Core:
         return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1])
 
     @cached_property
+    def monitor(self) -> Monitor:
+        """Samples and rows to whether the sensors agree."""
+        return Monitor(self.model, self.tares, self.limits[MAGNITUDE][1])
+
+    @cached_property
     def limits(self) -> dict[str, tuple[float, float]]:
         """The declared range of every published value."""
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
@@ -129,5 +135,6 @@ class Core:
         ):
             hanging = None  # it was weighed with other tares
         weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking, candidate=hanging))
-        state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, kept.truck)
+        watch = self.monitor.begin()
+        state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
         return state._replace(tool=kept.tool)

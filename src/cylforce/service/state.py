@@ -11,6 +11,7 @@ from cylforce.service.contact.rocking import STILL, Rocking
 from cylforce.service.loading.cycle import NO_CYCLE, Cycle
 from cylforce.service.loading.truck import NO_TRUCK, Truck
 from cylforce.service.pipeline import Pipe
+from cylforce.service.plausibility.monitor import Watch
 from cylforce.service.recognition import Recognition
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
@@ -43,10 +44,10 @@ NOTHING_KEPT = Memory()
 class State(NamedTuple):
     """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
     started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
-    it should change because the machine moves; whose machine it is; contact with the ground; the truck that is being
-    loaded; the working cycle so far, and the one that the last booking ended; whether NMT has stopped our node; the
-    name of the tool; the torque that the empty machine does not explain, of each measured joint [N m] (none: not
-    measured); how the base moves."""
+    it should change because the machine moves; whose machine it is; contact with the ground; whether the sensors agree;
+    the truck that is being loaded; the working cycle so far, and the one that the last booking ended; whether NMT has
+    stopped our node; the name of the tool; the torque that the empty machine does not explain, of each measured joint
+    [N m] (none: not measured); how the base moves."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -58,6 +59,7 @@ class State(NamedTuple):
     moving: tuple[bool, ...]
     recognition: Recognition
     interaction: Interaction
+    watch: Watch
     truck: Truck
     cycle: Cycle = NO_CYCLE
     ended: Cycle = NO_CYCLE
