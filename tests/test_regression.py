@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from cylforce.estimation import blocks, recursive
-from cylforce.estimation.batch import Prior, best, least_squares
+from cylforce.estimation.batch import best, least_squares
 from cylforce.estimation.filters import first_order, second_order
+from cylforce.estimation.prior import Prior
 
 SEED = 20_261_121
 
@@ -24,6 +26,24 @@ def test_stepped_filter_equals_run_filter(design) -> None:
     end, run = design.run(start, x)
     np.testing.assert_allclose(stepped, run, rtol=0, atol=1e-12 * np.abs(run).max())
     np.testing.assert_allclose(state, end, rtol=0, atol=1e-12 * np.abs(end).max())
+
+
+@given(st.floats(0.005, 0.49), st.sampled_from([50.0, 64.0, 100.0, 150.0, 200.0]))
+@settings(max_examples=300, deadline=None)
+def test_the_butterworth_low_pass_is_scipys(share, rate_hz) -> None:
+    """Its coefficients are those of scipy to 1e-15 (of b its size, of a the largest possible, 2); it settles as scipy's
+    does."""
+    ours = second_order(share * rate_hz, 1.0 / rate_hz)
+    b, a = signal.butter(2, share * rate_hz, fs=rate_hz)
+    np.testing.assert_allclose(ours.b, b, rtol=1e-15, atol=0.0)
+    np.testing.assert_allclose(ours.a, a, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(ours.steady(np.ones(())), signal.lfilter_zi(ours.b, ours.a), rtol=1e-14)
+
+
+@pytest.mark.parametrize("cutoff_hz", [0.0, 50.0, 70.0])
+def test_a_cut_off_that_no_filter_has_is_refused(cutoff_hz) -> None:
+    with pytest.raises(ValueError, match="does not lie below half of 100 samples"):
+        second_order(cutoff_hz, 0.01)
 
 
 def test_steady_start_passes_a_constant() -> None:

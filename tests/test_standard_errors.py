@@ -5,9 +5,10 @@ import pytest
 
 from cylforce.commissioning.identification import identify
 from cylforce.estimation import blocks
-from cylforce.estimation.batch import Prior, least_squares
+from cylforce.estimation.batch import least_squares
 from cylforce.estimation.model import Model
 from cylforce.estimation.observation import noise_like
+from cylforce.estimation.prior import Prior
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors

@@ -14,7 +14,10 @@ BEGIN, END = "<!-- keys: written by tools/machine_file_keys -->", "<!-- end of k
 LEAST = {"minimum": "{} or more", "exclusiveMinimum": "more than {}"}
 MOST = {"maximum": "{} or less", "exclusiveMaximum": "less than {}"}
 NO_LIMIT = 1e11  # what lies beyond is there against overflow
-UNITS = ("deg_s", "rad_s", "deg", "rad", "mm", "m", "us", "ms", "s", "mpa", "kpa", "bar", "pa", "kn", "n", "degc", "k")
+UNITS = (
+    *("m_s2", "g", "deg_s", "rad_s", "deg", "rad", "mm", "m", "us", "ms", "s"),
+    *("mpa", "kpa", "bar", "pa", "kn", "n", "degc", "k"),
+)
 Schema = dict[str, Any]
 
 

@@ -55,7 +55,7 @@ def mjcf(specimen: Specimen, time_step: float) -> str:
         ("bucket_end", "rocker_end"),
         ("link_end", "link_pin"),
     )
-    closed = "".join(f'<connect site1="{a}" site2="{b}" {STIFF}/>' for a, b in pairs) if loops else ""
+    closed = "".join(joined(a, b) for a, b in pairs) if loops else ""
     return f"""<mujoco><compiler angle="radian"/>
 <option timestep="{time_step}" jacobian="dense" tolerance="1e-12" iterations="30">
 <flag contact="disable" eulerdamp="disable"/></option>
@@ -63,8 +63,14 @@ def mjcf(specimen: Specimen, time_step: float) -> str:
 <equality>{closed}</equality></mujoco>"""
 
 
-def _site(name: str, at: Point) -> str:
+def site(name: str, at: Point) -> str:
+    """A named place on a body."""
     return f'<site name="{name}" pos="{at[0]!r} 0 {at[1]!r}"/>'
+
+
+def joined(one: str, other: str) -> str:
+    """A pin that holds two places together."""
+    return f'<connect site1="{one}" site2="{other}" {STIFF}/>'
 
 
 def _link(name: str, body: Body, pin: Point, inner: str, sites: dict[str, Point]) -> str:
@@ -73,12 +79,13 @@ def _link(name: str, body: Body, pin: Point, inner: str, sites: dict[str, Point]
     return (
         f'<body name="{name}" pos="{pin[0]!r} 0 {pin[1]!r}"><joint name="{name}" axis="0 -1 0" {DRY}/>'
         f'<inertial mass="{b.mass!r}" pos="{b.centre[0]!r} 0 {b.centre[1]!r}" fullinertia="{moments}"/>'
-        + "".join(_site(*site) for site in sites.items())
+        + "".join(site(*each) for each in sites.items())
         + f"{inner}</body>"
     )
 
 
-def _inertial(bar: Bar, sign: float = 1.0) -> str:
+def inertial(bar: Bar, sign: float = 1.0) -> str:
+    """A bar's mass, along x from its pin."""
     moments = f"{0.05 * bar.inertia!r} {bar.inertia!r} {bar.inertia!r}"
     return f'<inertial mass="{bar.mass!r}" pos="{sign * bar.centre!r} 0 0" diaginertia="{moments}"/>'
 
@@ -88,9 +95,9 @@ def _telescope(s: Specimen, joint: str, origin: Point) -> str:
     foot = s.cylinders[joint].foot
     return (
         f'<body name="{joint}_barrel" pos="{origin[0] + foot[0]!r} 0 {origin[1] + foot[1]!r}">'
-        f'<joint name="{joint}_barrel" axis="0 -1 0"/>{_inertial(s.bars[joint + "_barrel"])}'
+        f'<joint name="{joint}_barrel" axis="0 -1 0"/>{inertial(s.bars[joint + "_barrel"])}'
         f'<body name="{joint}_rod"><joint name="{joint}_rod" type="slide" axis="1 0 0"/>'
-        f"{_inertial(s.bars[joint + '_rod'], -1.0)}{_site(joint + '_end', (0.0, 0.0))}</body></body>"
+        f"{inertial(s.bars[joint + '_rod'], -1.0)}{site(joint + '_end', (0.0, 0.0))}</body></body>"
     )
 
 
@@ -99,9 +106,9 @@ def _rocker(s: Specimen) -> str:
     x, z = four.rocker_pin
     return (
         f'<body name="rocker" pos="{x!r} 0 {z!r}"><joint name="rocker" axis="0 -1 0"/>'
-        f"{_inertial(s.bars['rocker'])}{_site('rocker_end', (four.rocker, 0.0))}"
+        f"{inertial(s.bars['rocker'])}{site('rocker_end', (four.rocker, 0.0))}"
         f'<body name="link" pos="{four.rocker!r} 0 0"><joint name="link" axis="0 -1 0"/>'
-        f"{_inertial(s.bars['link'])}{_site('link_end', (four.link, 0.0))}</body></body>"
+        f"{inertial(s.bars['link'])}{site('link_end', (four.link, 0.0))}</body></body>"
     )
 
 

@@ -64,6 +64,21 @@ class Trace:
     true: Array
 
 
+def turning(lengths: Array, k: int, missing: list[float], cylinders: list[Cylinder], pump: Pump) -> list[float]:
+    """By how much each cylinder's command changes within every step of row k, so that it has the speed of the planned
+    `lengths` (T, C) at the row's end and makes up for what is `missing` [m], which is seen late and updated here."""
+    now, ahead = lengths[k], lengths[min(k + 1, len(lengths) - 1)]
+    speeds = ((ahead - now) * RATE).tolist()
+    wanted = []
+    for j, (target, speed, cylinder) in enumerate(zip(now.tolist(), speeds, cylinders, strict=True)):
+        missing[j] += (target - cylinder.length - missing[j]) / (SEEING * RATE)
+        rests = speed == 0.0 and abs(missing[j]) < CLOSE_ENOUGH
+        asked = 0.0 if rests else speed + GAIN * missing[j]
+        wanted.append(min(max(asked, -FASTEST), FASTEST))
+    shared = pump.shared(wanted, cylinders)
+    return [(speed - c.command) / STEPS for speed, c in zip(shared, cylinders, strict=True)]
+
+
 class Engine:
     """One run of one plan."""
 
@@ -137,18 +152,7 @@ class Engine:
     def _command(self, k: int) -> None:
         """Speeds asked for at the row's end: the plan's, and what brings the length back to it. Within the row
         they change linearly: steps at the sensors' period would jerk the arm in time with the samples."""
-        lengths = self.plan.lengths
-        now, ahead = lengths[k], lengths[min(k + 1, len(lengths) - 1)]
-        speeds = ((ahead - now) * RATE).tolist()
-        wanted = []
-        for j, (target, speed, cylinder) in enumerate(zip(now.tolist(), speeds, self.cylinders, strict=True)):
-            self._missing[j] += (target - cylinder.length - self._missing[j]) / (SEEING * RATE)
-            missing = self._missing[j]
-            rests = speed == 0.0 and abs(missing) < CLOSE_ENOUGH
-            asked = 0.0 if rests else speed + GAIN * missing
-            wanted.append(min(max(asked, -FASTEST), FASTEST))
-        shared = self.pump.shared(wanted, self.cylinders)
-        self._turning = [(speed - c.command) / STEPS for speed, c in zip(shared, self.cylinders, strict=True)]
+        self._turning = turning(self.plan.lengths, k, self._missing, self.cylinders, self.pump)
 
     def _advance(self, slew: tuple[float, float], known: list[float] | None, t: float, log: list[float] | None) -> None:
         """One millisecond: lengths give pressures, pressures give torques, torques move MuJoCo's bodies."""

@@ -7,9 +7,11 @@ atmospheric; each chamber's balance is solved implicitly in its own pressure, so
 
 from dataclasses import dataclass
 from math import sqrt
+from typing import Protocol
+
+import numpy as np
 
 from .friction import Friction
-from .linkage import Bars, Direct
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +39,28 @@ class Hydraulics:
     return_loss: float = 1.2e10  # Pa/(m^3/s)^2: 5 bar at 6.5 l/s
 
 
+def draw_hydraulics(rng: np.random.Generator) -> Hydraulics:
+    """Those of one machine."""
+    return Hydraulics(
+        bulk_modulus=float(rng.uniform(1.0e9, 1.4e9)),
+        tank=float(rng.uniform(2e5, 5e5)),
+        back_pressure=float(rng.uniform(9e5, 16e5)),
+        return_loss=float(rng.uniform(0.8e10, 1.6e10)),
+    )
+
+
 ROUNDING = 2e4  # Pa below which an orifice is linear
 MAKE_UP = 4e-8  # m^3/s/Pa
 OPEN_RELIEF = 2e-8
 STOP_STIFFNESS, STOP_DAMPING = 4e7, 2e5
+
+
+class Linkage(Protocol):
+    """What turns a joint angle into a cylinder's length."""
+
+    def span(self, angle: float) -> tuple[float, float]:
+        """Length [m] and d(length)/d(angle) [m/rad]."""
+        ...
 
 
 class Chamber:
@@ -86,7 +106,7 @@ class Cylinder:
 
     def __init__(
         self,
-        linkage: Direct | Bars,
+        linkage: Linkage,
         areas: tuple[float, float],
         lengths: tuple[float, float],
         friction: Friction,

@@ -13,7 +13,7 @@ from .datasheet import JOINTS
 from .engine import DT, TRUE_COLUMNS, Engine, ExtraTorque, Plant, Trace
 from .friction import Friction, PinFriction, draw_friction
 from .geometry import Geometry
-from .hydraulics import Hydraulics
+from .hydraulics import Hydraulics, draw_hydraulics
 from .plan import PHASES, RATE, Plan
 from .recording import Recording
 from .scenarios import SCENARIOS
@@ -107,7 +107,7 @@ class Machine:
         header = self.describe() | {
             "scenario": scenario,
             "run_seed": seed,
-            "options": {key: _plain(v) for key, v in options.items()},
+            "options": {key: plain(v) for key, v in options.items()},
             "pitch": stage.pitch,
             "roll": stage.roll,
             "phases": list(PHASES),
@@ -220,25 +220,16 @@ def draw(
         friction=tuple(pair[0] for pair in pairs),
         pins=tuple(pair[1] for pair in pairs),
         sensors=draw_sensors(stream(seed, SENSORS), parts(sensors)),
-        hydraulics=_hydraulics(stream(seed, HYDRAULICS)),
+        hydraulics=draw_hydraulics(stream(seed, HYDRAULICS)),
         friction_kind=friction,
     )
 
 
-def _plain(option: object) -> object:
+def plain(option: object) -> object:
     """An option as JSON knows it."""
     if is_dataclass(option) and not isinstance(option, type):
         return asdict(option)
     return list(option) if isinstance(option, tuple) else option
-
-
-def _hydraulics(rng: np.random.Generator) -> Hydraulics:
-    return Hydraulics(
-        bulk_modulus=float(rng.uniform(1.0e9, 1.4e9)),
-        tank=float(rng.uniform(2e5, 5e5)),
-        back_pressure=float(rng.uniform(9e5, 16e5)),
-        return_loss=float(rng.uniform(0.8e10, 1.6e10)),
-    )
 
 
 def _plans(site: Site, scenario: str, duration_s: float | None, options: dict[str, object]) -> list[Plan]:

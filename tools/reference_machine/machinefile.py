@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from .datasheet import EXCAVATOR, JOINTS, Cylinder, Link, Point, Sheet
+from .datasheet import EXCAVATOR, JOINTS, Cylinder, Link, Point, Sheet, Tolerances
 from .sensors import ANGLES, DEGREE
 
 NODES = {
@@ -11,10 +11,11 @@ NODES = {
     "chassis_tilt": 48,
     "slew_gyro": 49,
 }
-PROFILE = {"pressure": 404, "angle": 406, "tilt": 410, "gyro": 404}
+PROFILE = {"pressure": 404, "angle": 406, "tilt": 410, "gyro": 404, "imu": 0}
 BAR = 1e5
 # Fields of each node's TPDO1: signal, value of a digit and of zero in SI, bytes, signed
-PDOS: dict[str, tuple[tuple[str, float, float, int, bool], ...]] = {
+Field = tuple[str, float, float, int, bool]
+PDOS: dict[str, tuple[Field, ...]] = {
     **{
         f"{joint}_pressure": tuple((f"{joint}_{side}_pressure", 0.02 * BAR, 0.0, 2, True) for side in ("head", "rod"))
         for joint in JOINTS
@@ -29,13 +30,13 @@ STATED_MASS, STATED_CENTRE, STATED_INERTIA = 10, 0.1, 25  # a little wider than 
 def machine_file(name: str, sheet: Sheet = EXCAVATOR) -> str:
     """A machine file (TOML) with the sheet's nominal values and tolerances."""
     parts = [_head(name, sheet)]
-    parts += [_link(joint, sheet.links[joint], sheet) for joint in JOINTS]
-    parts.append(f"[tool]\npoint_m = {_xz(sheet.tool)}\n")
+    parts += [link_table(joint, sheet.links[joint], sheet.tolerances) for joint in JOINTS]
+    parts.append(f"[tool]\npoint_m = {xz(sheet.tool)}\n")
     parts += [_cylinder(joint, sheet.cylinders[joint], sheet) for joint in JOINTS]
-    parts += [_node(node, number) for node, number in NODES.items()]
-    parts += [_pressure(joint, side, k) for joint in JOINTS for k, side in enumerate(("head", "rod"), 1)]
-    parts += [_angle(joint, sheet.links[joint]) for joint in JOINTS]
-    parts += [_tilt("pitch", "6010h"), _tilt("roll", "6020h"), SLEW, PUBLICATION]
+    parts += [node_table(node, number) for node, number in NODES.items()]
+    parts += [pressure_table(joint, side, k) for joint in JOINTS for k, side in enumerate(("head", "rod"), 1)]
+    parts += [angle_table(joint, sheet.links[joint]) for joint in JOINTS]
+    parts += [tilt_table("pitch", "6010h"), tilt_table("roll", "6020h"), SLEW, PUBLICATION]
     return "\n".join(parts)
 
 
@@ -55,22 +56,23 @@ def two_link_file(name: str, sheet: Sheet = EXCAVATOR) -> str:
     on_boom = sheet.cylinders["stick"]
     x, z = on_boom.foot[0] - sheet.links["boom"].length, on_boom.foot[1]
     parts = [_head(name, sheet)]
-    parts += [_link(joint, sheet.links[joint], sheet) for joint in TWO_LINKS]
-    parts.append(f"[tool]\npoint_m = {_xz(sheet.tool)}\n")
+    parts += [link_table(joint, sheet.links[joint], sheet.tolerances) for joint in TWO_LINKS]
+    parts.append(f"[tool]\npoint_m = {xz(sheet.tool)}\n")
     parts.append(_cylinder("stick", replace(on_boom, foot=(x, z)), sheet, "chassis"))
     parts.append(_cylinder("bucket", sheet.cylinders["bucket"], sheet))
-    parts += [_node(node, number) for node, number in (nodes | {"boom_tilt": BOOM_TILT}).items()]
-    parts += [_pressure(joint, side, k) for joint in TWO_LINKS for k, side in enumerate(("head", "rod"), 1)]
-    parts += [_angle(joint, sheet.links[joint]) for joint in TWO_LINKS]
+    parts += [node_table(node, number) for node, number in (nodes | {"boom_tilt": BOOM_TILT}).items()]
+    parts += [pressure_table(joint, side, k) for joint in TWO_LINKS for k, side in enumerate(("head", "rod"), 1)]
+    parts += [angle_table(joint, sheet.links[joint]) for joint in TWO_LINKS]
     parts += [
-        _tilt("pitch", "6010h", "boom_tilt", 75),
-        _tilt("roll", "6020h", "boom_tilt"),
+        tilt_table("pitch", "6010h", "boom_tilt", 75),
+        tilt_table("roll", "6020h", "boom_tilt"),
         "[health]\nmax_tilt_deg = 70\n",
     ]
     return "\n".join([*parts, PUBLICATION])
 
 
-def _xz(point: Point) -> str:
+def xz(point: Point) -> str:
+    """A point's two numbers."""
     return f"[{point[0]:g}, {point[1]:g}]"
 
 
@@ -83,40 +85,47 @@ def _head(name: str, sheet: Sheet) -> str:
     )
 
 
-def _link(joint: str, link: Link, sheet: Sheet) -> str:
+def link_table(joint: str, link: Link, tolerances: Tolerances) -> str:
+    """A link's table; the bucket has no length."""
     length = "" if joint == "bucket" else f"length_m = {link.length:g}\n"
     near = f"mass_percent = {STATED_MASS}, centre_m = {STATED_CENTRE}, inertia_percent = {STATED_INERTIA}"
     if length:
-        near += f", length_m = {sheet.tolerances.length:g}"
+        near += f", length_m = {tolerances.length:g}"
     return (
-        f'[[links]]\nname = "{joint}"\n{length}mass_kg = {link.mass:g}\ncentre_m = {_xz(link.centre)}\n'
+        f'[[links]]\nname = "{joint}"\n{length}mass_kg = {link.mass:g}\ncentre_m = {xz(link.centre)}\n'
         f"inertia_kg_m2 = {link.inertia:g}\nangle_range_deg = {list(link.range_deg)}\ntolerance = {{ {near} }}\n"
     )
 
 
 def _cylinder(joint: str, cylinder: Cylinder, sheet: Sheet, inner: str = "") -> str:
-    near = f"bore_mm = {sheet.tolerances.bore * 1e3:g}, pins_m = {sheet.tolerances.pins:g}"
-    head = (
-        f'[[cylinders]]\nname = "{joint}"\ncount = {cylinder.count}\nbore_mm = {cylinder.bore * 1e3:g}\n'
-        f"rod_mm = {cylinder.rod * 1e3:g}\nlength_range_m = {list(cylinder.lengths)}\ntolerance = {{ {near} }}\n"
-        "[cylinders.linkage]\n"
-    )
+    head = cylinder_head(joint, cylinder, sheet.tolerances)
     if joint == "bucket":
         bars = sheet.bars
         return head + (
-            f'kind = "four_bar"\nfoot = {{ body = "stick", at_m = {_xz(cylinder.foot)} }}\n'
-            f'rocker_pin = {{ body = "stick", at_m = {_xz(bars.rocker_pin)} }}\n'
-            f'link_pin = {{ body = "bucket", at_m = {_xz(bars.link_pin)} }}\n'
+            f'kind = "four_bar"\nfoot = {{ body = "stick", at_m = {xz(cylinder.foot)} }}\n'
+            f'rocker_pin = {{ body = "stick", at_m = {xz(bars.rocker_pin)} }}\n'
+            f'link_pin = {{ body = "bucket", at_m = {xz(bars.link_pin)} }}\n'
             f'rocker_m = {bars.rocker:g}\nlink_m = {bars.link:g}\nside = "left"\n'
         )
     inner = inner or {"boom": "chassis", "stick": "boom"}[joint]
     return head + (
-        f'kind = "triangle"\nfoot = {{ body = "{inner}", at_m = {_xz(cylinder.foot)} }}\n'
-        f'eye = {{ body = "{joint}", at_m = {_xz(cylinder.eye)} }}\n'
+        f'kind = "triangle"\nfoot = {{ body = "{inner}", at_m = {xz(cylinder.foot)} }}\n'
+        f'eye = {{ body = "{joint}", at_m = {xz(cylinder.eye)} }}\n'
     )
 
 
-def _node(node: str, number: int) -> str:
+def cylinder_head(name: str, cylinder: Cylinder, tolerances: Tolerances) -> str:
+    """A cylinder's table up to its linkage."""
+    near = f"bore_mm = {tolerances.bore * 1e3:g}, pins_m = {tolerances.pins:g}"
+    return (
+        f'[[cylinders]]\nname = "{name}"\ncount = {cylinder.count}\nbore_mm = {cylinder.bore * 1e3:g}\n'
+        f"rod_mm = {cylinder.rod * 1e3:g}\nlength_range_m = {list(cylinder.lengths)}\ntolerance = {{ {near} }}\n"
+        "[cylinders.linkage]\n"
+    )
+
+
+def node_table(node: str, number: int) -> str:
+    """A node's table."""
     profile = PROFILE[node.rsplit("_", 1)[1]]
     return (
         f'[[nodes]]\nname = "{node}"\nnode_id = {number}\nprofile = {profile}\n'
@@ -124,7 +133,8 @@ def _node(node: str, number: int) -> str:
     )
 
 
-def _pressure(joint: str, side: str, sub: int) -> str:
+def pressure_table(joint: str, side: str, sub: int) -> str:
+    """A pressure sensor's table."""
     return (
         f'[[sensors]]\nname = "{joint}_{side}_pressure"\nkind = "{side}_pressure"\nat = "{joint}"\n'
         f'node = "{joint}_pressure"\nobject = "7130h:{sub}"\ntype = "i16"\nscale_bar = 0.02\nrange_bar = [-5, 400]\n'
@@ -132,7 +142,8 @@ def _pressure(joint: str, side: str, sub: int) -> str:
     )
 
 
-def _angle(joint: str, link: Link) -> str:
+def angle_table(joint: str, link: Link) -> str:
+    """A joint angle's table."""
     low, high = link.range_deg
     return (
         f'[[sensors]]\nname = "{joint}_angle"\nkind = "joint_angle"\nat = "{joint}"\nnode = "{joint}_angle"\n'
@@ -141,7 +152,8 @@ def _angle(joint: str, link: Link) -> str:
     )
 
 
-def _tilt(name: str, address: str, node: str = "chassis_tilt", largest: int = 45) -> str:
+def tilt_table(name: str, address: str, node: str = "chassis_tilt", largest: int = 45) -> str:
+    """A tilt sensor's table, for one axis."""
     return (
         f'[[sensors]]\nname = "{name}"\nkind = "{name}"\nnode = "{node}"\nobject = "{address}"\ntype = "i16"\n'
         f"scale_deg = 0.01\nrange_deg = [{-largest}, {largest}]\nstandard_error_deg = 0.02\n"

@@ -73,7 +73,7 @@ def smooth(x: Array) -> Array:
 
 
 class Path:
-    """Cylinder lengths over time, stroke after stroke. `now` (3,) is where the last stroke ends."""
+    """Cylinder lengths over time, stroke after stroke. `now` (C,) is where the last stroke ends."""
 
     def __init__(self, start: Array) -> None:
         self.parts: list[Array] = [start[None]]
@@ -94,24 +94,25 @@ class Path:
         self.parts.append(np.tile(self.now, (max(round(seconds * RATE), 0), 1)))
 
     def go(self, target: Array, speed: "float | Array", delay: "Array | None" = None) -> None:
-        """All three to `target`, each at its own speed [m/s], each after its delay [s]."""
+        """All cylinders to `target`, each at its own speed [m/s], each after its delay [s]."""
         part = self.sketch(target, speed, delay)
         self.parts.append(part)
         self.now = np.array(target, dtype=np.float64)
 
     def sketch(self, target: Array, speed: "float | Array", delay: "Array | None" = None) -> Array:
-        """What `go` would add (rows, 3)."""
-        speeds, late = np.broadcast_to(speed, 3), np.zeros(3) if delay is None else delay
-        times = [duration(float(target[k] - self.now[k]), float(speeds[k]), RAMPS[k]) for k in range(3)]
+        """What `go` would add (rows, C)."""
+        count = len(self.now)
+        speeds, late = np.broadcast_to(speed, count), np.zeros(count) if delay is None else delay
+        times = [duration(float(target[k] - self.now[k]), float(speeds[k]), RAMPS[k]) for k in range(count)]
         t = np.arange(1, round(max(x + float(d) for x, d in zip(times, late, strict=True)) * RATE) + 2) / RATE
         columns = [
             self.now[k] + (target[k] - self.now[k]) * stroke(t - late[k], times[k], RAMPS[k])
             if times[k]
             else np.full_like(t, self.now[k])
-            for k in range(3)
+            for k in range(count)
         ]
         return np.stack(columns, axis=-1)
 
     def done(self) -> Array:
-        """All rows (T, 3)."""
+        """All rows (T, C)."""
         return np.concatenate(self.parts)

@@ -2,13 +2,14 @@
 own."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .machinefile import NODES, PDOS, machine_file
+from .machinefile import NODES, PDOS, Field, machine_file
 
 Array = NDArray[np.float64]
 
@@ -16,7 +17,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Recording:
     """What the sensors read, `t_s` (T,) and `values` (T, S) of `signals`, SI units; `truth` (T,) by name at the same
-    instants, and `header`, what the machine is; see `Machine.run`."""
+    instants, and `header`, what the machine is; see `Machine.run`. `sheet`: its machine file, by default the
+    excavator's; `nodes` and `pdos`: how a bus carries the signals."""
 
     name: str
     t_s: Array
@@ -24,6 +26,9 @@ class Recording:
     values: Array
     truth: dict[str, Array]
     header: dict[str, object]
+    sheet: str = ""
+    nodes: Mapping[str, int] = field(default_factory=lambda: NODES)
+    pdos: Mapping[str, tuple[Field, ...]] = field(default_factory=lambda: PDOS)
 
     def column(self, signal: str) -> Array:
         """The values (T,) of a signal."""
@@ -45,13 +50,13 @@ class Recording:
         table = "csv" if form == "csv" else "parquet"
         _write_table(place / "truth" / f"{self.name}.{table}", {"t_s": self.t_s, **self.truth})
         (place / "truth" / f"{self.name}.json").write_text(json.dumps(self.header, indent=1) + "\n")
-        (place / "machine.toml").write_text(machine_file(str(self.header["machine_name"])))
+        (place / "machine.toml").write_text(self.sheet or machine_file(str(self.header["machine_name"])))
         return path
 
     def candump(self, channel: str = "can0") -> str:
         """The recording as candump writes a bus: SYNC, then every node's TPDO1 0.3 ms after the one before."""
         raw = {}
-        for name, scale, offset, size, signed in (field for fields in PDOS.values() for field in fields):
+        for name, scale, offset, size, signed in (one for fields in self.pdos.values() for one in fields):
             count = np.round((self.column(name) - offset) / scale).astype(np.int64)
             low, high = (-(2 ** (8 * size - 1)), 2 ** (8 * size - 1) - 1) if signed else (0, 2 ** (8 * size) - 1)
             raw[name] = [
@@ -60,9 +65,9 @@ class Recording:
         lines = []
         for k, t in enumerate(self.t_s.tolist()):
             lines.append(f"({t:.6f}) {channel} 080#")
-            for n, (node, fields) in enumerate(PDOS.items()):
-                data = "".join(raw[field[0]][k] for field in fields)
-                lines.append(f"({t + 0.0003 * (n + 1):.6f}) {channel} {0x180 + NODES[node]:03X}#{data}")
+            for n, (node, fields) in enumerate(self.pdos.items()):
+                data = "".join(raw[one[0]][k] for one in fields)
+                lines.append(f"({t + 0.0003 * (n + 1):.6f}) {channel} {0x180 + self.nodes[node]:03X}#{data}")
         return "\n".join(lines) + "\n"
 
 

@@ -22,9 +22,21 @@ DEGREE = np.pi / 180.0
 PRESSURES = tuple(f"{joint}_{side}_pressure" for joint in JOINTS for side in ("head", "rod"))
 ANGLES = tuple(f"{joint}_angle" for joint in JOINTS)
 SIGNALS = (*PRESSURES, *ANGLES, "pitch", "roll", "slew_rate")
-NOISE = {"pressure": 0.1e5, "angle": 0.01 * DEGREE, "tilt": 0.02 * DEGREE, "rate": 0.05 * DEGREE}
-QUANTUM = {"pressure": 0.02e5, "angle": 0.01 * DEGREE, "tilt": 0.01 * DEGREE, "rate": 0.01 * DEGREE}
-LAGS = {"pressure": (0.002, 0.006), "angle": (0.003, 0.010), "tilt": (0.012, 0.015), "rate": (0.004, 0.010)}
+NOISE = {"pressure": 0.1e5, "angle": 0.01 * DEGREE, "tilt": 0.02 * DEGREE, "rate": 0.05 * DEGREE, "acceleration": 0.02}
+QUANTUM = {
+    "pressure": 0.02e5,
+    "angle": 0.01 * DEGREE,
+    "tilt": 0.01 * DEGREE,
+    "rate": 0.01 * DEGREE,
+    "acceleration": 0.01,
+}
+LAGS = {
+    "pressure": (0.002, 0.006),
+    "angle": (0.003, 0.010),
+    "tilt": (0.012, 0.015),
+    "rate": (0.004, 0.010),
+    "acceleration": (0.004, 0.010),
+}
 LATEST = 0.008  # s between a node's sampling and the time that its message is given
 JITTER = 0.0005  # s
 
@@ -85,7 +97,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Sensors:
-    """All channels in the order of SIGNALS."""
+    """All channels, an excavator's in the order of SIGNALS."""
 
     channels: tuple[Channel, ...]
     analog: tuple[Distortion, ...] = ()
@@ -95,7 +107,8 @@ class Sensors:
         """Values (T + still, S) of signals (10 T, S) at 1 kHz; then `still` rows of their last values."""
         rows = len(fast) // 10
         slow = np.concatenate([fast[::10], np.tile(fast[-1], (still, 1))])
-        quick, truth = (dict(zip(SIGNALS, x.T, strict=True)) for x in (fast, slow))
+        names = [channel.name for channel in self.channels]
+        quick, truth = (dict(zip(names, x.T, strict=True)) for x in (fast, slow))
         columns = []
         for channel in self.channels:
             inner = channel.delayed(quick[channel.name])
@@ -135,13 +148,20 @@ def _kind(name: str) -> tuple[str, str]:
 
 def _channel(name: str, skew: dict[str, float], rng: np.random.Generator, on: frozenset[str]) -> Channel:
     kind, node = _kind(name)
+    return draw_channel(name, kind, skew[node], rng, on)
+
+
+def draw_channel(name: str, kind: str, skew: float, rng: np.random.Generator, on: frozenset[str]) -> Channel:
+    """One sensor of a kind (`LAGS`) whose node samples `skew` [s] too early."""
     drawn = {
         "lag": float(rng.uniform(*LAGS[kind])),
-        "skew": skew[node],
+        "skew": skew,
         "jitter": JITTER,
         "noise": NOISE[kind],
         "quantum": QUANTUM[kind],
-        **{"pressure": _pressure, "angle": _angle, "tilt": _angle, "rate": _rate}[kind](rng),
+        **{"pressure": _pressure, "angle": _angle, "tilt": _angle, "rate": _rate, "acceleration": _acceleration}[kind](
+            rng
+        ),
     }
     part = {"quantum": "quantisation", "harmonic": "angle", "phase": "angle"}
     if kind != "pressure":
@@ -171,3 +191,8 @@ def _angle(rng: np.random.Generator) -> dict[str, float]:
 def _rate(rng: np.random.Generator) -> dict[str, float]:
     """A gyro: 0.05 degrees/s and 0.3 %."""
     return {"offset": 0.05 * DEGREE * float(rng.uniform(-1.0, 1.0)), "gain": 0.003 * float(rng.uniform(-1.0, 1.0))}
+
+
+def _acceleration(rng: np.random.Generator) -> dict[str, float]:
+    """An accelerometer: 0.03 m/s^2 and 0.3 %."""
+    return {"offset": 0.03 * float(rng.uniform(-1.0, 1.0)), "gain": 0.003 * float(rng.uniform(-1.0, 1.0))}

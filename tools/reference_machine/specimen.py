@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 from math import cos, radians, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .datasheet import EXCAVATOR, JOINTS, BucketBars, Cylinder, Point, Sheet
+from .datasheet import EXCAVATOR, JOINTS, BucketBars, Cylinder, Link, Point, Sheet, Tolerances
 from .linkage import Bars, Direct
 
 
@@ -141,24 +142,30 @@ def _bar(bar: Bar, factor: float) -> Bar:
 
 def _body(rng: np.random.Generator, sheet: Sheet, joint: str, drawn: bool, own: bool) -> Body:
     """A link; `own`: without the shares of the linkages, which are bodies of their own then."""
-    link, near = sheet.links[joint], sheet.tolerances
-    mass, cx, cz, inertia = _without_shares(joint, sheet) if own else (link.mass, *link.centre, link.inertia)
+    link = sheet.links[joint]
+    bare = without_shares(link, SHARES[joint]) if own else (link.mass, *link.centre, link.inertia)
     part = rng.uniform(-1.0, 1.0, 5) if drawn else rng.uniform(-1.0, 1.0, 5) * 0.0
+    return drawn_body(bare, part, sheet.tolerances, FLATNESS[joint], WIDTH[joint])
+
+
+def drawn_body(
+    bare: tuple[float, float, float, float], part: NDArray[np.float64], near: Tolerances, flat: float, width: float
+) -> Body:
+    """A body near the `bare` mass, centre and inertia: off by the shares `part` (5,) of the tolerances. `flat`: share
+    of z^2 in its inertia; `width`: radius of gyration across the arm's plane [m]."""
+    mass, cx, cz, inertia = bare
     mass *= 1.0 + near.mass * float(part[0])
     centre = (cx + near.centre * float(part[1]), cz + near.centre * float(part[2]))
     inertia *= 1.0 + near.inertia * float(part[3])
-    flat = FLATNESS[joint]
     tilt = radians(4.0 * float(part[4]))  # of the body's long axis against the line of pins
     long, thin = inertia * (1.0 - flat), inertia * flat
     xx = long * cos(tilt) ** 2 + thin * sin(tilt) ** 2
-    return Body(mass, centre, xx, inertia - xx, (long - thin) * sin(tilt) * cos(tilt), mass * WIDTH[joint] ** 2)
+    return Body(mass, centre, xx, inertia - xx, (long - thin) * sin(tilt) * cos(tilt), mass * width**2)
 
 
-def _without_shares(joint: str, sheet: Sheet) -> tuple[float, float, float, float]:
+def without_shares(link: Link, shares: tuple[tuple[float, Point], ...]) -> tuple[float, float, float, float]:
     """Mass, centre and inertia of the bare link, whose data with the shares are the sheet's."""
-    link = sheet.links[joint]
     about_pin = link.inertia + link.mass * (link.centre[0] ** 2 + link.centre[1] ** 2)
-    shares = SHARES[joint]
     mass = link.mass - sum(kg for kg, _ in shares)
     cx = (link.mass * link.centre[0] - sum(kg * at[0] for kg, at in shares)) / mass
     cz = (link.mass * link.centre[1] - sum(kg * at[1] for kg, at in shares)) / mass

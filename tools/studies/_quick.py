@@ -29,7 +29,7 @@ class Recorded:
         model = core.model
         moved = model.channels.run(values)
         self._rows, self._speed = model.filtered.run(moved.motion), moved.motion.speed
-        self._channels = model.channels.read(values)
+        self._channels, self.inertial = model.channels.read(values), model.channels.inertial
         usable = np.stack([moved.usable[:, list(acting)].all(axis=1) for acting in model.acting], axis=-1)
         ago = _since(~usable)
         self._waiting = np.maximum(model.settle_steps - ago, 0)

@@ -16,6 +16,7 @@ from cylforce.signals.estimate import Array
 
 from .baselines import parabola, quasi_static
 from .bucket import Work, foreign, reference
+from .reference import DRAWN, Ride
 from .score import figures
 from .trial import WHOLE, Variant, weighed
 
@@ -36,7 +37,12 @@ def works(options: argparse.Namespace) -> list[Work]:
         return foreign(Path(options.folder or Path(shared) / "data" / "foreign_machines"))[: options.machines]
     seeds, cache = range(options.seed, options.seed + options.machines), Path(options.folder or ".weighing")
     lifts = {"both": (False, True), "no": (False,), "yes": (True,)}[options.lift]
-    return [reference(seed, options.cycles, cache, lift=lift) for lift in lifts for seed in seeds]
+    ride = Ride(options.rock, options.drive)
+    return [
+        reference(options.machine, seed, options.cycles, cache, lift=lift, ride=ride)
+        for lift in lifts
+        for seed in seeds
+    ]
 
 
 def measured(work: Work, way: str) -> Array:
@@ -48,6 +54,9 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="accuracy weighing", description=__doc__)
     parser.add_argument("--machines", type=int, default=30)
+    parser.add_argument("--machine", choices=tuple(DRAWN), default="excavator", help="kind of the reference machines")
+    parser.add_argument("--rock", type=float, default=0.0, help="of a loader's base [degrees rms]")
+    parser.add_argument("--drive", type=float, default=0.0, help="largest acceleration of a loader [m/s^2]")
     parser.add_argument("--seed", type=int, default=9100, help="of the first reference machine")
     parser.add_argument("--cycles", type=int, default=34, help="of each reference machine")
     parser.add_argument("--lift", choices=("both", "yes", "no"), default="both", help="of a known weight before")

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .reference import KNOWN_KG, Bucket, record
+from cylforce.settings.machine_file import load
+
+from .reference import KNOWN, STANDING, Bucket, Ride, record
 
 LATE = 1.0  # s after the next digging begins, in which a bucket may still be booked
 
@@ -23,13 +25,14 @@ class Work:
     buckets: tuple[Bucket, ...]
 
 
-def reference(seed: int, cycles: int, cache: Path, *, lift: bool) -> Work:
-    """A reference machine, recorded unless it is in the cache."""
-    folder = record(seed, cycles, cache)
+def reference(kind: str, seed: int, cycles: int, cache: Path, *, lift: bool, ride: Ride = STANDING) -> Work:
+    """A reference machine of a kind (`reference.DRAWN`), recorded unless it is in the cache."""
+    folder = record(kind, seed, cycles, cache, ride)
     header = json.loads((folder / "truth" / "work.json").read_text())
     found = tuple(_noted(cycle) for piece in header["pieces"] for cycle in piece["cycles"])
-    known = ("known_lift", KNOWN_KG) if lift else None
-    return Work(f"reference {seed}{', lift' if lift else ''}", folder, ("commissioning",), known, "work", found)
+    rated = load(folder / "machine.toml").service.machine.rated_payload
+    known = ("known_lift", KNOWN * rated) if lift else None
+    return Work(f"{kind} {seed}{', lift' if lift else ''}", folder, ("commissioning",), known, "work", found)
 
 
 def _noted(cycle: dict[str, Any]) -> Bucket:

@@ -1,16 +1,19 @@
 """Reference machines at work: five minutes of empty motion, one known lift, then digging cycles with material that
 sticks and spills, fast slewing, slopes, an unsteady hand, and oil that is colder or warmer than at commissioning."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from reference_machine import loader, machine
 from reference_machine.cycle import Manner
-from reference_machine.machine import Machine, draw
 from reference_machine.recording import Recording
 
-KNOWN_KG = 1000.0
+KNOWN = 2.0 / 3.0  # of rated payload: the known weight
 SLEW = (0.3, 1.0)  # rad/s, fastest turning
 PITCH_DEG, ROLL_DEG = 5.0, 3.0
 OIL_DEGC = (0.0, 72.0)  # at the beginning of the work; it warms by eight degrees
@@ -19,6 +22,13 @@ CARRY_BACK = 0.02  # of rated payload: largest
 SPILLED = (0.02, 0.06)  # of the load
 SPILLS = 0.1  # share of the buckets that lose a part
 JERK = 0.012  # m, of every second machine
+
+
+DRAWN: dict[str, Callable[..., machine.Machine | loader.Loader]] = {
+    "excavator": machine.draw,
+    "loader": loader.draw,
+    "inertial_loader": partial(loader.draw, inertial=True),
+}
 
 
 @dataclass(frozen=True)
@@ -34,26 +44,42 @@ class Bucket:
     digs: float
 
 
-def record(seed: int, cycles: int, folder: Path) -> Path:
-    """FOLDER with commissioning, known lift and work of the machine `seed`; what is there already stays."""
-    place = folder / f"reference_{seed}"
+class Ride(NamedTuple):
+    """How the base moves during the work: it rocks by `degrees` rms and drives with at most `acceleration` [m/s^2]."""
+
+    degrees: float = 0.0
+    acceleration: float = 0.0
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Of a loader's cycles."""
+        return {"rock_deg": self.degrees, "drive": self.acceleration} if any(self) else {}
+
+
+STANDING = Ride()
+
+
+def record(kind: str, seed: int, cycles: int, folder: Path, ride: Ride = STANDING) -> Path:
+    """FOLDER with commissioning, known lift and work of the machine `seed` of a kind (DRAWN); what is there already
+    stays."""
+    place = folder / "_".join([kind, str(seed), *(f"{part:g}" for part in ride if any(ride))])
     if not (place / "truth" / "work.json").exists():
-        machine = draw(seed, friction=("own", "foreign")[seed % 2])
-        machine.run("commissioning", seed=0, oil_degc=COMMISSIONED_DEGC).write(place)
-        machine.run("known_lift", seed=3, weight_kg=KNOWN_KG, oil_degc=COMMISSIONED_DEGC).write(place)
-        _work(machine, seed, cycles).write(place)
+        drawn = DRAWN[kind](seed, friction=("own", "foreign")[seed % 2])
+        drawn.run("commissioning", seed=0, oil_degc=COMMISSIONED_DEGC).write(place)
+        known = KNOWN * drawn.specimen.sheet.rated_payload
+        drawn.run("known_lift", seed=3, weight_kg=known, oil_degc=COMMISSIONED_DEGC).write(place)
+        _work(drawn, seed, cycles, ride).write(place)
     return place
 
 
-def _work(machine: Machine, seed: int, cycles: int) -> Recording:
+def _work(drawn: machine.Machine | loader.Loader, seed: int, cycles: int, ride: Ride) -> Recording:
     rng = np.random.default_rng((seed, 7))
-    rated = machine.specimen.sheet.rated_payload
+    rated = drawn.specimen.sheet.rated_payload
     loads = tuple((rated * rng.uniform(0.2, 1.0, cycles)).tolist())
     sticks = tuple((rated * CARRY_BACK * rng.beta(1.0, 2.0, cycles)).tolist())
     falls = tuple(np.where(rng.random(cycles) < SPILLS, rng.uniform(*SPILLED, cycles), 0.0).tolist())
     manner = Manner(sticks, falls, float(rng.uniform(*SLEW)), JERK * (seed // 2 % 2))
     pitch, roll = (float(x) for x in rng.uniform(-1.0, 1.0, 2) * (PITCH_DEG, ROLL_DEG))
     oil = float(rng.uniform(*OIL_DEGC))
-    return machine.run(
-        "cycles", seed=2, pitch_deg=pitch, roll_deg=roll, oil_degc=oil, name="work", payloads_kg=loads, manner=manner
-    )
+    where = {"pitch_deg": pitch, "roll_deg": roll, "oil_degc": oil}
+    return drawn.run("cycles", seed=2, name="work", payloads_kg=loads, manner=manner, **where, **ride.options)

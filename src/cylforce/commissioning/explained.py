@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.commissioning.emptiness import CORRELATED
-from cylforce.estimation.batch import Prior, least_squares
+from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, of_row, residual_squares
 from cylforce.estimation.model import Model
+from cylforce.estimation.prior import Prior
 from cylforce.signals.estimate import Array
 
 NOTHING = 0.0  # share explained below which a constant torque would explain the recording better: refused

@@ -17,10 +17,11 @@ from cylforce.commissioning.reaches import Reach, next_reach
 from cylforce.commissioning.strokes import Stroke, clear_range, next_stroke, reach_sentence, sentence
 from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
-from cylforce.estimation.batch import Fit, Prior, least_squares
+from cylforce.estimation.batch import Fit, least_squares
 from cylforce.estimation.blocks import Factors, chosen, joined
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS, Observed, block_factors, observe
+from cylforce.estimation.prior import Prior
 from cylforce.estimation.segments import gapless
 from cylforce.mechanics.workspace import drive_angles
 from cylforce.signals.estimate import Array

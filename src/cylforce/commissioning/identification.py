@@ -15,10 +15,11 @@ from cylforce.commissioning.suspicion import doubt
 from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
 from cylforce.commissioning.zeros import between_strokes, correlation
 from cylforce.estimation.attachment import with_tool
-from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
+from cylforce.estimation.batch import Fit, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, settled
 from cylforce.estimation.model import EXPECTED, FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
+from cylforce.estimation.prior import Prior
 from cylforce.signals.estimate import Array
 
 MIN_SECONDS = 20.0  # s of usable motion that a recording must contain; chosen

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from cylforce.commissioning.identification import Identification
 from cylforce.estimation import blocks, observation
-from cylforce.estimation.batch import Prior, least_squares
+from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, joined
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import Observed, chunks, observe
+from cylforce.estimation.prior import Prior
 from cylforce.estimation.residual import SMALLEST
 from cylforce.signals.estimate import Array
 

@@ -16,13 +16,13 @@ from cylforce.signals.estimate import Array
 
 
 def doubt(model: Model, whole: Factors, evidence: SignalHistory) -> str | None:
-    """One sentence that says what is wrong and what to do, or None. Found are: a frozen or exchanged sensor, a wrong
-    piston area, contact of the tool, a load, and what is wrong in the machine file when one of these is suspected.
-    `whole`: factors with the tool's columns last; `evidence`: the raw samples. The bars of a linkage are not free here:
-    their weight would explain a wrong length (tests/test_unexplained.py)."""
-    frozen = wiring.frozen_pressure(model, evidence)
-    if frozen is not None:
-        return frozen
+    """One sentence that says what is wrong and what to do, or None. Found are: a frozen or exchanged sensor, an
+    inertial sensor on another axis, a wrong piston area, contact of the tool, a load, and what is wrong in the machine
+    file when one of these is suspected. `whole`: factors with the tool's columns last; `evidence`: the raw samples. The
+    bars of a linkage are not free here: their weight would explain a wrong length (tests/test_unexplained.py)."""
+    broken = wiring.frozen_pressure(model, evidence) or wiring.misplaced(model, evidence.kept)
+    if broken is not None:
+        return broken
     model, whole = without_bars(model, whole)
     data = chosen(whole, list(range(len(model.parameters))))
     noise = row_noise(data, model.prior)

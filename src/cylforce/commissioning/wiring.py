@@ -1,5 +1,5 @@
 """Is every sensor alive, and where the machine file says? Checked on raw samples: values that repeat although they must
-change, and exchanges of two sensors with which the recording would fit."""
+change, an inertial sensor on another axis, and exchanges of two sensors with which the recording would fit."""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -14,7 +14,8 @@ from cylforce.estimation.model import Model
 from cylforce.estimation.observation import observed_factors
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
-from cylforce.signals.kinds import Kind
+from cylforce.signals.kinds import INERTIAL, Kind
+from cylforce.signals.units import DEGREE
 
 KEPT_S = 40.0  # s of the latest samples that are kept for trying exchanges; chosen
 SHORT_S = 8.0  # s of samples, below which no exchange is tried; chosen
@@ -25,6 +26,11 @@ WINDOW_S = 0.25  # s over which that rate is measured; chosen
 MISFIT = 0.03  # of the torque, unexplained: beyond it a sensor is suspected; chosen
 BETTER = 0.25  # of the misfit, which may remain after the right exchange; chosen
 AS_MANY = 0.8  # of the usable samples, which must remain usable after the right exchange; chosen
+
+# Mounted by hand a sensor is within 2 to 3 degrees, and accelerometers are within 2 to 3 % of gravity; the base's own
+# acceleration averages out over the samples.
+ALIGNED, EXACT = 6.0 * DEGREE, 0.06
+ROCKS = 0.01  # rad/s rms of the pitch, from which on the sign of its rate is seen: twenty times the sensors' noise
 
 FROZEN = "frozen"  # cause of a suspicion for which there is no other explanation
 
@@ -107,6 +113,45 @@ def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
                 "check it and its cable, then start again"
             )
     return None
+
+
+def misplaced(model: Model, kept: Array) -> str | None:
+    """One sentence when the inertial sensor cannot lie as the file says, by the samples `kept` (K, S); else None."""
+    if not model.channels.inertial or len(kept) <= model.settle_steps:
+        return None
+    return _off_axis(model, kept) or _backwards(model, kept)
+
+
+def _inertial_names(model: Model) -> list[str]:
+    """Of rate, forward and upward acceleration."""
+    return [next(s.name for s in model.machine.signals if s.kind is kind) for kind in INERTIAL]
+
+
+def _off_axis(model: Model, kept: Array) -> str | None:
+    channels = model.channels.read(kept).mean(axis=0)
+    forward, upward = channels[model.channels.forces.stop + 1 : model.channels.forces.stop + 3].tolist()
+    pitch, roll = channels[-3], channels[-2]
+    gravity = model.machine.gravity * np.cos(roll) * np.exp(1j * pitch)
+    expected = complex(gravity.imag, gravity.real)
+    ratio = complex(forward, upward) / expected
+    if abs(abs(ratio) - 1.0) < EXACT and abs(np.angle(ratio)) < ALIGNED:
+        return None
+    _, x, z = _inertial_names(model)
+    return (
+        f"{x} and {z} are {forward:.2f} and {upward:.2f} m/s^2 on average, but at this tilt {expected.real:.2f} and "
+        f"{expected.imag:.2f}: the inertial sensor lies on another axis; mount it with x forward and z up, or correct "
+        "object and sign of both entries, then start again"
+    )
+
+
+def _backwards(model: Model, kept: Array) -> str | None:
+    if not any(s.kind is Kind.PITCH for s in model.machine.signals):
+        return None
+    turning = model.channels.turning(kept)[model.settle_steps :]
+    gyro = model.channels.read(kept)[1 + model.settle_steps :, model.channels.forces.stop]
+    if np.sqrt(np.mean(turning**2)) < ROCKS or turning @ gyro >= 0.0:
+        return None
+    return f"{_inertial_names(model)[0]} counts against the pitch: correct the sign of its scale (nose up is positive)"
 
 
 def misfit(data: Factors, row_error: Array) -> float:

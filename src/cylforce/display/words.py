@@ -41,6 +41,7 @@ REASONS = {
     Reason.NOT_CURLED: "bucket not curled: nothing is booked",
     Reason.TWO_PRODUCERS: "two nodes send a sensor's message",
     Reason.OWN_IDENTIFIER: "another node sends this scale's messages",
+    Reason.SENSORS_DISAGREE: "a sensor is wrong: the others contradict it",
     Reason.OTHER_TOOL: "empty, but off zero: other bucket? dirt? Clean it, or choose the attachment",
 }
 SILENT = "the service sends nothing"

@@ -13,7 +13,7 @@ from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.mechanics.motion import Attitude, Motion, motion
 from cylforce.signals.estimate import Array
-from cylforce.signals.kinds import Kind
+from cylforce.signals.kinds import INERTIAL, Kind
 
 MIN_TRANSMISSION = 0.15  # sine of the angle between rocker and link below which the force is not used; chosen
 MIN_LEVER = 0.02  # m/rad, smallest lever with which a cylinder's force is used; chosen
@@ -33,7 +33,8 @@ class Moved(NamedTuple):
 @dataclass(frozen=True)
 class Channels:
     """Signals (..., S) to channels (..., D), D = N + C + 3: joint angles (N) [rad], cylinder forces (C) [N], pitch and
-    roll [rad], slew rate [rad/s] or, where no sensor measures it, slew angle [rad]."""
+    roll [rad], slew rate [rad/s] or, where no sensor measures it, slew angle [rad]. Where an inertial sensor is on the
+    base, its rate [rad/s] and specific forces forwards and upwards [m/s^2] stand before pitch: D = N + C + 6."""
 
     machine: Machine
     filters: Filters
@@ -63,6 +64,11 @@ class Channels:
         seen = [c for c in range(len(self.machine.cylinders)) if (Kind.CYLINDER_LENGTH, c) in self._where]
         return {self.machine.spans[c][0]: c for c in seen}
 
+    @cached_property
+    def inertial(self) -> bool:
+        """Whether the base's acceleration is measured."""
+        return all((kind, 0) in self._where for kind in INERTIAL)
+
     def read(self, values: Array) -> Array:
         """Channels (..., D) from SI values of all signals (..., S); 0 for what is not measured."""
         # one sample as numbers: arithmetic with arrays of one element takes many times as long
@@ -72,8 +78,9 @@ class Channels:
         force = [self._force(each, c) for c in range(len(self.machine.cylinders))]
         roll = self._value(each, Kind.ROLL, 0, 0.0)
         slew = self._value(each, Kind.SLEW_RATE, 0, self._value(each, Kind.SLEW_ANGLE, 0, 0.0))
-        channels = np.empty((*values.shape[:-1], len(theta) + len(force) + 3))
-        for k, channel in enumerate((*theta, *force, pitch, roll, slew)):
+        base = [self._value(each, kind, 0, 0.0) for kind in INERTIAL] if self.inertial else []
+        channels = np.empty((*values.shape[:-1], len(theta) + len(force) + len(base) + 3))
+        for k, channel in enumerate((*theta, *force, *base, pitch, roll, slew)):
             channels[..., k] = channel
         return channels
 
@@ -121,15 +128,26 @@ class Channels:
     def moved(self, middle: Array, rate: Array, geometry: Geometry | None = None) -> Moved:
         """Motion from channels `middle` (..., D) and their rates `rate` (..., D) [1/s]; `geometry`: that of these
         angles, where the caller has it already. Lever and speed of an unusable cylinder are set to zero."""
-        n, c = self.machine.size, len(self.machine.cylinders)
+        n = self.machine.size
         slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]
-        attitude = Attitude(middle[..., n + c], middle[..., n + c + 1], 0.0, slew)
+        attitude = self._attitude(middle, rate, slew)
         found = motion(self.machine, middle[..., :n], rate[..., :n], middle[..., self.forces], attitude, geometry)
         good = self.usable(found)
         lever, speed = found.lever, found.speed
         if not good.all():
             lever, speed = np.where(good[..., None], lever, 0.0), np.where(good, speed, 0.0)
         return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
+
+    def _attitude(self, middle: Array, rate: Array, slew: Array) -> Attitude:
+        """The base's attitude and, where it is measured, its motion: the specific force of the first pin is that of the
+        sensor at r less (i alpha - omega^2) r, and without what slewing adds, which `Slew` accounts for."""
+        pitch, roll = middle[..., -3], middle[..., -2]
+        if not self.inertial:
+            return Attitude(pitch, roll, 0.0, slew)
+        turns, forwards, upwards = np.moveaxis(middle[..., self.forces.stop : -3], -1, 0)
+        place, out = self.machine.inertial, self.machine.slew_axis + self.machine.inertial.real
+        specific = forwards + 1j * upwards - (1j * rate[..., self.forces.stop] - turns**2) * place + slew**2 * out
+        return Attitude(pitch, roll, turns, slew, specific)
 
     @cached_property
     def _stops(self) -> tuple[Array, Array]:

@@ -1,11 +1,12 @@
-"""Discrete low-pass filters: `step` for one live sample, `run` for a recording, with the same result to rounding."""
+"""Discrete low-pass filters: `step` for one live sample, `run` for a recording, with the same result to rounding.
+
+Only recordings need scipy.signal. It is loaded when one is filtered: the service does without its 50 MB."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import pi
+from math import pi, sqrt, tan
 
 import numpy as np
-from scipy import signal
 
 from cylforce.signals.estimate import Array
 
@@ -37,8 +38,12 @@ class Filter:
 
     @cached_property
     def _settled(self) -> Array:
-        """The state (order,) settled at the constant input 1."""
-        return np.asarray(signal.lfilter_zi(self.b, self.a))
+        """State (order,) that a step with the input 1 leaves as it is: z = A z + B, with A the companion matrix of a,
+        transposed, and B = b - a b[0]."""
+        a, b = np.array(self.a), np.array(self.b)
+        left = np.eye(len(a) - 1) - np.eye(len(a) - 1, k=1)
+        left[:, 0] += a[1:]
+        return np.linalg.solve(left, b[1:] - a[1:] * b[0])
 
     def rest(self, x: Array) -> Array:
         """The state settled at the constant input x, for a filter with sum(b) = 0, whose output then is zero."""
@@ -62,7 +67,9 @@ class Filter:
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
         """(State after it, output (T, *shape)) for a recording x (T, *shape)."""
-        y, end = signal.lfilter(self.b, self.a, x, axis=0, zi=state)
+        from scipy.signal import lfilter
+
+        y, end = lfilter(self.b, self.a, x, axis=0, zi=state)
         return end, y
 
 
@@ -106,8 +113,10 @@ def denoised(x: Array, rate_hz: float) -> Array:
     is the mean power in the upper half of the frequencies; each frequency is multiplied by the share of its power that
     is not noise, and removed when its power does not exceed the noise clearly (NOISE_MARGIN). The mean is kept. A
     regression on the result is not biased by the noise."""
+    from scipy.signal import welch
+
     length = min(len(x), round(STRETCH_S * rate_hz))
-    f, power = signal.welch(x, rate_hz, nperseg=length)
+    f, power = welch(x, rate_hz, nperseg=length)
     level = float(np.mean(power[f > rate_hz / 4.0]))
     clear = level * (1.0 + NOISE_MARGIN * np.sqrt(length / len(x)))  # power beyond which it cannot be noise alone
     share = np.where(power > clear, 1.0 - level / np.maximum(power, 1e-300), 0.0)
@@ -120,6 +129,11 @@ def denoised(x: Array, rate_hz: float) -> Array:
 
 @lru_cache
 def second_order(cutoff_hz: float, dt: float) -> Filter:
-    """Butterworth low-pass of second order; the cut-off must lie below half the sampling rate."""
-    b, a = signal.butter(2, cutoff_hz, fs=1.0 / dt)
-    return Filter(tuple(float(v) for v in b), tuple(float(v) for v in a))
+    """Butterworth low-pass of second order, w^2/(s^2 + sqrt(2) w s + w^2) by Tustin's rule with the cut-off kept:
+    w = k 2/dt, k = tan(pi cutoff_hz dt). Raises ValueError unless the cut-off lies below half the sampling rate."""
+    if not 0.0 < cutoff_hz * dt < 0.5:
+        raise ValueError(f"a cut-off of {cutoff_hz:g} Hz does not lie below half of {1.0 / dt:g} samples a second")
+    k = tan(pi * cutoff_hz * dt)
+    whole = 1.0 + sqrt(2.0) * k + k * k
+    gain = k * k / whole
+    return Filter((gain, 2.0 * gain, gain), (1.0, 2.0 * (k * k - 1.0) / whole, (1.0 - sqrt(2.0) * k + k * k) / whole))

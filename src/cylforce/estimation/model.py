@@ -21,9 +21,9 @@ from cylforce.effects.loads.slew import Slew, slew_parameters
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.delay import Delay
 from cylforce.effects.sensors.pressure_zero import PressureZero
-from cylforce.estimation.batch import Prior
 from cylforce.estimation.channels import Channels
 from cylforce.estimation.fast import FastRegressor
+from cylforce.estimation.prior import Prior
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.linkages import FourBar

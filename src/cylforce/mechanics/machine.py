@@ -71,7 +71,8 @@ class Machine:
     `tool`: tooth line x + i z [m] in the last link's frame; `rated_payload` [kg]; `payload_reach` [m]: distance of the
     load's centre from the last pin, at most; `slew_axis` [m]: signed distance of the first pin from the slew axis;
     `gravity` [m/s^2] where it works; `curled` [rad]: least and greatest angle of the last joint at which a load is
-    booked (None: any); `opens`: the tool empties by opening, as a grab does, not by tilting; `lengths` (N,) [m]: the
+    booked (None: any); `inertial` x + i z [m]: place of the base's inertial sensor, from the first pin;
+    `opens`: the tool empties by opening, as a grab does, not by tilting; `lengths` (N,) [m]: the
     links' pin-to-pin lengths."""
 
     name: str
@@ -85,6 +86,7 @@ class Machine:
     gravity: float = STANDARD_GRAVITY
     curled: tuple[float, float] | None = None
     opens: bool = False
+    inertial: complex = 0j
     lengths: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

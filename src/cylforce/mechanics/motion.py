@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.signals.estimate import Array
 
@@ -16,7 +17,9 @@ class Motion(NamedTuple):
     """Motion of N links and C cylinders; leading axes are samples.
 
     `a` (..., N): absolute link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal [rad];
-    `qd` (..., N): rate of q [rad/s]; `g` (...,): gravity within the arm's plane, g cos(roll) [m/s^2]; `slew` (...,):
+    `qd` (..., N): rate of q [rad/s]; `g` (...,): specific force s of the first pin within the arm's plane, s_z + i s_x
+    in true vertical and horizontal [m/s^2], while the base stands or its acceleration is not measured the real number
+    g cos(roll); `slew` (...,):
     turning rate of the house [rad/s]; `length` (..., C) [m], `lever` (..., C, N) [m/rad], `transmission` (..., C): see
     `Geometry`; `speed` (..., C): d(length)/dt [m/s]; `force` (..., C): measured cylinder forces [N]; `force_rate`
     (..., C): their time derivative [N/s], zero where it was not computed."""
@@ -24,7 +27,7 @@ class Motion(NamedTuple):
     a: Array
     q: Array
     qd: Array
-    g: Array
+    g: Array | Complex
     slew: Array
     length: Array
     lever: Array
@@ -36,12 +39,14 @@ class Motion(NamedTuple):
 
 class Attitude(NamedTuple):
     """Attitude of the chassis: `pitch`, `roll` [rad]; `pitch_rate` [rad/s] from a gyro, never the derivative of the
-    tilt angle (mechanics/README.md, section 1); turning rate of the house `slew` [rad/s]."""
+    tilt angle (mechanics/README.md, section 1); turning rate of the house `slew` [rad/s]; `specific`: force of the
+    first pin within the arm's plane, s_x + i s_z in the house's axes [m/s^2], None where it is not measured."""
 
     pitch: ArrayLike = 0.0
     roll: ArrayLike = 0.0
     pitch_rate: ArrayLike = 0.0
     slew: ArrayLike = 0.0
+    specific: Complex | None = None
 
 
 LEVEL = Attitude()
@@ -66,7 +71,7 @@ def motion(
         a=a,
         q=a + np.asarray(attitude.pitch)[..., None],
         qd=rates.cumsum(axis=-1) + np.asarray(attitude.pitch_rate)[..., None],
-        g=machine.gravity * np.cos(np.asarray(attitude.roll, dtype=np.float64)) + each,
+        g=_gravity(machine, attitude) + each,
         slew=np.asarray(attitude.slew, dtype=np.float64) + each,
         length=geometry.length,
         lever=geometry.lever,
@@ -75,6 +80,13 @@ def motion(
         force=pushed,
         force_rate=np.zeros_like(pushed),
     )
+
+
+def _gravity(machine: Machine, attitude: Attitude) -> Array | Complex:
+    """`Motion.g`: i conj(s) exp(-i pitch) of the specific force s = s_x + i s_z, else g cos(roll)."""
+    if attitude.specific is None:
+        return np.asarray(machine.gravity * np.cos(np.asarray(attitude.roll, dtype=np.float64)))
+    return np.asarray(1j * np.conj(attitude.specific) * np.exp(-1j * np.asarray(attitude.pitch)))
 
 
 def joint_torque(moving: Motion) -> Array:

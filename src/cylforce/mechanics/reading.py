@@ -1,7 +1,6 @@
 """Angles, cylinder forces and torques directly from raw signals, without filters."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
@@ -52,5 +51,7 @@ def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
 def followed(course: Array, t: Array, constant: float) -> Array:
     """First-order lag of a signal `course` (T,) at evenly spaced times t (T,) [s] with a time `constant` [s]; settled
     at the first sample."""
+    from scipy.signal import lfilter  # not needed by the service, which measures without it
+
     keep = float(np.exp(-np.mean(np.diff(t)) / constant)) if len(t) > 1 else 0.0
     return np.asarray(lfilter([1.0 - keep], [1.0, -keep], course, zi=[keep * course[0]])[0])

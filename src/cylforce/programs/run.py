@@ -23,6 +23,7 @@ from cylforce.mechanics.installation import Service
 from cylforce.programs.common.addresses import secret_of
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, open_recorder, show_identity
+from cylforce.programs.live.doubts import Doubts
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.station import Counts, Station, serve
@@ -76,6 +77,7 @@ class Daemon(Station[State]):
         self._second = round(core.service.filters.rate_hz)  # steps
         self._books = Ledger(self.node, recorder, kept, core.service.tools)
         show_identity(self.node, loaded, identified)
+        self._doubts = Doubts(core.service.machine, self.node.emergencies, self._tell)
         booked = kept.booking.number if kept.booking else 0
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
 
@@ -119,6 +121,7 @@ class Daemon(Station[State]):
         if self._j1939 is not None and self.counts.steps % self._second == 0:
             self._j1939.publish_totals(self.state.estimate.t_us, self.state.truck.total, self._books.lifetime)
         self._books.look(self.state)
+        self._doubts.look(self.state.watch.suspicion)
         self._say_changes(self.state.estimate)
         self.on_estimate(self.state.estimate)
 

@@ -9,7 +9,9 @@ from cylforce.mechanics.installation import STANDARD, Service
 from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Interactor
+from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
+from cylforce.service.plausibility.monitor import Monitor
 from cylforce.service.publication import MAGNITUDE
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
@@ -62,6 +64,11 @@ class Core:
         return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
 
     @cached_property
+    def rocker(self) -> Rocker:
+        """Rows to how a base without an inertial sensor moves."""
+        return Rocker(self.model, self.tares)
+
+    @cached_property
     def recognizer(self) -> Recognizer:
         """Rows to whether this is the machine that was identified."""
         return Recognizer(self.model, self.tares)
@@ -70,6 +77,11 @@ class Core:
     def interactor(self) -> Interactor:
         """Rows of an instant to forces and events."""
         return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1])
+
+    @cached_property
+    def monitor(self) -> Monitor:
+        """Samples and rows to whether the sensors agree."""
+        return Monitor(self.model, self.tares, self.limits[MAGNITUDE][1])
 
     @cached_property
     def limits(self) -> dict[str, tuple[float, float]]:
@@ -123,5 +135,6 @@ class Core:
         ):
             hanging = None  # it was weighed with other tares
         weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking, candidate=hanging))
-        state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, kept.truck)
+        watch = self.monitor.begin()
+        state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
         return state._replace(tool=kept.tool)

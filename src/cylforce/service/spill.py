@@ -15,6 +15,14 @@ def information(root: Root, gram: Array) -> Array:
     return np.column_stack([root.factor.T @ np.column_stack([root.factor, root.right]), gram])
 
 
+def side_by_side(one: Array, other: Array) -> Array:
+    """Covariance (K + L, K + L) of independent parameters, of their covariances (K, K) and (L, L)."""
+    size = len(one)
+    both = np.zeros((size + len(other), size + len(other)))
+    both[:size, :size], both[size:, size:] = one, other
+    return both
+
+
 def change(before: Array, now: Array, others: Array) -> tuple[float, float]:
     """(Change of the mass, its standard error) [kg] since the information `before` (4, 5 + K), from what has come until
     `now` (4, 5 + K); the centre of the load stays where it was. `others` (K, K): covariance of the other parameters,

@@ -7,9 +7,11 @@ from cylforce.service.adaptation import Drift
 from cylforce.service.assembler import Inputs
 from cylforce.service.booking import Weighed
 from cylforce.service.contact.interaction import Interaction
+from cylforce.service.contact.rocking import STILL, Rocking
 from cylforce.service.loading.cycle import NO_CYCLE, Cycle
 from cylforce.service.loading.truck import NO_TRUCK, Truck
 from cylforce.service.pipeline import Pipe
+from cylforce.service.plausibility.monitor import Watch
 from cylforce.service.recognition import Recognition
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
@@ -42,10 +44,10 @@ NOTHING_KEPT = Memory()
 class State(NamedTuple):
     """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
     started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
-    it should change because the machine moves; whose machine it is; contact with the ground; the truck that is being
-    loaded; the working cycle so far, and the one that the last booking ended; whether NMT has stopped our node; the
-    name of the tool; the torque that the empty machine does not explain, of each measured joint [N m] (none: not
-    measured)."""
+    it should change because the machine moves; whose machine it is; contact with the ground; whether the sensors agree;
+    the truck that is being loaded; the working cycle so far, and the one that the last booking ended; whether NMT has
+    stopped our node; the name of the tool; the torque that the empty machine does not explain, of each measured joint
+    [N m] (none: not measured); how the base moves."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -57,12 +59,14 @@ class State(NamedTuple):
     moving: tuple[bool, ...]
     recognition: Recognition
     interaction: Interaction
+    watch: Watch
     truck: Truck
     cycle: Cycle = NO_CYCLE
     ended: Cycle = NO_CYCLE
     stopped: bool = False
     tool: str = STANDARD
     unexplained: tuple[float, ...] = ()
+    rocking: Rocking = STILL
 
     @property
     def memory(self) -> Memory:

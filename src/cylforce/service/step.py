@@ -15,8 +15,11 @@ from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe
+from cylforce.service.plausibility.monitor import Samples, Watch
+from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.publication import GROSS, frames
 from cylforce.service.state import NOTHING, Output, Scale, State
+from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
     Array,
     Booking,
@@ -27,6 +30,7 @@ from cylforce.signals.estimate import (
     degraded,
     each_component,
     held_estimate,
+    invalid_force,
     invalid_load,
     is_new,
     less,
@@ -123,6 +127,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    rocking, left = core.rocker.step(state.rocking, left, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
     tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
     weighing, load = core.weigher.step(
@@ -131,19 +136,14 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
-    drift = _drift(core, state.drift, load, rows, left, usable)
+    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
+    watch, weighing = _watched(core, state, seen, weighing)
+    drift = _drift(core, state._replace(watch=watch), load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, left, usable)
     before = state.weighing.books.booking
-    state = state._replace(
-        pipe=pipe,
-        sampled_us=t_us,
-        moving=moving,
-        weighing=weighing,
-        drift=drift,
-        recognition=recognition,
-        interaction=interaction,
-        unexplained=tuple(left.torque.tolist()),
-    )
+    state = state._replace(pipe=pipe, sampled_us=t_us, moving=moving, weighing=weighing, drift=drift)
+    state = state._replace(recognition=recognition, interaction=interaction, watch=watch, rocking=rocking)
+    state = state._replace(unexplained=tuple(left.torque.tolist()))
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 
@@ -189,6 +189,8 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
+        rocking=state.rocking._replace(pitches=None),
+        watch=core.monitor.interrupt(state.watch),
         estimate=_nothing(state, t_us, reason),
         unexplained=(),
     )
@@ -199,9 +201,19 @@ def _nothing(state: State, t_us: int, reason: Reason) -> Estimate:
     return no_estimate(t_us, reason, state.estimate.booking, state.estimate.events)
 
 
-def _drift(core: Core, drift: Drift, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
-    """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty."""
-    if not core.adapts:
+def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tuple[Watch, Weighing]:
+    """Whether the sensors agree after this instant; while they do not, nothing is booked."""
+    watch = core.monitor.step(state.watch, seen)
+    if watch.suspicion.level is Level.FINE:
+        return watch, weighing
+    return watch, weighing._replace(books=unseen(weighing.books))
+
+
+def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
+    """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
+    the sensors agree."""
+    drift = state.drift
+    if not core.adapts or state.watch.suspicion.level is not Level.FINE:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)
@@ -212,6 +224,9 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     """The published estimate: load, load less zero (gross), less tare (net), and forces. OK becomes DEGRADED for
     LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
     outside their declared range."""
+    if state.watch.suspicion.level is Level.REJECTED:
+        nothing = invalid_force(Reason.SENSORS_DISAGREE)
+        load, forces = invalid_load(Reason.SENSORS_DISAGREE), Forces(nothing, nothing)
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
         forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
@@ -243,6 +258,8 @@ def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
         yield Reason.NOT_THIS_MACHINE
     if state.weighing.tool.off is not None:
         yield Reason.OTHER_TOOL
+    if state.watch.suspicion.level is Level.DOUBTED:
+        yield Reason.SENSORS_DISAGREE
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME
     if state.inputs.watched.spoofed(t_us):

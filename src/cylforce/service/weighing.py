@@ -7,7 +7,6 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
@@ -23,7 +22,7 @@ from cylforce.estimation.residual import (
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled, unseen
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
-from cylforce.service.spill import CERTAIN, EVERY_S, change, information
+from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
@@ -201,7 +200,7 @@ class Weigher:
         if lift.taken % every or lift.taken > self._long or not hangs:
             return lift
         now = information(lift.root, lift.gram)
-        by, wrong = change(lift.marks[0], now, block_diag(self.tares.covariance, drift.covariance))
+        by, wrong = change(lift.marks[0], now, side_by_side(self.tares.covariance, drift.covariance))
         enough = lift.taken >= 3 * every + self.model.settle_steps
         if enough and abs(by) > max(CERTAIN * wrong, GOOD_ENOUGH * self.model.machine.rated_payload):
             return self._again

@@ -65,6 +65,9 @@ class MachineTable(SettingsTable):
         description="Rated payload. It scales the published values and the limits of validity."
     )
     slew_axis_m: Offset = Field(default=0.0, description="x of the first pin, from the slew axis forwards.")
+    inertial_sensor_m: XZ | None = Field(
+        default=None, description="[x, z] of the base's inertial sensor, from the first pin in the house's axes."
+    )
     payload_reach_m: Reach | None = Field(
         default=None,
         description="How far from the last pin the middle of a load may lie. Default: as far as the tooth line.",

@@ -5,90 +5,30 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tomlkit
-from pydantic import AllowInfNan, BaseModel, ConfigDict, JsonValue, ValidationError
+from pydantic import ValidationError
 
 import cylforce
-from cylforce.commissioning.identification import Identification
-from cylforce.estimation.model import EXPECTED, FRICTION, BetweenStrokes, Model, Tares
+from cylforce.estimation.model import FRICTION, BetweenStrokes, Model, Tares
 from cylforce.files.atomic import LARGEST, is_large, is_stream, replacing
+from cylforce.settings.identified_file import IdentifiedAttachment, IdentifiedFile, IdentifiedParameter, Provenance
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.settings.seal import Seal, broken, sealed
 from cylforce.signals.estimate import Array
 
-Number = Annotated[float, AllowInfNan(False)]
+if TYPE_CHECKING:  # the service reads what identification wrote, without identification
+    from cylforce.commissioning.identification import Identification
+
 FORMAT = 2
 SOUND_SCALE = (0.8, 1.25)  # measured over true force: bores and pins as the data sheet says change it by less
 
 
-class _Strict(BaseModel):
-    """A table of the file; unknown keys are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Provenance(_Strict):
-    """Where the parameters come from."""
-
-    format: int
-    machine: str
-    machine_sha256: str
-    recordings: tuple[str, ...]
-    recording_sha256: tuple[str, ...]
-    date: str
-    cylforce: str
-
-
-class IdentifiedParameter(_Strict):
-    """One parameter. Not `from_recording`: the recording does not determine it, so the data sheet's value was kept."""
-
-    name: str
-    unit: str
-    value: Number
-    standard_error: Number
-    from_recording: bool
-
-
-class IdentifiedAttachment(_Strict):
-    """The parameters with another tool: `values` and `covariance` in the order of the file's `parameters`."""
-
-    name: str
-    recordings: tuple[str, ...]
-    recording_sha256: tuple[str, ...]
-    date: str
-    unexplained_torque_n_m: tuple[Number, ...]
-    values: tuple[Number, ...]
-    covariance: tuple[tuple[Number, ...], ...]
-
-
-class IdentifiedFile(_Strict):
-    """The whole file; `warnings`: sentences why these parameters should not be trusted, which every use repeats."""
-
-    provenance: Provenance
-    warnings: tuple[str, ...] = ()
-    friction: tuple[str, ...]
-    scale: Number
-    scale_standard_error: Number
-    unexplained_torque_n_m: tuple[Number, ...]
-    unexplained_correlation_s: Number = 0.0
-    friction_between_strokes: Number = EXPECTED.friction
-    zero_between_strokes_pa: Number = EXPECTED.zero
-    parameters: tuple[IdentifiedParameter, ...]
-    covariance: tuple[tuple[Number, ...], ...]
-    attachments: tuple[IdentifiedAttachment, ...] = ()
-    seal: Seal | None = None
-
-    @property
-    def content(self) -> dict[str, JsonValue]:
-        """What is sealed: everything but the seal."""
-        found: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal"})
-        return found
-
-
-def write_identified(path: Path, found: Identification, loaded: Loaded, recordings: Sequence[tuple[str, str]]) -> None:
+def write_identified(
+    path: Path, found: "Identification", loaded: Loaded, recordings: Sequence[tuple[str, str]]
+) -> None:
     """Write the file whole or not at all; `recordings` are (name, SHA-256)."""
     table = IdentifiedFile(
         provenance=Provenance(
@@ -162,7 +102,7 @@ _COMMENT = """\
 """
 
 
-def _parameters(found: Identification) -> tuple[IdentifiedParameter, ...]:
+def _parameters(found: "Identification") -> tuple[IdentifiedParameter, ...]:
     error = np.sqrt(np.diag(found.tares.covariance))
     return tuple(
         IdentifiedParameter(

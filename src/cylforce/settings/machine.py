@@ -45,6 +45,7 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
         payload_reach=file.machine.payload_reach_m or abs(tool),
         slew_axis=file.machine.slew_axis_m,
         gravity=gravity,
+        inertial=complex(*(file.machine.inertial_sensor_m or (0.0, 0.0))),
         curled=_curled(file.tool),
     )
 

@@ -15,7 +15,7 @@ from cylforce.settings.model import MachineFile, SensorTable, SignalColumn
 from cylforce.settings.names import AT_CYLINDER, AT_LINK
 from cylforce.settings.sections import fault
 from cylforce.settings.units import COLUMN, in_si
-from cylforce.signals.kinds import UNIT, Kind, Signal
+from cylforce.signals.kinds import INERTIAL, UNIT, Kind, Signal
 
 
 def signals(file: MachineFile, findings: Inspection) -> tuple[Signal, ...]:
@@ -63,10 +63,35 @@ def enough_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
                 f"kind joint_angle or link_inclination at {link.name}, or cylinder_length at its cylinder",
             )
     yield from _force_faults(file, machine)
+    yield from _inertial_faults(file, machine)
     if not machine.rows:
         yield FaultError(
             ("sensors",), "measure no torque: add head_pressure (and rod_pressure) or force_pin at a cylinder"
         )
+
+
+def _inertial_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
+    """The base's inertial sensor: all of its axes or none, each on its own axis, and its place."""
+    own = {s.kind: k for k, s in enumerate(machine.signals) if s.kind in INERTIAL}
+    if not own:
+        if file.machine.inertial_sensor_m is not None:
+            problem = "is of no use without sensors of kind " + ", ".join(INERTIAL) + ": add them, or remove it"
+            yield FaultError(("machine", "inertial_sensor_m"), problem)
+        return
+    missing = [kind for kind in INERTIAL if kind not in own]
+    if missing:
+        problem = f"tells the base's motion in part only: add {' and '.join(missing)}, or remove it"
+        yield FaultError(("sensors", min(own.values()), "kind"), problem)
+    if file.machine.inertial_sensor_m is None:
+        yield FaultError(("machine",), "lacks inertial_sensor_m: add where the base's inertial sensor sits, [x, z]")
+    for kind, rest in ((Kind.FORWARD_ACCELERATION, 0.0), (Kind.UPWARD_ACCELERATION, machine.gravity)):
+        signal = machine.signals[own[kind]] if kind in own else None
+        if signal and not signal.low < rest < signal.high:
+            problem = (
+                f"is {signal.low:g} to {signal.high:g} m/s^2, but at rest on level ground {kind} is {rest:.3g}: the "
+                "sensor lies on another axis; exchange forward and upward, or correct the sign"
+            )
+            yield FaultError(("sensors", own[kind], "range"), problem)
 
 
 def _inverse_faults(machine: Machine, c: int) -> Iterator[FaultError]:

@@ -6,7 +6,7 @@ from typing import Any
 from cylforce.settings.error import FaultError, Inspection, Key, shown
 from cylforce.settings.limits import HUGE
 from cylforce.signals.kinds import UNIT, Kind
-from cylforce.signals.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, MILLISECOND, ZERO_CELSIUS
+from cylforce.signals.units import BAR, DEGREE, MICROSECOND, MILLIMETRE, MILLISECOND, STANDARD_GRAVITY, ZERO_CELSIUS
 
 # SI unit -> suffix of the key -> size in SI; the zero of each lies at 0 SI, but for degrees Celsius
 SUFFIXES: dict[str, dict[str, float]] = {
@@ -15,6 +15,7 @@ SUFFIXES: dict[str, dict[str, float]] = {
     "rad": {"deg": DEGREE, "rad": 1.0},
     "m": {"mm": MILLIMETRE, "m": 1.0},
     "rad/s": {"deg_s": DEGREE, "rad_s": 1.0},
+    "m/s^2": {"m_s2": 1.0, "g": STANDARD_GRAVITY},
     "K": {"degc": 1.0, "k": 1.0},
     "s": {"s": 1.0, "ms": MILLISECOND, "us": MICROSECOND},
 }

@@ -55,6 +55,7 @@ class Reason(IntEnum):
     NO_CONTACT = 25
     OTHER_TOOL = 26
     NOT_CURLED = 27
+    SENSORS_DISAGREE = 28
     TWO_PRODUCERS = 30
     OWN_IDENTIFIER = 31
 

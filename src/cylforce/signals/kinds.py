@@ -15,6 +15,9 @@ class Kind(StrEnum):
     CYLINDER_LENGTH = "cylinder_length"
     PITCH = "pitch"
     ROLL = "roll"
+    PITCH_RATE = "pitch_rate"
+    FORWARD_ACCELERATION = "forward_acceleration"
+    UPWARD_ACCELERATION = "upward_acceleration"
     SLEW_RATE = "slew_rate"
     SLEW_ANGLE = "slew_angle"
     OIL_TEMPERATURE = "oil_temperature"
@@ -29,10 +32,18 @@ UNIT: dict[Kind, str] = {
     Kind.CYLINDER_LENGTH: "m",
     Kind.PITCH: "rad",
     Kind.ROLL: "rad",
+    Kind.PITCH_RATE: "rad/s",
+    Kind.FORWARD_ACCELERATION: "m/s^2",
+    Kind.UPWARD_ACCELERATION: "m/s^2",
     Kind.SLEW_RATE: "rad/s",
     Kind.SLEW_ANGLE: "rad",
     Kind.OIL_TEMPERATURE: "K",
 }
+
+
+# What an inertial sensor on the base measures: its rate in the arm's plane (positive: nose up) and its specific force,
+# which is gravity's counterforce while it stands: 9.8 m/s^2 upwards.
+INERTIAL = (Kind.PITCH_RATE, Kind.FORWARD_ACCELERATION, Kind.UPWARD_ACCELERATION)
 
 
 @dataclass(frozen=True, slots=True)

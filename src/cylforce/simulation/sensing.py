@@ -82,6 +82,9 @@ def _reading(found: Physics, signal: Signal) -> Array:
     of_the_house = {
         Kind.PITCH: found.attitude.pitch,
         Kind.ROLL: found.attitude.roll,
+        Kind.PITCH_RATE: found.turning,
+        Kind.FORWARD_ACCELERATION: found.specific.real,
+        Kind.UPWARD_ACCELERATION: found.specific.imag,
         Kind.SLEW_RATE: found.course.slew,
         Kind.SLEW_ANGLE: found.course.turn,
         Kind.OIL_TEMPERATURE: OIL[0] + OIL[1] * found.t,

@@ -69,7 +69,8 @@ class Physics(NamedTuple):
     """The physics of a scene at T instants `t` (T,) [s] from its start: `course`: joint motion; `moving`: the motion
     with the true cylinder forces; `attitude`; `friction` (T, C) [N], contained in those forces; chamber pressures
     `head` and `rod` (T, C) [Pa]; force of the soil on the teeth `soil` (T, 2) [N] (x forward, z truly vertical); tip
-    velocity (T, 2) [m/s]; tip place (T, 2) [m] from the first pin; the load."""
+    velocity (T, 2) [m/s]; tip place (T, 2) [m] from the first pin; the load; what an inertial sensor on the base
+    sees: its rate `turning` (T,) [rad/s] and its force `specific` (T,), forwards + i upwards [m/s^2]."""
 
     t: Array
     course: Kinematics
@@ -82,6 +83,8 @@ class Physics(NamedTuple):
     tip_velocity: Array
     tip: Array
     load: CarriedLoad
+    turning: Array
+    specific: Complex
 
 
 def draw_truth(
@@ -141,7 +144,18 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     tau += carrying_torque(machine, truth.effects, value, course, attitude, swung)
     moving, friction = balance(truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
-    return Physics(t, course, moving, attitude, friction, head, rod, soil, velocity, _plane(turn * tip.place), carried)
+    place = _plane(turn * tip.place)
+    seen = specific_force(machine, truth.effects, attitude, swung)
+    return Physics(t, course, moving, attitude, friction, head, rod, soil, velocity, place, carried, swung.rate, seen)
+
+
+def specific_force(machine: Machine, effects: Sequence[Imposed], attitude: Attitude, swung: Swing) -> Complex:
+    """What an accelerometer at the machine's `inertial` place shows (T,), forwards + i upwards [m/s^2]: gravity, the
+    swing about the pivot of the effects that move the chassis, and the centripetal acceleration of slewing."""
+    from_pivot = machine.inertial + sum(complex(*each.sizes[:2]) for _, each in base_motions(effects))
+    gravity = 1j * machine.gravity * np.cos(attitude.roll) * np.exp(-1j * np.asarray(attitude.pitch))
+    swings = (1j * swung.acceleration - swung.rate**2) * from_pivot
+    return np.asarray(gravity + swings - np.square(attitude.slew) * (machine.slew_axis + machine.inertial.real))
 
 
 def _plane(z: Complex) -> Array:

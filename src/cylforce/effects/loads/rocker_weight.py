@@ -26,5 +26,5 @@ class RockerWeight:
         at = machine.pose(np.diff(moving.a, axis=-1, prepend=0.0))
         turned = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))[..., None]
         bars = [c.linkage.rocker(at) for c in machine.cylinders if isinstance(c.linkage, FourBar)]
-        each = [moving.g[..., None] * (turned * bar).imag for bar in bars]
+        each = [(moving.g[..., None] * turned * bar).imag for bar in bars]
         return Halves(None, np.nan_to_num(np.stack(each, axis=-1), posinf=0.0, neginf=0.0))

@@ -2,12 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from pydantic import JsonValue
 
-from cylforce.commissioning.identification import Identification
-from cylforce.commissioning.known_load import with_known_load
 from cylforce.estimation.attachment import with_tool
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.segments import gapless
@@ -27,6 +25,9 @@ from cylforce.settings.identified import identified_warnings, read_attachments, 
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame, Tick
+
+if TYPE_CHECKING:  # the service needs neither identification nor scipy
+    from cylforce.commissioning.identification import Identification
 
 S = TypeVar("S")
 KNOWN = (0.05, 2.0)  # times the rated payload: known weights from which the scale can be taken; chosen
@@ -133,9 +134,11 @@ def check_known_kg(known_kg: float, loaded: Loaded) -> None:
         )
 
 
-def calibrated(loaded: Loaded, found: Identification, lift: Path, known_kg: float) -> Identification:
+def calibrated(loaded: Loaded, found: "Identification", lift: Path, known_kg: float) -> "Identification":
     """The identification with the scale from a lift of a known weight. Raises RecordingError when the weight is not
     seen to hang."""
+    from cylforce.commissioning.known_load import with_known_load
+
     try:
         return with_known_load(found, recorded_segments(loaded, lift), known_kg, hanging)
     except ValueError as error:

@@ -19,6 +19,10 @@ SPANS: dict[Kind, tuple[float, float, float, float]] = {
     # a machine stands on slopes of up to 30 degrees; inclinometers reach 180 to either side
     Kind.PITCH: (2 * DEGREE, 10 * DEGREE, 360 * DEGREE, 800 * DEGREE),
     Kind.ROLL: (2 * DEGREE, 10 * DEGREE, 360 * DEGREE, 800 * DEGREE),
+    # gyros span 100 to 2000 degrees a second, accelerometers 2 to 16 g to either side
+    Kind.PITCH_RATE: (2 * DEGREE, 40 * DEGREE, 4000 * DEGREE, 12000 * DEGREE),
+    Kind.FORWARD_ACCELERATION: (1.0, 10.0, 320.0, 3200.0),
+    Kind.UPWARD_ACCELERATION: (1.0, 10.0, 320.0, 3200.0),
     # houses slew at up to 12 turns a minute, 72 degrees a second
     Kind.SLEW_RATE: (2 * DEGREE, 40 * DEGREE, 2000 * DEGREE, 6000 * DEGREE),
     Kind.SLEW_ANGLE: (2 * DEGREE, 90 * DEGREE, 1e5 * DEGREE, 1e9),

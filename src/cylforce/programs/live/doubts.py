@@ -1,0 +1,45 @@
+"""What the service says when sensors contradict each other: an emergency message, and the signals' names in the
+journal."""
+
+from structlog.typing import FilteringBoundLogger
+
+from cylforce.canopen.emergency import Emergencies
+from cylforce.mechanics.machine import Machine
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+
+CODES = {  # EMCY codes (manufacturer's)
+    SensorFault.EXCHANGED: 0xFF10,
+    SensorFault.STUCK: 0xFF20,
+    SensorFault.BURST: 0xFF22,
+    SensorFault.OFFSET: 0xFF23,
+    SensorFault.SLIPPED: 0xFF24,
+}
+WHY = {
+    SensorFault.EXCHANGED: "the forces do not belong to the motion: sensors exchanged, or one is dead",
+    SensorFault.STUCK: "it does not change while its cylinder moves to and fro",
+    SensorFault.BURST: "it fell to nothing within 50 ms: a burst hose, or a broken line",
+    SensorFault.OFFSET: "no load explains the torques of all joints unless it is off by a constant",
+    SensorFault.SLIPPED: "no load explains the torques of all joints unless this angle is off by a constant",
+}
+
+
+class Doubts:
+    """Says every change of what is suspected."""
+
+    def __init__(self, machine: Machine, emergencies: Emergencies, tell: FilteringBoundLogger) -> None:
+        self._machine, self._emergencies, self._tell = machine, emergencies, tell
+        self._said = NOTHING_SUSPECTED
+
+    def look(self, now: SensorDoubt) -> None:
+        """After every step."""
+        before, self._said = self._said, now
+        if (now.level, now.cause, now.signals) == (before.level, before.cause, before.signals):
+            return
+        if before.cause is not SensorFault.NONE and now.cause is not before.cause:
+            self._emergencies.repair(CODES[before.cause])
+        if now.level is Level.FINE:
+            self._tell.info("the sensors agree again")
+            return
+        self._emergencies.occur(CODES[now.cause], info=bytes([now.signals[0] + 1, now.level]))
+        names = [self._machine.signals[k].name for k in now.signals]
+        self._tell.warning("sensors disagree", signals=names, level=now.level.name.lower(), why=WHY[now.cause])

@@ -1,0 +1,107 @@
+"""A base that rocks or brakes, and no inertial sensor on it: noticed in the tilt's own motion, and in what the torques
+have in common. It does not correct the weight; it widens the error of every row (mechanics/README.md, section 3)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.residual import MIN_SECONDS, Residual
+from cylforce.service.weighing import Lift
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
+# s of tilt that are averaged; three such means give an acceleration; chosen: a tenth of a period of rocking on tyres
+LAG_SECONDS = 0.1
+# m from the ground, about which a base turns, to the first pin: 1.7 to 2.1 on machines of 15 to 20 t
+PIN_HEIGHT = 2.0
+FITS = 9.0  # mean squared remainder in standard errors (3 squared), above which it is no load; as for the weighing
+WIDEST = 2.0  # m/s^2, standard error of an acceleration before anything is seen: tyres slide at 5; chosen
+
+
+class Rocking(NamedTuple):
+    """State: variances of the first pin's acceleration forwards and upwards [m^2/s^4] as the torques tell it, and
+    variance of the base's angular acceleration [rad^2/s^4] as the tilt tells it; the last pitches (K,) [rad], newest
+    last; None before the first one."""
+
+    forward: float = 0.0
+    upward: float = 0.0
+    turning: float = 0.0
+    pitches: Array | None = None
+
+
+STILL = Rocking()
+
+
+@dataclass(frozen=True)
+class Rocker:
+    """How the base of one machine moves."""
+
+    model: Model
+    tares: Tares
+
+    @cached_property
+    def _lag(self) -> int:
+        return max(round(LAG_SECONDS * self.model.filters.rate_hz), 1)
+
+    @cached_property
+    def _share(self) -> float:
+        return 1.0 / (MEMORY_SECONDS * self.model.filters.rate_hz)
+
+    @cached_property
+    def _noise(self) -> float:
+        """Variance of the angular acceleration that the tilt sensor's noise alone shows [rad^2/s^4]."""
+        error = max((s.standard_error for s in self.model.machine.signals if s.kind is Kind.PITCH), default=0.0)
+        return 6.0 * error**2 / self._lag / (self._lag / self.model.filters.rate_hz) ** 4
+
+    def step(
+        self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array
+    ) -> tuple[Rocking, Residual]:
+        """The state, and the residual with wider variances, after one instant: `channels` (D,), the present `lift`
+        before it, `usable` (R,) rows. What a load leaves of the torques is asked once the lift is settled."""
+        if self.model.channels.inertial:
+            return state, left
+        state = self._tilted(state, float(channels[-3]))
+        lever = self._levers(channels, lift.values)
+        swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
+        settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
+        if settled and all(usable.tolist()):
+            seen = left._replace(variance=left.variance + swings * (lever**2).sum(axis=1))
+            state = self._accelerated(state, seen, lever, lift.values)
+        power = np.array([max(state.forward, swings), max(state.upward, swings)])
+        return state, left._replace(variance=left.variance + lever**2 @ power)
+
+    def _tilted(self, state: Rocking, pitch: float) -> Rocking:
+        size = 3 * self._lag
+        pitches = np.full(size, pitch) if state.pitches is None else np.append(state.pitches[1:], pitch)
+        before, middle, after = pitches.reshape(3, -1).mean(axis=1).tolist()
+        turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
+        return state._replace(turning=state.turning + self._share * (turn**2 - state.turning), pitches=pitches)
+
+    def _levers(self, channels: Array, load: Array) -> Array:
+        """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
+        first moment about each joint, sum over the links beyond of (X + i Z) exp(i q)."""
+        machine = self.model.machine
+        values = (self.tares.values + self.model.load @ load)[: 3 * machine.size]
+        turn = np.exp(1j * (np.cumsum(channels[: machine.size]) + channels[-3]))
+        moments = np.cumsum(((values[1::3] + 1j * values[2::3]) * turn)[::-1])[::-1][list(machine.rows)]
+        return np.stack([-moments.imag, moments.real], axis=-1)
+
+    def _accelerated(self, state: Rocking, left: Residual, lever: Array, load: Array) -> Rocking:
+        """With the acceleration that explains best what the load leaves, its own variance subtracted. What is no load
+        at all, as contact or a dump, is not asked, by the variance without what is found here: else it would excuse
+        more and more."""
+        over = left.torque - (left.columns @ self.model.load) @ load
+        if np.mean(over**2 / (left.variance + left.rest)) > FITS:
+            return state
+        weighed = lever / (left.variance + left.rest)[:, None]
+        covariance = np.linalg.inv(weighed.T @ lever + np.eye(2) / WIDEST**2)
+        found = covariance @ (weighed.T @ over)
+        forward, upward = (found**2 - np.diag(covariance)).tolist()
+        return state._replace(
+            forward=max(state.forward + self._share * (forward - state.forward), 0.0),
+            upward=max(state.upward + self._share * (upward - state.upward), 0.0),
+        )

@@ -1,0 +1,1 @@
+"""Plausibility between sensors: which signal the others contradict."""

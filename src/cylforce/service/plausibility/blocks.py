@@ -1,0 +1,198 @@
+"""One second of motion as evidence: how well an empty or a hanging load explains it, and how much better it would if a
+signal were off by a constant.
+
+Torque that the identified machine does not explain is compared, as in `service/recognition.py`, with what a load of the
+block's own, and everyday changes of friction and pressure zeros, can explain. For each signal one column is added: the
+torque per unit of a constant error of it. What is left is then a parabola in the size of that error; its three numbers,
+and the load's mass, are all that is kept of a block."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.model import EXPECTED, Model, Tares
+from cylforce.estimation.regressor import Rows
+from cylforce.estimation.residual import correlated, load_spread, residual
+from cylforce.service.adaptation import Drift
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+EVERY = 20  # steps between the samples that are used: neighbouring ones contain the same information
+SAMPLES = 5  # of a block: one second at 100 Hz
+IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as in `recognition`
+FRICTION = 0.5  # of its identified value, by which friction may have changed while it is not known, as in `recognition`
+BAR = 1e5  # Pa
+TILTED = 1e-3  # rad by which an angle is shifted to find its column
+LOAD = 4  # parameters of a load
+
+
+class Block(NamedTuple):
+    """What a block leaves with an error of size x of signal h is left - 2 linear_h x + square_h x^2 (squares in units
+    of their variance), and the load's mass then mass - slope_h x [kg] with the standard error `spread` [kg]; `weight`:
+    independent samples. `left`, `mass`, `spread` and `weight` are (1,), the others (H,); of several blocks (B, ...)."""
+
+    left: Array
+    mass: Array
+    spread: Array
+    weight: Array
+    linear: Array
+    square: Array
+    slope: Array
+
+
+class Gathering(NamedTuple):
+    """State: the `load` (4,) of the block before, zero in contact; `gram` (K, K) of the running block's rows [load |
+    everyday changes | errors | torque left], number of `rows` and of `samples`."""
+
+    load: Array
+    gram: Array
+    rows: int = 0
+    samples: int = 0
+
+
+@dataclass(frozen=True)
+class Gatherer:
+    """Blocks of one machine. The H signals are the forces of the cylinders in `pressed` [bar on the head side], then
+    the angles of the joints in `turned` [rad]."""
+
+    model: Model
+    tares: Tares
+
+    @cached_property
+    def pressed(self) -> list[int]:
+        """Cylinders whose force is measured."""
+        return [c for c, measured in enumerate(self.model.machine.forces_measured) if measured]
+
+    @cached_property
+    def turned(self) -> list[int]:
+        """Joints with an angle sensor."""
+        seen = {s.index for s in self.model.machine.signals if s.kind is Kind.JOINT_ANGLE}
+        return [j for j in range(self.model.machine.size) if j in seen]
+
+    @cached_property
+    def _before(self) -> Array:
+        """Standard errors (D,) of the drift before anything is seen of it."""
+        return drift_spread(self.model, self.tares.values, EXPECTED)
+
+    @cached_property
+    def _frictions(self) -> int:
+        """How many of the drifts are frictions; the others are zeros."""
+        return len(self.model.changing_friction)
+
+    def _everyday(self, drift: Drift) -> Array:
+        """Standard errors (D,) of everyday changes of friction and zeros: those of friction become smaller when the
+        adaptation has seen how it is now."""
+        spread = self._before.copy()
+        unknown = np.sqrt(np.minimum(np.diagonal(drift.covariance) / spread**2, 1.0))[: self._frictions]
+        spread[: self._frictions] *= 1.0 + (FRICTION / EXPECTED.friction - 1.0) * unknown
+        return spread
+
+    @cached_property
+    def _per_bar(self) -> Array:
+        """Force [N] of a bar on the head side of each cylinder of `pressed`."""
+        return np.array([BAR * self.model.machine.cylinders[c].area_head for c in self.pressed])
+
+    @cached_property
+    def _zeros(self) -> list[int]:
+        """Numbers of the columns of these cylinders' forces."""
+        return [self.model.zero.start + c for c in self.pressed]
+
+    @cached_property
+    def _prior(self) -> Array:
+        """Information (4 + D,) on load and everyday changes."""
+        return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
+
+    @cached_property
+    def _memory(self) -> float:
+        """Samples that count as an independent one."""
+        return max(1.0, correlated(self.model.filters, self.tares.correlation) / EVERY)
+
+    @property
+    def size(self) -> int:
+        """Number H of signals that are examined."""
+        return len(self.pressed) + len(self.turned)
+
+    def begin(self) -> Gathering:
+        """An empty block."""
+        size = len(self._prior) + self.size + 1
+        return Gathering(np.zeros(LOAD), np.zeros((size, size)))
+
+    def interrupt(self, state: Gathering) -> Gathering:
+        """The state after an interruption of the measurement: the running block starts anew."""
+        return self.begin()._replace(load=state.load)
+
+    def step(
+        self, state: Gathering, rows: Rows, usable: Array, channels: Array, drift: Drift
+    ) -> tuple[Gathering, Block | None]:
+        """One sample: rows, `usable` (R,), `channels` (D,) about which they are, drift so far. With the block's last
+        sample the block, unless the machine hardly moved. Of the drift only friction is believed: a zero that drifts
+        may be a fault."""
+        each = self._columns(rows, usable, drift, self._angles(channels, state.load))
+        state = state._replace(gram=state.gram + each.T @ each, rows=state.rows + len(each), samples=state.samples + 1)
+        if state.samples < SAMPLES:
+            return state, None
+        if state.rows < IN_MOTION * SAMPLES * len(usable):
+            return self.interrupt(state), None
+        return self._ended(state)
+
+    def _columns(self, rows: Rows, usable: Array, drift: Drift, angles: Array) -> Array:
+        """Rows of the block from one sample, in units of their standard errors; none that is not in motion."""
+        changing = rows.columns[:, self.model.changing]
+        adapted = changing[:, : self._frictions] @ drift.values[: self._frictions]
+        left = residual(self.model, self.tares, rows, adapted)
+        telling = np.logical_and(usable, left.rest < left.variance)
+        own = left.columns
+        unsure = ((own @ self.tares.covariance) * own).sum(axis=1)
+        forces = rows.columns[:, self._zeros] * self._per_bar
+        errors = self.tares.scale * np.concatenate([forces, angles], axis=1)
+        changes = changing * self._everyday(drift)
+        each = np.concatenate([own @ self.model.load, changes, errors, left.torque[:, None]], axis=1)
+        return np.asarray((each / np.sqrt(left.variance + left.rest + unsure)[:, None])[telling])
+
+    def _angles(self, channels: Array, load: Array) -> Array:
+        """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what gravity of tares
+        and `load` (4,) leaves, at `channels` (D,): g Re((X + i Z) exp(i q)) of each link, and the levers, change."""
+        machine, size = self.model.machine, self.model.machine.size
+        shifted = np.repeat(channels[None, :size], 1 + len(self.turned), axis=0)
+        shifted[range(1, 1 + len(self.turned)), self.turned] += TILTED
+        values = self.tares.values + self.model.load @ load
+        moments = values[1 : 3 * size : 3] + 1j * values[2 : 3 * size : 3]
+        pitch, roll = channels[-3:-1].tolist()
+        own = machine.gravity * np.cos(roll) * (moments * np.exp(1j * (shifted.cumsum(axis=1) + pitch))).real
+        force = channels[self.model.channels.forces]
+        left = force @ machine.geometry(shifted).lever - own @ machine.sum_outward.T
+        return np.asarray((left[1:] - left[0])[:, list(machine.rows)].T / TILTED)
+
+    def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
+        gram, known = state.gram / self._memory, len(self._prior)
+        inverse = np.linalg.inv(gram[:known, :known] + np.diag(self._prior))
+        both = gram[:known, known:]  # load and everyday changes against errors and torque
+        reduced = gram[known:, known:] - both.T @ inverse @ both
+        square = np.maximum(np.diagonal(reduced)[:-1], 1e-12)
+        masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
+        numbers = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self._memory)
+        left, mass, spread, weight = (np.array([x]) for x in numbers)
+        block = Block(left, mass, spread, weight, reduced[:-1, -1], square, masses[:-1])
+        hangs = explained(block, self.model.machine.rated_payload)
+        return self.begin()._replace(load=np.where(hangs, load, 0.0)), block
+
+
+CONTACT = 5.0  # mean squared residual of a block from which on no load explains it, as in `recognition`
+LEAST, MOST = -0.05, 2.0  # times the rated payload: mass that can hang in a bucket; below SMALLEST it is empty
+
+
+def cost(block: Block, x: Array | float, rated: float) -> Array:
+    """What blocks leave (..., H) if signals are off by `x` (..., H), at most CONTACT for each independent sample; that
+    much if the load would have an impossible mass."""
+    most, mass = CONTACT * block.weight, block.mass - block.slope * x
+    left = block.left - 2.0 * x * block.linear + x**2 * block.square
+    hangs = (mass > LEAST * rated - 3.0 * block.spread) & (mass < MOST * rated)
+    return np.asarray(np.where(hangs, np.minimum(left, most), most))
+
+
+def explained(block: Block, rated: float) -> bool:
+    """Whether a load explains a block as it is."""
+    return bool(cost(block, 0.0, rated)[0] < CONTACT * block.weight[0])

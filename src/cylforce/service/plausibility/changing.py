@@ -1,0 +1,96 @@
+"""Does a pressure change as a pressure does? It changes when its cylinder turns round: supply becomes return. A reading
+that does not, apart from noise, is stuck; one that falls to nothing at once is that of a burst hose."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+GROUP = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
+GROUPS = 16  # of motion of the cylinder that are compared
+EACH_WAY = 4  # of them at least in either direction
+MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen: far above the noise of a speed
+# Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
+# change. A constant with white noise exceeds it once in fifty times; machines in order are at 4 and more.
+CONSTANT = float(chi2.isf(0.02, GROUPS - 1) / (GROUPS - 1))
+FALL_STEPS = 5  # 50 ms at 100 Hz
+FALLS = 20e5  # Pa that a pressure loses in that time when its hose bursts; chosen
+NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
+
+
+class Changes(NamedTuple):
+    """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
+    last groups in motion the `means`, `noises` (variances) and `ways` (GROUPS, P), 0 where there was none yet; which
+    pressures are `constant` and which `burst` (P,)."""
+
+    readings: tuple[Array, ...]
+    fresh: int
+    means: Array
+    noises: Array
+    ways: Array
+    constant: NDArray[np.bool_]
+    burst: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Watching:
+    """The pressures of one machine."""
+
+    machine: Machine
+
+    @cached_property
+    def signals(self) -> list[int]:
+        """Numbers (P,) of the signals."""
+        kinds = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
+        return [k for k, s in enumerate(self.machine.signals) if s.kind in kinds]
+
+    @cached_property
+    def _cylinders(self) -> list[int]:
+        return [self.machine.signals[k].index for k in self.signals]
+
+    def begin(self) -> Changes:
+        """Nothing was seen."""
+        size = len(self.signals)
+        empty, no = np.zeros((GROUPS, size)), np.zeros(size, dtype=bool)
+        return Changes((), 0, empty, empty, empty, no, no)
+
+    def interrupt(self, state: Changes) -> Changes:
+        """The measurement stopped: the running group starts anew."""
+        return state._replace(readings=(), fresh=0)
+
+    def step(self, state: Changes, values: Array, speed: Array) -> Changes:
+        """One step: all signals (S,), speed (C,) [m/s] of the cylinders."""
+        now = values[self.signals]
+        state = state._replace(readings=(*state.readings, now), fresh=state.fresh + 1)
+        if min(now.tolist(), default=NOTHING) < NOTHING and len(state.readings) > FALL_STEPS:
+            fallen = (now < NOTHING) & (state.readings[-1 - FALL_STEPS] - now > FALLS)
+            state = state._replace(burst=state.burst | fallen)
+        return self._grouped(state, speed[self._cylinders]) if state.fresh == GROUP else state
+
+    def _grouped(self, state: Changes, way: Array) -> Changes:
+        """With the group that has ended, of the pressures whose cylinders move, `way` (P,) [m/s]."""
+        group, moved = np.array(state.readings[-GROUP:]), np.abs(way) > MOVES
+        state = state._replace(readings=state.readings[-FALL_STEPS:], fresh=0)
+        if not moved.any():
+            return state
+        means, noises, ways = (
+            np.where(moved, np.concatenate([old[1:], new[None]]), old)
+            for old, new in (
+                (state.means, group.mean(axis=0)),
+                (state.noises, group.var(axis=0, ddof=1)),
+                (state.ways, np.sign(way)),
+            )
+        )
+        turned = np.minimum((ways > 0.0).sum(axis=0), (ways < 0.0).sum(axis=0)) >= EACH_WAY
+        full = np.abs(ways).sum(axis=0) == GROUPS
+        noise = np.sort(noises, axis=0)[GROUPS // 2]
+        still = means.var(axis=0, ddof=1) <= CONSTANT * noise / GROUP
+        constant = np.where(full & turned, still, state.constant)
+        return state._replace(means=means, noises=noises, ways=ways, constant=constant)

@@ -1,0 +1,55 @@
+"""Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
+a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
+those of this motion: they are exchanged, or dead."""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.mechanics.machine import Machine
+from cylforce.service.contact.hanging_mass import without_mass
+from cylforce.signals.estimate import Array, Force, Status
+
+FARTHEST = 0.5  # m over which the tool is driven; chosen: three times the longest path of machines in order
+LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
+SURE = 5.0  # standard errors that it must exceed; chosen
+SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
+
+
+class Driven(NamedTuple):
+    """State: the `path` [m] over which the tool was driven, and the torque left of each joint, integrated along it:
+    `strain` (R,) [N m m]."""
+
+    path: float
+    strain: Array
+
+
+@dataclass(frozen=True)
+class Driving:
+    """The work of the surroundings on one machine's tool."""
+
+    machine: Machine
+    rated_force: float
+    seconds: float  # between two steps
+
+    def begin(self) -> Driven:
+        """Nothing was driven."""
+        return Driven(0.0, np.zeros(len(self.machine.rows)))
+
+    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Array) -> Driven:
+        """One step: the resultant, the tool's `velocity` [m/s] as x + i z, the `torque` (R,) [N m] that the tares
+        leave. What resists takes back as much of the path."""
+        speed = abs(velocity)
+        if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
+            return state
+        (xx, xz, zz), along = resultant.covariance, velocity / speed
+        spread, found = np.array([[xx, xz], [xz, zz]]), np.array([resultant.x.value, resultant.z.value])
+        x, z = without_mass(found, spread, self.machine.rated_payload).tolist()
+        push = x * along.real + z * along.imag
+        error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
+        way = speed * self.seconds
+        if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):
+            return state._replace(path=state.path - way) if state.path > way else self.begin()
+        return Driven(state.path + way, state.strain + way * np.abs(torque))

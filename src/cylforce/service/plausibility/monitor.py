@@ -1,0 +1,144 @@
+"""Plausibility between sensors: what motion, other chamber, known arm and redundancy of torques say about each signal.
+
+Three views of the same samples: `changing` (each pressure by itself), `driven` (forces against motion), `offsets` (all
+joints against one load). The most specific one that objects is believed."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.fast import Instant
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.regressor import Rows
+from cylforce.service.adaptation import Drift
+from cylforce.service.contact.interaction import Forces
+from cylforce.service.pipeline import Pipe
+from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering
+from cylforce.service.plausibility.changing import Changes, Watching
+from cylforce.service.plausibility.driven import FARTHEST, Driven, Driving
+from cylforce.service.plausibility.offsets import Offset, Voting
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+
+
+class Watch(NamedTuple):
+    """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
+    driven; what is suspected."""
+
+    gathering: Gathering
+    blocks: Block
+    offset: Offset
+    changes: Changes
+    driven: Driven
+    suspicion: SensorDoubt = NOTHING_SUSPECTED
+
+
+class Samples(NamedTuple):
+    """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
+    `left` by the tares and the drift (R,) [N m], forces, the drift so far."""
+
+    values: Array
+    pipe: Pipe
+    rows: Rows
+    instant: Instant
+    usable: Array
+    left: Array
+    forces: Forces
+    drift: Drift
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """The plausibility of one machine's signals."""
+
+    model: Model
+    tares: Tares
+    rated_force: float
+
+    @cached_property
+    def _gatherer(self) -> Gatherer:
+        return Gatherer(self.model, self.tares)
+
+    @cached_property
+    def _voting(self) -> Voting:
+        return Voting(self._gatherer)
+
+    @cached_property
+    def _watching(self) -> Watching:
+        return Watching(self.model.machine)
+
+    @cached_property
+    def _driving(self) -> Driving:
+        return Driving(self.model.machine, self.rated_force, EVERY / self.model.filters.rate_hz)
+
+    def begin(self) -> Watch:
+        """Nothing was seen, nothing is suspected."""
+        blocks, changes = self._voting.begin(), self._watching.begin()
+        return Watch(self._gatherer.begin(), blocks, Offset(0, 0.0, 0.0), changes, self._driving.begin())
+
+    def interrupt(self, state: Watch) -> Watch:
+        """The measurement stopped: what was gathered in part is dropped, what is suspected stays."""
+        gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
+        return state._replace(gathering=gathering, changes=changes, driven=self._driving.begin())
+
+    def step(self, state: Watch, seen: Samples) -> Watch:
+        """The state after one step."""
+        changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
+        looked = changes.burst is not state.changes.burst or changes.constant is not state.changes.constant
+        state = state._replace(changes=changes)
+        if seen.pipe.steps % EVERY == 0:
+            state, looked = self._gathered(state, seen), True
+        return state._replace(suspicion=self._suspicion(state)) if looked else state
+
+    def _gathered(self, state: Watch, seen: Samples) -> Watch:
+        smooth = seen.pipe.smooth
+        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
+        middle = smooth.mean(axis=0)
+        gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
+        state = state._replace(gathering=gathering, driven=driven)
+        if block is None:
+            return state
+        blocks = self._voting.added(state.blocks, block)
+        return state._replace(blocks=blocks, offset=self._voting.result(blocks))
+
+    def _suspicion(self, state: Watch) -> SensorDoubt:
+        if state.suspicion.latched:
+            return state.suspicion
+        signals = self._watching.signals
+        if state.changes.burst.any():
+            return SensorDoubt(
+                Level.REJECTED, SensorFault.BURST, tuple(np.array(signals)[state.changes.burst].tolist())
+            )
+        if state.driven.path > FARTHEST:
+            return SensorDoubt(Level.REJECTED, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
+        if state.changes.constant.any():
+            return SensorDoubt(
+                Level.REJECTED, SensorFault.STUCK, tuple(np.array(signals)[state.changes.constant].tolist())
+            )
+        return self._off(state.offset)
+
+    def _pushing(self, strain: Array) -> tuple[int, ...]:
+        """The pressures of the cylinders that act on the joint whose torque exceeds that of a load most."""
+        machine = self.model.machine
+        outward = np.append(machine.lengths[:-1], machine.payload_reach)[::-1].cumsum()[::-1]
+        acting = self.model.acting[int((strain / outward[list(machine.rows)]).argmax())]
+        return tuple(k for k, s in enumerate(machine.signals) if s.kind in PRESSURES and s.index in acting)
+
+    def _off(self, offset: Offset) -> SensorDoubt:
+        limits, gatherer = self._voting.limits, self._gatherer
+        if offset.evidence <= limits[Level.DOUBTED]:
+            return NOTHING_SUSPECTED
+        level = Level.REJECTED if offset.evidence > limits[Level.REJECTED] else Level.DOUBTED
+        signals = self.model.machine.signals
+        if offset.signal < len(gatherer.pressed):
+            cylinder = gatherer.pressed[offset.signal]
+            own = tuple(k for k, s in enumerate(signals) if s.kind in PRESSURES and s.index == cylinder)
+            return SensorDoubt(level, SensorFault.OFFSET, own, BAR * offset.size)
+        joint = gatherer.turned[offset.signal - len(gatherer.pressed)]
+        own = tuple(k for k, s in enumerate(signals) if s.kind is Kind.JOINT_ANGLE and s.index == joint)
+        return SensorDoubt(level, SensorFault.SLIPPED, own, offset.size)

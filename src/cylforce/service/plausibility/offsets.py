@@ -1,0 +1,76 @@
+"""Is a signal off by a constant? Blocks of motion vote.
+
+A block in contact with the ground is explained by no load, whatever signal is doubted: it has no vote. A block in the
+air that a load explains only if a signal is off by x votes for that error; one that a load explains as it is votes
+against it. Errors that change the weight by less than HARMLESS do not matter: they are left to the slow adaptation. No
+block has more than a share of what is needed: several must agree."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from cylforce.estimation.residual import GOOD_ENOUGH
+from cylforce.service.plausibility.blocks import Block, Gatherer, cost
+from cylforce.service.plausibility.suspicion import Level
+from cylforce.signals.estimate import Array
+
+KEPT = 48  # blocks that vote
+# False alarms in an hour of motion, if the torque left were as it was at commissioning: every second each signal is
+# tested once.
+FALSE_PER_HOUR = {Level.DOUBTED: 1.0, Level.REJECTED: 0.01}
+VOTES = 4  # blocks at least that a rejection takes
+HARMLESS = GOOD_ENOUGH  # times the rated payload: an error of the weight with which it may be booked
+LARGEST_ANGLE = 0.3  # rad: an angle that is farther off is no slip; chosen
+LARGEST_BARS = 400.0  # beyond the range of any such sensor
+
+
+class Offset(NamedTuple):
+    """The signal (its number in the gatherer) that is most likely off, by `size` [bar, rad], and the `evidence` for it:
+    twice the log likelihood ratio, as counted by votes."""
+
+    signal: int
+    size: float
+    evidence: float
+
+
+@dataclass(frozen=True)
+class Voting:
+    """The votes of one machine's blocks."""
+
+    gatherer: Gatherer
+
+    @cached_property
+    def limits(self) -> dict[Level, float]:
+        """Evidence from which on a signal is doubted or rejected: chi-squared with one degree of freedom."""
+        tests = 3600.0 * self.gatherer.size
+        return {level: float(chi2.isf(rate / tests, 1)) for level, rate in FALSE_PER_HOUR.items()}
+
+    @cached_property
+    def _largest(self) -> Array:
+        pressed, turned = len(self.gatherer.pressed), len(self.gatherer.turned)
+        return np.repeat([LARGEST_BARS, LARGEST_ANGLE], (pressed, turned))
+
+    def begin(self) -> Block:
+        """No blocks."""
+        return Block(*(np.zeros((0, 1)) for _ in range(4)), *(np.zeros((0, self.gatherer.size)) for _ in range(3)))
+
+    def added(self, blocks: Block, new: Block) -> Block:
+        """The last KEPT blocks with a new one."""
+        return Block(*(np.concatenate([old[1 - KEPT :], one[None]]) for old, one in zip(blocks, new, strict=True)))
+
+    def result(self, blocks: Block) -> Offset:
+        """The most likely error with its evidence. What every block would choose is tried on all; they are counted from
+        the moment on that speaks most for it."""
+        rated = self.gatherer.model.machine.rated_payload
+        sizes = np.clip(blocks.linear / blocks.square, -self._largest, self._largest)  # (B, H)
+        x = sizes[:, None, :]
+        harmless = HARMLESS * rated / np.maximum(np.abs(blocks.slope), 1e-9)
+        as_is = np.minimum(cost(blocks, 0.0, rated), cost(blocks, np.clip(x, -harmless, harmless), rated))
+        most = self.limits[Level.REJECTED] / VOTES
+        votes = np.clip(as_is - cost(blocks, x, rated), -most, most)
+        since = votes[:, ::-1].cumsum(axis=1).max(axis=1)  # (B, H)
+        k, signal = np.unravel_index(int(since.argmax()), since.shape)
+        return Offset(int(signal), float(sizes[k, signal]), float(since[k, signal]))

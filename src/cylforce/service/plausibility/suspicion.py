@@ -1,0 +1,48 @@
+"""What is suspected: which signals, of what, how surely."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class SensorFault(IntEnum):
+    """What is wrong with a signal."""
+
+    NONE = 0
+    STUCK = 1  # does not change while its cylinder moves both ways
+    BURST = 2  # fell to nothing within 50 ms
+    OFFSET = 3  # a pressure that is off by a constant
+    SLIPPED = 4  # an angle that is off by a constant
+    EXCHANGED = 5  # the forces do not belong to the motion: connected to the wrong place, or dead
+
+
+class Level(IntEnum):
+    """How surely: values are DEGRADED when a signal is doubted, INVALID when it is rejected."""
+
+    FINE = 0
+    DOUBTED = 1
+    REJECTED = 2
+
+
+LATCHED = (
+    SensorFault.BURST,
+    SensorFault.SLIPPED,
+    SensorFault.EXCHANGED,
+)  # once rejected: until the service is started again
+
+
+class SensorDoubt(NamedTuple):
+    """A suspicion: `level`, `cause`, numbers of the `signals` of which one is wrong, and by how much (`size` [Pa, rad];
+    0: not known)."""
+
+    level: Level = Level.FINE
+    cause: SensorFault = SensorFault.NONE
+    signals: tuple[int, ...] = ()
+    size: float = 0.0
+
+    @property
+    def latched(self) -> bool:
+        """Whether it stays until the service is started again."""
+        return self.level is Level.REJECTED and self.cause in LATCHED
+
+
+NOTHING_SUSPECTED = SensorDoubt()

@@ -1,0 +1,193 @@
+"""Sensors that contradict each other: what each view says of made-up readings, and what the service then publishes."""
+
+import numpy as np
+import pytest
+
+from cylforce.files.checkpoint import packed, unpacked
+from cylforce.service.plausibility.blocks import Block, Gatherer, cost
+from cylforce.service.plausibility.changing import GROUP, GROUPS, Watching
+from cylforce.service.plausibility.driven import FARTHEST, Driving
+from cylforce.service.plausibility.offsets import VOTES, Voting
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
+from cylforce.service.state import State
+from cylforce.service.step import Core
+from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid
+from faulting.edits import BAR, Fault, edited, named
+from rig import readings, rig
+from scenarios import EXCAVATOR, cycles, identified, through, with_value
+
+STEPS = GROUP * GROUPS
+
+
+def pressure(course, ways=(1.0, -1.0)):
+    """What is seen of a rig's head pressure along `course` (T,) [Pa] while the cylinder goes first one way, then the
+    other."""
+    watching = Watching(rig())
+    values, state = readings(len(course), head=course, rod=1e6), watching.begin()
+    speed = np.repeat(ways, len(course) // len(ways)) * 0.1
+    for row, v in zip(values, speed, strict=True):
+        state = watching.step(state, row, np.array([v]))
+    return bool(state.constant[0]), bool(state.burst[0])
+
+
+def noisy(course, seed=1):
+    """With the noise of a sensor, 0.1 bar."""
+    return course + np.random.default_rng(seed).normal(0.0, 0.1 * BAR, len(course))
+
+
+def test_a_pressure_that_does_not_change_when_its_cylinder_turns_is_stuck():
+    assert pressure(noisy(np.full(STEPS, 20e5))) == (True, False)
+    turned = np.repeat((20e5, 20.3e5), STEPS // 2)
+    assert pressure(noisy(turned)) == (False, False)
+
+
+def test_a_pressure_is_not_stuck_before_its_cylinder_has_turned():
+    assert pressure(noisy(np.full(STEPS, 20e5)), ways=(1.0,)) == (False, False)
+
+
+@pytest.mark.parametrize(("steps", "burst"), [(4, True), (40, False)])
+def test_a_hose_has_burst_when_the_pressure_falls_at_once(steps, burst):
+    falling = np.clip(1.0 - np.arange(STEPS) / steps, 0.0, 1.0)
+    assert pressure(90e5 * falling, ways=(1.0,))[1] is burst
+
+
+def test_a_pressure_that_falls_to_that_of_the_return_line_is_no_burst():
+    assert not pressure(np.repeat((90e5, 3e5), STEPS // 2))[1]
+
+
+def acting(x, z):
+    """A force with standard errors of 100 N."""
+    parts = [Quantity(value, 100.0, Status.OK, Reason.NONE) for value in (x, z)]
+    return Force(*parts, *parts, (1e4, 0.0, 1e4))
+
+
+@pytest.mark.parametrize(
+    ("force", "velocity", "driven"),
+    [
+        (acting(30e3, 0.0), 0.5 + 0j, True),
+        (acting(-30e3, 0.0), 0.5 + 0j, False),  # soil resists
+        (acting(0.0, -15e3), -0.5j, False),  # a load hangs, and is lowered
+        (acting(0.0, -150e3), -0.5j, True),  # no load is as heavy
+        (acting(0.0, 15e3), 0.5j, True),  # no load pulls upwards
+        (acting(400.0, 0.0), 0.5 + 0j, False),
+    ],
+)
+def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
+    driving = Driving(rig(), 300e3, 0.1)
+    state = driving.begin()
+    for _ in range(20):
+        state = driving.step(state, force, velocity, np.array([1e4]))
+    assert (state.path > FARTHEST) is driven
+
+
+def test_a_force_without_a_value_drives_nothing():
+    driving, nothing = Driving(rig(), 300e3, 0.1), invalid(Reason.SINGULAR)
+    state = driving.begin()
+    force = acting(30e3, 0.0)._replace(x=nothing)
+    assert driving.step(state, force, 1.0 + 0j, np.array([1e4])) == state
+
+
+@pytest.fixture(scope="module")
+def machine():
+    """The excavator's service, identified, and the events of two cycles."""
+    loaded = load(EXCAVATOR)
+    core = Core(loaded.service, identified(loaded))
+    return core, *cycles(loaded, count=2)
+
+
+def block(core, left, signal, size, information=4.0):
+    """A block that leaves `left` times its 15 samples as it is, and nothing with an error of `size` of one signal."""
+    many = Gatherer(core.model, core.tares).size
+    linear, square = np.zeros(many), np.full(many, 1e-3)
+    square[signal], linear[signal] = information, information * size
+    numbers = (np.array([x]) for x in (max(left * 15.0, information * size**2), 100.0, 5.0, 15.0))
+    return Block(*numbers, linear, square, np.full(many, 30.0))
+
+
+def evidence(core, blocks):
+    """What these blocks say."""
+    voting = Voting(Gatherer(core.model, core.tares))
+    all_blocks = voting.begin()
+    for each in blocks:
+        all_blocks = voting.added(all_blocks, each)
+    return voting.result(all_blocks), voting.limits[Level.REJECTED]
+
+
+def test_several_seconds_must_agree_on_the_error_of_a_signal(machine):
+    core, *_ = machine
+    wrong = block(core, 0.0, 1, 4.0)
+    for count in (1, VOTES - 1, VOTES + 1):
+        offset, limit = evidence(core, [wrong] * count)
+        assert (offset.evidence > limit) is (count > VOTES)
+        assert (offset.signal, offset.size) == (1, pytest.approx(4.0))
+
+
+def test_seconds_that_contradict_each_other_reject_nothing(machine):
+    core, *_ = machine
+    offset, _ = evidence(core, [block(core, 0.0, 1, size) for size in (4.0, -4.0, 8.0, -8.0, 12.0, 16.0)])
+    assert offset.evidence < Voting(Gatherer(core.model, core.tares)).limits[Level.DOUBTED]
+
+
+def test_contact_does_not_vote(machine):
+    core, *_ = machine
+    contact = block(core, 50.0, 1, 0.1)
+    assert cost(contact, 0.0, 1500.0)[0] == cost(contact, 4.0, 1500.0)[0]
+    assert evidence(core, [contact] * 20)[0].evidence == 0.0
+
+
+@pytest.fixture(scope="module")
+def spoilt(machine):
+    """States and estimates along the work with 60 bar less on the boom's head side from the first load's lift on."""
+    core, events, _ = machine
+    less = with_value(events, core.service, "boom_head_pressure", lambda t, value: max(value - 60e5, 2e5), 10.0)
+    return through(core, less)
+
+
+def test_work_in_order_is_never_doubted(machine):
+    core, events, masses = machine
+    state, estimates, _ = through(core, events)
+    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert not any(e.gross.reason is Reason.SENSORS_DISAGREE for e in estimates)
+    assert state.estimate.booking.number == len(masses)
+
+
+def test_a_rejected_signal_leaves_neither_weight_nor_force_nor_bookings(spoilt):
+    state, estimates, _ = spoilt
+    assert state.watch.suspicion.level is Level.REJECTED
+    last = estimates[-1]
+    for quantity in (last.gross, last.net, *last.force.quantities, *last.soil.quantities):
+        assert quantity.status is Status.INVALID
+        assert quantity.reason is Reason.SENSORS_DISAGREE
+    assert last.booking is None
+
+
+def test_the_boom_is_named(machine, spoilt):
+    core, *_ = machine
+    state, *_ = spoilt
+    names = {core.service.machine.signals[k].name for k in state.watch.suspicion.signals}
+    assert "boom_head_pressure" in names
+    assert names <= {"boom_head_pressure", "boom_rod_pressure"}
+
+
+def test_what_is_suspected_is_stored_with_the_state(spoilt):
+    state, *_ = spoilt
+    assert unpacked(State, packed(state)).watch.suspicion == state.watch.suspicion
+
+
+@pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])
+def test_only_what_needs_a_mechanic_is_latched(cause, stays):
+    assert NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause).latched is stays
+    assert not NOTHING_SUSPECTED._replace(level=Level.DOUBTED, cause=cause).latched
+
+
+def test_the_faults_of_the_table_change_what_they_name(machine):
+    core, *_ = machine
+    values = np.random.default_rng(0).normal(50e5, 1e5, (200, len(core.service.machine.signals)))
+    for fault in named(core.service.machine, 1.0).values():
+        changed = edited(values, 100.0, fault, core.service.machine)
+        where = set(np.flatnonzero((changed.values != values).any(axis=0)).tolist())
+        assert where == set(changed.signals)
+        assert np.array_equal(changed.values[:100], values[:100])
+    with pytest.raises(ValueError, match="is no fault"):
+        edited(values, 100.0, Fault("other", 0), core.service.machine)

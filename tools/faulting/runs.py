@@ -1,0 +1,132 @@
+"""The service over samples with a fault, and how wrong what it says is."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.service.plausibility.suspicion import Level, SensorDoubt
+from cylforce.service.state import State
+from cylforce.service.step import Core, step
+from cylforce.signals.estimate import Array, Booking, Quantity, Status
+from cylforce.signals.events import Event
+
+CLEAR = 3.0  # standard errors by which a value is wrong
+SAME_S = 3.0  # s by which bookings of the same bucket may differ
+
+
+class Course(NamedTuple):
+    """What the service said at every tick: time [s]; values, standard errors and whether they are OK (T, 3) of gross
+    weight, force x and z; the suspicions as they changed, with their times [s]; the bookings; the last state."""
+
+    t_s: Array
+    values: Array
+    errors: Array
+    ok: NDArray[np.bool_]
+    suspicions: list[tuple[float, SensorDoubt]]
+    bookings: list[Booking]
+    state: State
+
+    def since(self, begin: float, end: float = np.inf) -> "Course":
+        """What was said in a time [s]."""
+        k = np.logical_and(self.t_s >= begin, self.t_s < end)
+        said = [(t, s) for t, s in self.suspicions if begin <= t < end]
+        booked = [b for b in self.bookings if begin <= 1e-6 * b.t_us < end]
+        return self._cut(k)._replace(suspicions=said, bookings=booked)
+
+    def first(self, size: int) -> "Course":
+        """The first `size` ticks."""
+        return self._cut(slice(size))
+
+    def _cut(self, rows: "slice | NDArray[np.bool_]") -> "Course":
+        return self._replace(t_s=self.t_s[rows], values=self.values[rows], errors=self.errors[rows], ok=self.ok[rows])
+
+
+def followed(core: Core, events: Iterable[Event], state: State | None = None) -> Course:
+    """The service over events, from a state on."""
+    state = core.begin() if state is None else state
+    times: list[float] = []
+    rows: list[tuple[Quantity, ...]] = []
+    bookings: dict[int, Booking] = {}
+    suspicions: list[tuple[float, SensorDoubt]] = []
+    known, before = state.watch.suspicion, state.estimate.booking
+    for event in events:
+        state, out = step(core, state, event)
+        if out.estimate is None:
+            continue
+        times.append(1e-6 * out.estimate.t_us)
+        rows.append((out.estimate.gross, out.estimate.force.x, out.estimate.force.z))
+        booking, now = out.estimate.booking, state.watch.suspicion
+        if booking is not None and (before is None or booking.number != before.number):
+            bookings[booking.number] = booking
+        if (now.level, now.cause) != (known.level, known.cause):
+            suspicions.append((times[-1], now))
+            known = now
+    table = np.array([[(q.value, q.standard_error, q.status is Status.OK) for q in row] for row in rows])
+    ok = table[..., 2] > 0.5
+    return Course(np.array(times), table[..., 0], table[..., 1], ok, suspicions, list(bookings.values()), state)
+
+
+class Wrong(NamedTuple):
+    """What a fault did: `share` of the time in which a wrong weight or force was shown as OK, of either alone, and the
+    longest of it [s]; largest error of an OK weight [kg] and force [N]; (error, standard error) [kg] of each booking,
+    and how many are wrong; after how many seconds a signal was doubted and rejected (NaN: never), and which."""
+
+    share: float
+    weight_share: float
+    force_share: float
+    longest_s: float
+    weight: float
+    force: float
+    bookings: list[tuple[float, float]]
+    wrong_bookings: int
+    doubted_s: float
+    rejected_s: float
+    suspicion: SensorDoubt
+
+
+def wrong(course: Course, order: Course, rated: float) -> Wrong:
+    """A course with a fault beside that of the same time in `order`. A value is wrong if it is shown as OK and differs
+    by more than three standard errors of both; a booking also by more than 1 % of the rated payload [kg], or if there
+    is none of that bucket in order."""
+    away = np.abs(course.values - order.values)
+    told = CLEAR * np.hypot(course.errors, np.where(np.isfinite(order.errors), order.errors, 0.0))
+    bad = np.logical_and(course.ok, away > told)
+    seconds = float(np.median(np.diff(course.t_s)))
+    booked = [(_error(b, order.bookings), b.standard_error) for b in course.bookings]
+    false = sum(abs(e) > max(CLEAR * s, 0.01 * rated) for e, s in booked)
+    shown = np.where(np.logical_and(course.ok, np.isfinite(away)), away, 0.0)
+    doubted, rejected = (_first(course, level) for level in (Level.DOUBTED, Level.REJECTED))
+    return Wrong(
+        float(bad.any(axis=1).mean()),
+        float(bad[:, 0].mean()),
+        float(bad[:, 1:].any(axis=1).mean()),
+        seconds * longest(np.asarray(bad.any(axis=1))),
+        float(shown[:, 0].max()),
+        float(shown[:, 1:].max()),
+        booked,
+        false,
+        doubted,
+        rejected,
+        course.state.watch.suspicion,
+    )
+
+
+def _error(booking: Booking, order: list[Booking]) -> float:
+    own = [b for b in order if abs(b.t_us - booking.t_us) < 1e6 * SAME_S]
+    return booking.mass - (own[0].mass if own else 0.0)
+
+
+def _first(course: Course, level: Level) -> float:
+    found = [t - float(course.t_s[0]) for t, s in course.suspicions if s.level >= level]
+    return found[0] if found else float("nan")
+
+
+def longest(marks: NDArray[np.bool_]) -> int:
+    """Length of the longest row of True."""
+    best = run = 0
+    for mark in marks.tolist():
+        run = run + 1 if mark else 0
+        best = max(best, run)
+    return best
