@@ -1,5 +1,7 @@
 """Sensors that contradict each other: what each view says of made-up readings, and what the service then publishes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,12 @@ def test_a_hose_has_burst_when_the_pressure_falls_at_once(steps, burst):
     assert pressure(90e5 * falling, ways=(1.0,))[1] is burst
 
 
+def test_a_pressure_that_dips_is_no_burst():
+    course = np.full(STEPS, 90e5)
+    course[100:103] = 0.0
+    assert not pressure(noisy(course), ways=(1.0,))[1]
+
+
 def test_a_pressure_that_falls_to_that_of_the_return_line_is_no_burst():
     assert not pressure(np.repeat((90e5, 3e5), STEPS // 2))[1]
 
@@ -79,6 +87,15 @@ def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
     for _ in range(20):
         state = driving.step(state, force, velocity, np.array([1e4]))
     assert (state.path > FARTHEST) is driven
+
+
+def test_a_machine_that_drives_is_pushed_by_the_heap():
+    driving = Driving(replace(rig(), signals=()), 300e3, 0.1)
+    for force, velocity, driven in ((acting(30e3, 0.0), 0.5 + 0j, False), (acting(0.0, 15e3), 0.5j, True)):
+        state = driving.begin()
+        for _ in range(20):
+            state = driving.step(state, force, velocity, np.array([1e4]))
+        assert (state.path > FARTHEST) is driven
 
 
 def test_a_force_without_a_value_drives_nothing():

@@ -97,7 +97,7 @@ FAULTS_OF_SENSORS = [
     (Fault("sides exchanged", 0, begin=BEGIN), SensorFault.EXCHANGED, 0xFF10, 12.0),
     (Fault("dead", ROD, begin=BEGIN), SensorFault.STUCK, 0xFF20, 25.0),
     (Fault("frozen", ROD, begin=BEGIN), SensorFault.STUCK, 0xFF20, 25.0),
-    (Fault("burst", HEAD, begin=BEGIN), SensorFault.BURST, 0xFF22, 0.06),
+    (Fault("burst", HEAD, begin=BEGIN), SensorFault.BURST, 0xFF22, 0.11),
     (Fault("step", HEAD, size=15.0 * BAR, begin=BEGIN), SensorFault.OFFSET, 0xFF23, 25.0),
     (Fault("slipped", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.SLIPPED, 0xFF24, 30.0),
 ]

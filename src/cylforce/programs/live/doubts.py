@@ -17,7 +17,7 @@ CODES = {  # EMCY codes (manufacturer's)
 WHY = {
     SensorFault.EXCHANGED: "the forces do not belong to the motion: sensors exchanged, or one is dead",
     SensorFault.STUCK: "it does not change while its cylinder moves to and fro",
-    SensorFault.BURST: "it fell to nothing within 50 ms: a burst hose, or a broken line",
+    SensorFault.BURST: "it fell to nothing at once: a burst hose, or a broken line",
     SensorFault.OFFSET: "no load explains the torques of all joints unless it is off by a constant",
     SensorFault.SLIPPED: "no load explains the torques of all joints unless this angle is off by a constant",
 }

@@ -20,8 +20,8 @@ MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
 # change. A constant with white noise exceeds it once in fifty times; machines in order are at 4 and more.
 CONSTANT = float(chi2.isf(0.02, GROUPS - 1) / (GROUPS - 1))
-FALL_STEPS = 5  # 50 ms at 100 Hz
-FALLS = 20e5  # Pa that a pressure loses in that time when its hose bursts; chosen
+FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
+FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
 
 
@@ -69,15 +69,16 @@ class Watching:
         """One step: all signals (S,), speed (C,) [m/s] of the cylinders."""
         now = values[self.signals]
         state = state._replace(readings=(*state.readings, now), fresh=state.fresh + 1)
-        if min(now.tolist(), default=NOTHING) < NOTHING and len(state.readings) > FALL_STEPS:
-            fallen = (now < NOTHING) & (state.readings[-1 - FALL_STEPS] - now > FALLS)
+        if min(now.tolist(), default=NOTHING) < NOTHING and len(state.readings) > 2 * FALL_STEPS:
+            nothing = (np.array(state.readings[-FALL_STEPS:]) < NOTHING).all(axis=0)
+            fallen = nothing & (state.readings[-1 - 2 * FALL_STEPS] > FALLS)
             state = state._replace(burst=state.burst | fallen)
         return self._grouped(state, speed[self._cylinders]) if state.fresh == GROUP else state
 
     def _grouped(self, state: Changes, way: Array) -> Changes:
         """With the group that has ended, of the pressures whose cylinders move, `way` (P,) [m/s]."""
         group, moved = np.array(state.readings[-GROUP:]), np.abs(way) > MOVES
-        state = state._replace(readings=state.readings[-FALL_STEPS:], fresh=0)
+        state = state._replace(readings=state.readings[-2 * FALL_STEPS :], fresh=0)
         if not moved.any():
             return state
         means, noises, ways = (

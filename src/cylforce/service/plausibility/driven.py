@@ -1,8 +1,10 @@
 """Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
 a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
-those of this motion: they are exchanged, or dead."""
+those of this motion: they are exchanged, or dead. A machine that does not slew drives into the heap, which then pushes
+its tool: there only the vertical part counts."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import hypot, sqrt
 from typing import NamedTuple
 
@@ -11,6 +13,7 @@ import numpy as np
 from cylforce.mechanics.machine import Machine
 from cylforce.service.contact.hanging_mass import without_mass
 from cylforce.signals.estimate import Array, Force, Status
+from cylforce.signals.kinds import Kind
 
 FARTHEST = 0.5  # m over which the tool is driven; chosen: three times the longest path of machines in order
 LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
@@ -34,6 +37,11 @@ class Driving:
     rated_force: float
     seconds: float  # between two steps
 
+    @cached_property
+    def _stands(self) -> bool:
+        """Whether the machine stands while it digs."""
+        return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
+
     def begin(self) -> Driven:
         """Nothing was driven."""
         return Driven(0.0, np.zeros(len(self.machine.rows)))
@@ -47,7 +55,7 @@ class Driving:
         (xx, xz, zz), along = resultant.covariance, velocity / speed
         spread, found = np.array([[xx, xz], [xz, zz]]), np.array([resultant.x.value, resultant.z.value])
         x, z = without_mass(found, spread, self.machine.rated_payload).tolist()
-        push = x * along.real + z * along.imag
+        push = x * along.real * self._stands + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
         way = speed * self.seconds
         if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):

@@ -9,7 +9,7 @@ class SensorFault(IntEnum):
 
     NONE = 0
     STUCK = 1  # does not change while its cylinder moves both ways
-    BURST = 2  # fell to nothing within 50 ms
+    BURST = 2  # fell to nothing at once
     OFFSET = 3  # a pressure that is off by a constant
     SLIPPED = 4  # an angle that is off by a constant
     EXCHANGED = 5  # the forces do not belong to the motion: connected to the wrong place, or dead
