@@ -1,5 +1,7 @@
 """A recording is opened as events, or samples at the service's rate; either can be sent as by sensors."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -144,6 +146,15 @@ def test_a_table_as_its_sensors_would_send_it(service):
     np.testing.assert_allclose(found, table.values[:, :2], atol=0.5e4)
     np.testing.assert_allclose([decode(ANGLES, f.data)["angle"] for f in angles], table.values[::2, 2], rtol=1e-6)
     assert list(sensor_frames(table, service)) == frames
+
+
+def test_a_table_in_pieces_is_sent_as_if_it_were_whole(service):
+    """One row, none, many: the same frames, also where the table does not begin at zero."""
+    table = samples()
+    table = table._replace(t_s=table.t_s + 3.21)
+    cuts = [0, 1, 1, 20, len(table.t_s)]
+    pieces = [Table(table.t_s[a:b], table.values[a:b], table.signals) for a, b in pairwise(cuts)]
+    assert list(sensor_frames(iter(pieces), service)) == list(sensor_frames(table, service))
 
 
 def test_every_second_sync_is_every_second_row():

@@ -2,14 +2,17 @@
 changed since is told."""
 
 import asyncio
+import contextlib
 import io
 import json
 import re
+import tracemalloc
 from itertools import count, pairwise
 
 import numpy as np
 import pytest
 import structlog
+import typer
 
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_bus
@@ -17,11 +20,12 @@ from cylforce.commissioning.identification import identify
 from cylforce.files.candump import Sent, parsed
 from cylforce.files.logfile import LogWriter, file_sha256
 from cylforce.files.logreader import log_header, read_events
+from cylforce.programs.commands import replay
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import header_of, make_core, model_of
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.sim_bus import play_until
-from cylforce.programs.replay import run_replay, unbooked, write_estimates
+from cylforce.programs.replay import Tally, run_replay, stream_replay, write_estimates
 from cylforce.programs.run import Daemon
 from cylforce.programs.sim import run_sim
 from cylforce.service.publication import published
@@ -29,7 +33,7 @@ from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
-from cylforce.signals.estimate import Quantity, Reason, Status, invalid
+from cylforce.signals.estimate import Quantity, Reason, Status, invalid, no_estimate
 from cylforce.signals.events import Frame, Tick
 from scenarios import EXCAVATOR, moved
 
@@ -175,7 +179,10 @@ def test_why_nothing_was_booked(weights, said):
     """With a rated payload of 3400 kg: an error of 34 kg is enough, a load begins at 170 kg."""
     withheld = [invalid(Reason.STARTING), *[invalid(Reason.AT_REST)] * 2]
     known = [Quantity(value, error, Status.OK, Reason.NONE) for value, error in weights]
-    assert re.search(said, unbooked([*withheld, *known], 3400.0))
+    tally = Tally(3400.0)
+    for weight in [*withheld, *known]:
+        tally.weigh(weight)
+    assert re.search(said, tally.unbooked())
 
 
 def test_other_tares_are_told(folder, machine, live):
@@ -233,6 +240,49 @@ def test_estimates_are_written_as_a_table(folder, machine, tares, live):
         gross = cells["payload_gross"]
         assert (gross == "") == (estimate.gross.status is Status.INVALID)
         assert gross == "" or float(gross) == estimate.gross.value
+
+
+def test_a_replay_keeps_nothing_of_what_it_has_told(machine, tares, live):
+    """From the second second to the last the memory in use does not grow: not by a tenth of what the estimates take."""
+    used, ticks = [], count()
+
+    def take(estimate):
+        if next(ticks) % 100 == 0:
+            used.append(tracemalloc.get_traced_memory()[0])
+
+    tracemalloc.start()
+    try:
+        stream_replay(machine, live[0], tares, take)
+        before = tracemalloc.get_traced_memory()[0]
+        kept = run_replay(machine, live[0], tares)
+        estimates = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert len(kept.estimates) > 0.9 * 100 * SECONDS
+    assert used[-1] - used[2] < 0.1 * estimates
+
+
+def test_the_table_is_written_as_the_replay_goes(folder, machine, tares, live, capsys):
+    """`replay -o` gives the table of all estimates; what it says counts the same ones."""
+    path, whole = folder / "streamed.csv", folder / "whole.csv"
+    with contextlib.suppress(typer.Exit):
+        replay.replay(machine.path, live[0], tares, path)
+    write_estimates(whole, run_replay(machine, live[0], tares).estimates)
+    assert path.read_text() == whole.read_text()
+    good = sum(e.gross.status is Status.OK for e in live[1])
+    assert f"{len(live[1])} steps; weight OK in {100 * good / len(live[1]):.1f} %" in capsys.readouterr().out
+
+
+def test_a_table_that_cannot_be_finished_leaves_none(folder):
+    """What ends in an error half way leaves neither the table nor a part of it."""
+
+    def broken():
+        yield no_estimate(0, Reason.STARTING, None)
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write_estimates(folder / "half.csv", broken())
+    assert not list(folder.glob("*half.csv*"))
 
 
 def test_messages_that_nobody_reads_do_not_stop_the_measurement(machine, tares):

@@ -1,6 +1,6 @@
 """Opens any recording: frames as events, tables as samples; both can be played as frames."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,11 +84,14 @@ def own_ids(service: Service) -> frozenset[int]:
     return frozenset(fixed | asked | {pdo.can_id for pdo in service.publication})
 
 
-def sensor_frames(recording: Events | Table, service: Service) -> Iterator[Frame]:
-    """The frames (PDOs, heartbeats, emergencies) that the sensors would send if the recording took place again."""
+def sensor_frames(recording: Events | Table | Iterable[Table], service: Service) -> Iterator[Frame]:
+    """The frames (PDOs, heartbeats, emergencies) that the sensors would send if the recording took place again; of a
+    table, whole or in pieces, at the service's rate."""
     pdos = [pdo for node in service.nodes for pdo in node.pdos]
     if isinstance(recording, Table):
         return as_frames(recording, pdos)
+    if not isinstance(recording, Events):
+        return _pieces_as_frames(recording, pdos, round(1e6 / service.filters.rate_hz))
     nodes = [node.node_id for node in service.nodes]
     wanted = {pdo.can_id for pdo in pdos} | {base + n for base in (EMCY, HEARTBEAT) for n in nodes}
     return (event for event in recording.events if isinstance(event, Frame) and event.can_id in wanted)
@@ -98,14 +101,23 @@ def as_frames(table: Table, pdos: Sequence[Pdo]) -> Iterator[Frame]:
     """The table's samples in the sensors' PDOs: each at its period, synchronous ones every `sync` rows.
 
     NaN, and signals that the table does not have, go as the PDO's "no value"; a frame's time is its row's."""
+    return _pieces_as_frames([table], pdos, round((table.t_s[1] - table.t_s[0]) * 1e6))
+
+
+def _pieces_as_frames(pieces: Iterable[Table], pdos: Sequence[Pdo], step: int) -> Iterator[Frame]:
+    """The same of a table in pieces, whose rows are `step` [us] apart."""
+    due: list[int] = []
     unknown = dict.fromkeys((f.signal for p in pdos for f in p.fields if f.signal), float("nan"))
-    due = [round(table.t_s[0] * 1e6)] * len(pdos)
-    step = round((table.t_s[1] - table.t_s[0]) * 1e6)
-    for t_s, row in zip(table.t_s.tolist(), table.values.tolist(), strict=True):
+    for t_s, row, signals in ((*both, piece.signals) for piece in pieces for both in _rows(piece)):
         t_us = round(t_s * 1e6)
-        values = unknown | dict(zip(table.signals, row, strict=True))
+        due = due or [t_us] * len(pdos)
+        values = unknown | dict(zip(signals, row, strict=True))
         for k, pdo in enumerate(pdos):
             if t_us >= due[k] - step // 2:
                 period = step * max(pdo.sync, 1) if pdo.synchronous else round(pdo.period_s * 1e6)
                 due[k] = max(due[k] + period, t_us)
                 yield Frame(t_us, pdo.can_id, encode(pdo, values))
+
+
+def _rows(table: Table) -> Iterator[tuple[float, list[float]]]:
+    return zip(table.t_s.tolist(), table.values.tolist(), strict=True)

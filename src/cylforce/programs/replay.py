@@ -2,7 +2,9 @@
 
 import csv
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +16,7 @@ from cylforce.files.atomic import replacing, warn
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import Header
 from cylforce.files.logreader import log_header, mismatches, with_ticks
-from cylforce.files.recording import Events, open_recording, sensor_frames
+from cylforce.files.recording import Events, open_pieces, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.records.export import iso
 from cylforce.service.publication import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY, published
@@ -27,8 +29,20 @@ from cylforce.signals.events import Event
 QUALITIES = (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values())
 
 
+Take = Callable[[Estimate], None]
+
+
+class Played(NamedTuple):
+    """What is left of a replay: bookings, sent frames that were compared and that differed, the state at its end."""
+
+    bookings: list[Booking]
+    compared: int
+    different: int
+    state: State
+
+
 class Replayed(NamedTuple):
-    """What a replay gave: `estimates` one per tick, bookings, sent frames that were compared and that differed."""
+    """The same with all `estimates`, one per tick: an hour of them takes 600 MB."""
 
     estimates: list[Estimate]
     bookings: list[Booking]
@@ -41,8 +55,16 @@ def run_replay(
     loaded: Loaded, recording: Path, identified: Path | None = None, tell: Callable[[str], None] = warn
 ) -> Replayed:
     """Play a recording through the core. Raises RecordingError or SettingsError, one sentence each."""
+    estimates: list[Estimate] = []
+    return Replayed(estimates, *stream_replay(loaded, recording, identified, estimates.append, tell))
+
+
+def stream_replay(
+    loaded: Loaded, recording: Path, identified: Path | None, take: Take, tell: Callable[[str], None] = warn
+) -> Played:
+    """The same in constant memory: every estimate goes to `take` and is not kept."""
     core, now = make_core(loaded, identified, tell), header_of(loaded, identified, "")
-    found = replay_through(core, loaded, recording, tell, now)
+    found = stream_through(core, loaded, recording, tell, take, now)
     if found.different:
         header = log_header(recording)
         for sentence in mismatches(recording, header, now) if header else ():
@@ -55,50 +77,76 @@ def replay_through(
 ) -> Replayed:
     """Play a recording through a core. `now` is the header that a log of it would begin with: where given, a log that
     continues an earlier one goes on from the state of that moment."""
-    source = open_recording(recording, loaded.service, loaded.columns, tell=tell)
+    estimates: list[Estimate] = []
+    return Replayed(estimates, *stream_through(core, loaded, recording, tell, estimates.append, now))
+
+
+def stream_through(
+    core: Core,
+    loaded: Loaded,
+    recording: Path,
+    tell: Callable[[str], None],
+    take: Take,
+    now: Header | None = None,
+) -> Played:
+    """The same in constant memory: every estimate goes to `take` and is not kept."""
+    source = open_pieces(recording, loaded.service, loaded.columns, tell=tell)
     if isinstance(source, Events):
         header = source.header
         state = core.begin() if header is None or now is None else beginning(core, header, now, recording, tell)
-        return replay(core, source.events, state)
+        return replay(core, source.events, state, take)
     frames = sensor_frames(source, loaded.service)
-    return replay(core, with_ticks(frames, core.period_us, tell), core.begin())
+    return replay(core, with_ticks(frames, core.period_us, tell), core.begin(), take)
 
 
-def replay(core: Core, events: Iterable[Event | Sent], state: State) -> Replayed:
+def replay(core: Core, events: Iterable[Event | Sent], state: State, take: Take) -> Played:
     """The scan of `step` over events from `state` on; frames that the daemon sent are compared bit by bit."""
-    estimates: list[Estimate] = []
     bookings: list[Booking] = []
     expected: dict[int, bytes] = {}
     compared = different = 0
     identifiers = {pdo.number: pdo.can_id for pdo in core.service.publication}
+    ours = frozenset(identifiers.values())
     for event in events:
         if isinstance(event, Sent):
-            if event.can_id in identifiers.values():
+            if event.can_id in ours:
                 compared += 1
                 different += expected.get(event.can_id) != event.data
             continue
         state, out = step(core, state, event)
         if out.estimate is not None:
             expected = {identifiers[number]: data for number, data in out.frames}
-            estimates.append(out.estimate)
+            take(out.estimate)
             booking = out.estimate.booking
             if booking is not None:
                 same = bool(bookings) and bookings[-1].number == booking.number
                 bookings[len(bookings) - same :] = [booking]
-    return Replayed(estimates, bookings, compared, different, state)
+    return Played(bookings, compared, different, state)
 
 
 def write_estimates(path: Path, estimates: Iterable[Estimate]) -> None:
-    """CSV: the time (`t_us`, `t_s` from the start, `time` as ISO text) and one column per published value, SI; empty
-    where there is no value; status and reason as words."""
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer, begun = csv.writer(file), None
+    """Write the table of `estimates_table` at once."""
+    with estimates_table(path) as write:
         for estimate in estimates:
-            begun = estimate.t_us if begun is None else begun
-            row = _row(estimate, begun)
-            if estimate.t_us == begun:
+            write(estimate)
+
+
+@contextmanager
+def estimates_table(path: Path) -> Iterator[Take]:
+    """Writes estimates as they come; the file takes its place when all are written. CSV: the time (`t_us`, `t_s` from
+    the start, `time` as ISO text) and one column per published value, SI; empty where there is no value; status and
+    reason as words."""
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer, begun = csv.writer(file), list[int]()
+
+        def write(estimate: Estimate) -> None:
+            first = not begun
+            begun.extend([estimate.t_us] if first else [])
+            row = _row(estimate, begun[0])
+            if first:
                 writer.writerow(row)
             writer.writerow(row.values())
+
+        yield write
 
 
 def _row(estimate: Estimate, begun: int) -> dict[str, str]:
@@ -118,32 +166,59 @@ def column(estimates: list[Estimate], name: str) -> Array:
     return np.array([published(estimate)[name] for estimate in estimates])
 
 
-def unbooked(weights: Sequence[Quantity], rated_kg: float) -> str:
-    """Why none of these weights [kg] became a booking, with the cure; `rated_kg`: the rated payload."""
-    enough, known = GOOD_ENOUGH * rated_kg, [w for w in weights if w.status is not Status.INVALID]
-    if not known:
-        reason, _ = Counter(w.reason for w in weights).most_common(1)[0]
-        return f"there was no weight at any time, mostly {reason.name}: see the table of reasons in service/README.md"
-    loads = [w for w in known if w.value >= max(SMALLEST * rated_kg, 3.0 * w.standard_error)]
-    best = min(w.standard_error for w in loads or known)
-    if best > enough:
-        cure = "move all joints, lift a known weight (identify --lift)"
-        return f"UNCERTAIN, +- {best:.0f} kg of at most {enough:.0f} kg: {cure}"
-    if not loads:
-        return f"no load above {SMALLEST * rated_kg:.0f} kg was lifted"
-    return "a load was weighed, but afterwards the empty tool was not seen in the air: lift it clear of the ground"
+class Tally:
+    """What `show` says about a replay of any length, counted as its estimates come."""
+
+    def __init__(self, rated_kg: float) -> None:
+        """`rated_kg`: the rated payload."""
+        self._rated = rated_kg
+        self.begun_us: int | None = None
+        self.steps = self.weights_ok = self.forces_ok = 0
+        self._reasons: Counter[Reason] = Counter()
+        self._known = self._load = inf  # the least standard error [kg] of a weight, and of one that is a load
+
+    def take(self, estimate: Estimate) -> None:
+        """One more estimate."""
+        self.begun_us = estimate.t_us if self.begun_us is None else self.begun_us
+        self.steps += 1
+        self.weights_ok += estimate.gross.status is Status.OK
+        self.forces_ok += estimate.force.magnitude.status is Status.OK
+        self.weigh(estimate.gross)
+
+    def weigh(self, weight: Quantity) -> None:
+        """One more weight [kg]."""
+        if weight.status is Status.INVALID:
+            self._reasons[weight.reason] += 1
+            return
+        self._known = min(self._known, weight.standard_error)
+        if weight.value >= max(SMALLEST * self._rated, 3.0 * weight.standard_error):
+            self._load = min(self._load, weight.standard_error)
+
+    def unbooked(self) -> str:
+        """Why none of the weights became a booking, with the cure."""
+        enough, best = GOOD_ENOUGH * self._rated, self._known if self._load == inf else self._load
+        if best == inf and self._reasons:
+            reason, _ = self._reasons.most_common(1)[0]
+            return (
+                f"there was no weight at any time, mostly {reason.name}: see the table of reasons in service/README.md"
+            )
+        if best > enough:
+            cure = "move all joints, lift a known weight (identify --lift)"
+            return f"UNCERTAIN, +- {best:.0f} kg of at most {enough:.0f} kg: {cure}"
+        if self._load == inf:
+            return f"no load above {SMALLEST * self._rated:.0f} kg was lifted"
+        return "a load was weighed, but afterwards the empty tool was not seen in the air: lift it clear of the ground"
 
 
-def show(found: Replayed, rated_kg: float, console: Console) -> None:
+def show(found: Played, tally: Tally, console: Console) -> None:
     """What was booked or why nothing was, how much was measured, whether the frames sent live came out again."""
     for booking in found.bookings:
-        at = (booking.t_us - found.estimates[0].t_us) * 1e-6
+        at = (booking.t_us - (tally.begun_us or 0)) * 1e-6
         console.print(f"{at:8.1f} s  booked {booking.mass:.1f} kg +- {booking.standard_error:.1f} kg")
-    if found.estimates and not found.bookings:
-        console.print(f"no weight was booked: {unbooked([e.gross for e in found.estimates], rated_kg)}")
-    if found.estimates:
-        good = np.mean([e.gross.status is Status.OK for e in found.estimates])
-        force = np.mean([e.force.magnitude.status is Status.OK for e in found.estimates])
-        console.print(f"{len(found.estimates)} steps; weight OK in {100 * good:.1f} %, force in {100 * force:.1f} %")
+    if tally.steps and not found.bookings:
+        console.print(f"no weight was booked: {tally.unbooked()}")
+    if tally.steps:
+        good, force = (100.0 * count / tally.steps for count in (tally.weights_ok, tally.forces_ok))
+        console.print(f"{tally.steps} steps; weight OK in {good:.1f} %, force in {force:.1f} %")
     if found.compared:
         console.print(f"{found.compared} frames were sent live, {found.different} differ now")

@@ -1,11 +1,15 @@
 """`cylforce replay`."""
 
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cylforce.programs.commands.options import IdentifiedFile, MachineFile, example
+
+if TYPE_CHECKING:  # the command line starts faster without
+    from cylforce.signals.estimate import Estimate
 
 EXAMPLE = example("cylforce replay machine.toml events.log --identified identified.toml -o estimates.csv")
 
@@ -26,7 +30,7 @@ def replay(
     from cylforce.files.logreader import log_header
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.readings import check_machine
-    from cylforce.programs.replay import run_replay, show, write_estimates
+    from cylforce.programs.replay import Tally, estimates_table, show, stream_replay
 
     check_outputs((output,), (machine, recording, identified), (".csv",))
     loaded = load_machine(machine)
@@ -36,8 +40,14 @@ def replay(
 
         play(loaded, recording, bus)
         return
-    found = run_replay(loaded, recording, identified)
-    if output is not None:
-        write_estimates(output, found.estimates)
-    show(found, loaded.service.machine.rated_payload, Console())
+    tally = Tally(loaded.service.machine.rated_payload)
+    with nullcontext() if output is None else estimates_table(output) as write:
+
+        def take(estimate: "Estimate") -> None:
+            tally.take(estimate)
+            if write is not None:
+                write(estimate)
+
+        found = stream_replay(loaded, recording, identified, take)
+    show(found, tally, Console())
     raise typer.Exit(1 if found.different else 0)
