@@ -25,7 +25,7 @@ from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import header_of, make_core, model_of
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.sim_bus import play_until
-from cylforce.programs.replay import Tally, run_replay, stream_replay, write_estimates
+from cylforce.programs.replay import Totals, run_replay, stream_replay, write_estimates
 from cylforce.programs.run import Daemon
 from cylforce.programs.sim import run_sim
 from cylforce.service.publication import published
@@ -179,7 +179,7 @@ def test_why_nothing_was_booked(weights, said):
     """With a rated payload of 3400 kg: an error of 34 kg is enough, a load begins at 170 kg."""
     withheld = [invalid(Reason.STARTING), *[invalid(Reason.AT_REST)] * 2]
     known = [Quantity(value, error, Status.OK, Reason.NONE) for value, error in weights]
-    tally = Tally(3400.0)
+    tally = Totals(3400.0)
     for weight in [*withheld, *known]:
         tally.weigh(weight)
     assert re.search(said, tally.unbooked())

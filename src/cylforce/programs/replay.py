@@ -166,7 +166,7 @@ def column(estimates: list[Estimate], name: str) -> Array:
     return np.array([published(estimate)[name] for estimate in estimates])
 
 
-class Tally:
+class Totals:
     """What `show` says about a replay of any length, counted as its estimates come."""
 
     def __init__(self, rated_kg: float) -> None:
@@ -210,7 +210,7 @@ class Tally:
         return "a load was weighed, but afterwards the empty tool was not seen in the air: lift it clear of the ground"
 
 
-def show(found: Played, tally: Tally, console: Console) -> None:
+def show(found: Played, tally: Totals, console: Console) -> None:
     """What was booked or why nothing was, how much was measured, whether the frames sent live came out again."""
     for booking in found.bookings:
         at = (booking.t_us - (tally.begun_us or 0)) * 1e-6

@@ -30,7 +30,7 @@ def replay(
     from cylforce.files.logreader import log_header
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.readings import check_machine
-    from cylforce.programs.replay import Tally, estimates_table, show, stream_replay
+    from cylforce.programs.replay import Totals, estimates_table, show, stream_replay
 
     check_outputs((output,), (machine, recording, identified), (".csv",))
     loaded = load_machine(machine)
@@ -40,7 +40,7 @@ def replay(
 
         play(loaded, recording, bus)
         return
-    tally = Tally(loaded.service.machine.rated_payload)
+    tally = Totals(loaded.service.machine.rated_payload)
     with nullcontext() if output is None else estimates_table(output) as write:
 
         def take(estimate: "Estimate") -> None:
