@@ -17,7 +17,7 @@ from cylforce.commissioning.zeros import between_strokes, correlation
 from cylforce.estimation.attachment import with_tool
 from cylforce.estimation.batch import Fit, Prior, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, settled
-from cylforce.estimation.model import EXPECTED, FRICTION, TYPICAL, Model, Tares
+from cylforce.estimation.model import BARS, EXPECTED, FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
 from cylforce.signals.estimate import Array
 
@@ -25,7 +25,7 @@ MIN_SECONDS = 20.0  # s of usable motion that a recording must contain; chosen
 ONE_WAY = 0.05  # of a cylinder's motion: with less in one direction it moved in the other one only; chosen
 ONE_WAY_SECONDS = 2.0  # s of motion of a cylinder, below which its directions are not checked; chosen
 FOLDS = 5  # parts of the recording for the choice of friction laws by prediction; chosen
-CERTAIN = ("coulomb", "delay", "load_dependent")  # laws that are always in the model; see `_choose`
+CERTAIN = ("coulomb", "delay", "load_dependent", BARS)  # laws that are always in the model; see `_choose`
 # Of the force: additional standard error of load-dependent friction beyond the measured forces. Fitted: with 0.005 the
 # weights of 12 reference machines without a known lift were wrong by 1.6 of their standard errors, rms.
 BEYOND = 0.008
@@ -193,18 +193,31 @@ def _choose(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ..
     posture form a fold, so that postures are predicted which the fit did not contain. A law is added when it improves
     the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in: Coulomb friction;
     the delay, because every sensor lags, and viscous friction would take its place with too small a standard error;
-    load-dependent friction, which the empty machine may not show but the loaded machine has."""
-    folds = _folds(model, factors)
+    load-dependent friction, which the empty machine may not show but the loaded machine has; the bars of linkages,
+    which look like the links' weight on level ground, and show on a slope. Bars are left out where the recording does
+    not tell them: then the links of the data sheet contain them."""
+    folds, whole = _folds(model, factors), model
+    model = _with_told_bars(model, factors, noise)
     laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]
-    best = _errors(model, laws, factors, noise, folds)
+    best = _errors(whole, laws, factors, noise, folds)
     errors = {laws[0]: float(np.mean(best))}
     for law in [law for law in model.friction if law not in laws]:
-        error = _errors(model, (*laws, law), factors, noise, folds)
+        error = _errors(whole, (*laws, law), factors, noise, folds)
         errors[law] = float(np.mean(error))
         gain = best - error
         if np.mean(gain) > 2.0 * np.std(gain) / np.sqrt(max(len(gain) - 1, 1)):
             laws, best = (*laws, law), error
     return tuple(sorted(laws, key=FRICTION.index)), errors
+
+
+def _with_told_bars(model: Model, factors: Factors, noise: Array) -> Model:
+    """The model, without the bars of linkages unless the recording tells all of them."""
+    laws = tuple(law for law in model.friction if law in CERTAIN)
+    part = Model(model.machine, model.filters, laws)
+    untold = _not_told(part, least_squares(chosen(factors, _of(model, part)), noise, part.prior)) if laws else ()
+    if not any(name.endswith(f".{BARS}") for name in untold):
+        return model
+    return Model(model.machine, model.filters, tuple(law for law in model.friction if law != BARS))
 
 
 def _folds(model: Model, factors: Factors) -> Array:
