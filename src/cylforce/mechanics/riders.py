@@ -58,10 +58,11 @@ def _joints(values: NDArray[Any]) -> list[Any]:
 def rider(at: Pins, pin: Pin) -> Rider:
     """A point that is fixed to a body (0: the chassis)."""
     (body, local), still = pin, 0.0 * at.turn[0]
-    place, velocity = local + still, still
+    place: Vector = local + still
+    velocity: Vector = still
     if body:
-        place = local * at.turn[body - 1]
-        place, velocity = at.place[body - 1] + place, at.velocity[body - 1] + 1j * place * at.qd[body - 1]
+        own = local * at.turn[body - 1]
+        place, velocity = at.place[body - 1] + own, at.velocity[body - 1] + 1j * own * at.qd[body - 1]
     beyond = [still] * (len(at.turn) - body)
     gradient = [1j * (place - p) for p in at.place[:body]]
     return Rider(place, velocity, gradient + beyond, [1j * (velocity - v) for v in at.velocity[:body]] + beyond)
