@@ -73,7 +73,7 @@ def identify(
         sentence = doubt(model, whole, evidence[0])
         if sentence is not None:
             raise ValueError(sentence)
-    laws, errors = _choose(model, factors, noise)
+    laws, errors = _laws(model, factors, noise)
     best = Model(model.machine, model.filters, laws)
     fewer = chosen(factors, _of(model, best))
     fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
@@ -188,36 +188,37 @@ def _beside_tool(model: Model, part: Model, whole: Factors) -> Factors:
     return chosen(whole, [*_of(model, part), *range(len(model.parameters), whole.triangle.shape[-1] - 1)])
 
 
-def _choose(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
-    """(Chosen friction laws, mean squared prediction error of each law tried), by cross-validation: blocks of similar
-    posture form a fold, so that postures are predicted which the fit did not contain. A law is added when it improves
-    the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in: Coulomb friction;
-    the delay, because every sensor lags, and viscous friction would take its place with too small a standard error;
-    load-dependent friction, which the empty machine may not show but the loaded machine has; the bars of linkages,
-    which look like the links' weight on level ground, and show on a slope. Bars are left out where the recording does
-    not tell them: then the links of the data sheet contain them."""
-    folds, whole = _folds(model, factors), model
-    model = _with_told_bars(model, factors, noise)
-    laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]
-    best = _errors(whole, laws, factors, noise, folds)
+def _laws(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
+    """As `_choose`, without the bars of linkages where the recording does not tell all of them: the links contain them
+    then, as in the data sheet."""
+    laws, errors = _choose(model, model.friction, factors, noise)
+    part = Model(model.machine, model.filters, laws)
+    untold = _not_told(part, least_squares(chosen(factors, _of(model, part)), noise, part.prior))
+    if not any(name.endswith(f".{BARS}") for name in untold):
+        return laws, errors
+    return _choose(model, tuple(law for law in model.friction if law != BARS), factors, noise)
+
+
+def _choose(
+    model: Model, allowed: tuple[str, ...], factors: Factors, noise: Array
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """(Chosen friction laws among those `allowed`, mean squared prediction error of each tried), by cross-validation:
+    blocks of similar posture form a fold, so that postures are predicted which the fit did not contain. A law is added
+    when it improves the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in:
+    Coulomb friction; the delay, because every sensor lags, and viscous friction would take its place with too small a
+    standard error; load-dependent friction, which the empty machine may not show but the loaded machine has; the bars
+    of linkages, which look like the links' weight on level ground, and show on a slope."""
+    folds = _folds(model, factors)
+    laws = tuple(law for law in allowed if law in CERTAIN) or allowed[:1]
+    best = _errors(model, laws, factors, noise, folds)
     errors = {laws[0]: float(np.mean(best))}
-    for law in [law for law in model.friction if law not in laws]:
-        error = _errors(whole, (*laws, law), factors, noise, folds)
+    for law in [law for law in allowed if law not in laws]:
+        error = _errors(model, (*laws, law), factors, noise, folds)
         errors[law] = float(np.mean(error))
         gain = best - error
         if np.mean(gain) > 2.0 * np.std(gain) / np.sqrt(max(len(gain) - 1, 1)):
             laws, best = (*laws, law), error
     return tuple(sorted(laws, key=FRICTION.index)), errors
-
-
-def _with_told_bars(model: Model, factors: Factors, noise: Array) -> Model:
-    """The model, without the bars of linkages unless the recording tells all of them."""
-    laws = tuple(law for law in model.friction if law in CERTAIN)
-    part = Model(model.machine, model.filters, laws)
-    untold = _not_told(part, least_squares(chosen(factors, _of(model, part)), noise, part.prior)) if laws else ()
-    if not any(name.endswith(f".{BARS}") for name in untold):
-        return model
-    return Model(model.machine, model.filters, tuple(law for law in model.friction if law != BARS))
 
 
 def _folds(model: Model, factors: Factors) -> Array:
