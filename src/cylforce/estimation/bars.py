@@ -44,7 +44,7 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
     columns = _columns(machine, names)
     if not columns:
         return prior
-    told = [guess(c, c.linkage) for c in machine.cylinders if isinstance(c.linkage, FourBar)]
+    told = [guess(c, machine.four_bars[c.name]) for c in machine.cylinders if c.name in machine.four_bars]
     mean, covariance = prior.mean.copy(), prior.covariance.copy()
     mean[columns] = [g.mean for g in told]
     covariance[columns, columns] = [g.standard_error**2 for g in told]
@@ -62,9 +62,7 @@ def represented(machine: Machine, names: tuple[str, ...]) -> Array:
 
 def balanced(machine: Machine) -> frozenset[str]:
     """Names of the parameters of bars on both sides of the rocker's pin, whose first moment may have either sign."""
-    return frozenset(
-        f"{c.name}.rocker" for c in machine.cylinders if isinstance(c.linkage, FourBar) and c.linkage.eye.real < 0.0
-    )
+    return frozenset(f"{name}.rocker" for name, bars in machine.four_bars.items() if bars.eye.real < 0.0)
 
 
 def _columns(machine: Machine, names: tuple[str, ...]) -> list[int]:

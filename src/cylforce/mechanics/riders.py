@@ -79,13 +79,13 @@ def rocker(at: Pins, bars: FourBar) -> tuple[Rider, Rider]:
     arm = _arm(bars, base)
     bar = arm - base
     inverse = _inverse(_cross(arm, bar))
-    spin = [_dot(bar, g) * inverse for g in gradient]
+    both = min(bars.rocker_pin[0], bars.link_pin[0])  # the joints that turn the whole linkage
+    spin = [1.0] * both + [_dot(bar, g) * inverse for g in gradient[both:]]
     velocity = 1j * arm * sum(s * w for s, w in zip(spin, [at.qd[0], *_less(at.qd[1:], at.qd)], strict=True))
     speed = velocity - link.velocity + pin.velocity
     grows = _cross(velocity, bar) + _cross(arm, speed)
-    gains = [
-        (_dot(speed, g) + _dot(bar, h) - grows * s) * inverse for s, g, h in zip(spin, gradient, rate, strict=True)
-    ]
+    swinging = zip(spin[both:], gradient[both:], rate[both:], strict=True)
+    gains = [0.0] * both + [(_dot(speed, g) + _dot(bar, h) - grows * s) * inverse for s, g, h in swinging]
     end = Rider(
         pin.place + arm,
         pin.velocity + velocity,
@@ -100,8 +100,9 @@ def _less(these: list[Any], those: list[Any]) -> list[Any]:
 
 
 def _arm(bars: FourBar, base: Vector) -> Vector:
-    found = bars.arm(np.asarray(base))
-    return complex(found) if isinstance(base, complex) else found
+    if not isinstance(base, complex):
+        return bars.arm(base)
+    return complex(bars.arm(np.asarray(base)))
 
 
 def _inverse(value: Number) -> Number:

@@ -23,17 +23,16 @@ class RockerWeight:
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """The first moment w [kg m] of every four-bar linkage."""
-        return tuple(Parameter(f"{c.name}.rocker", "kg m") for c in machine.cylinders if isinstance(c.linkage, FourBar))
+        return tuple(Parameter(f"{name}.rocker", "kg m") for name in machine.four_bars)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Momentum and static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be closed."""
-        bars = [c.linkage for c in machine.cylinders if isinstance(c.linkage, FourBar)]
         at, up = pins(machine, moving), _up(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
-            columns = [_column(machine, moving, at, up, bar) for bar in bars]
+            columns = [_column(machine, moving, at, up, bar) for bar in machine.four_bars.values()]
         found = np.array(columns)  # (K, 2, N, ...)
         found = np.where(np.isfinite(found), found, 0.0)
-        return Halves(*np.moveaxis(found, (1, 2, 0), (0, -2, -1)))
+        return Halves(*found.transpose(1, *range(3, found.ndim), 2, 0))
 
 
 def _up(moving: Motion) -> Vector:
