@@ -17,13 +17,14 @@ from cylforce.effects.friction.stribeck import Stribeck
 from cylforce.effects.friction.viscous_friction import ViscousFriction
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.effects.loads.rocker_weight import RockerWeight
-from cylforce.effects.loads.slew import Slew, slew_parameters
+from cylforce.effects.loads.slew import Slew
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.delay import Delay
 from cylforce.effects.sensors.pressure_zero import PressureZero
 from cylforce.estimation.bars import with_bars
 from cylforce.estimation.batch import Prior
 from cylforce.estimation.channels import Channels
+from cylforce.estimation.depth import slewing
 from cylforce.estimation.fast import FastRegressor
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
@@ -242,9 +243,10 @@ class Model:
         """Prior (name, mean, standard error) of every parameter of slew, friction and delay, not of the bars."""
         guesses = []
         if self._slews:
-            for link, (excess, product) in zip(self.machine.links, slew_parameters(self.machine.links), strict=True):
-                guesses.append((f"{link.name}.D_excess", excess, 0.2 * abs(excess) + 1.0))
-                guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
+            for link in self.machine.links:
+                told = slewing(link, tool=link is self.machine.links[-1])
+                guesses.append((f"{link.name}.D_excess", told.excess, told.excess_error))
+                guesses.append((f"{link.name}.E", told.product, told.product_error))
         for law in self.friction:
             if law == BARS:
                 continue
