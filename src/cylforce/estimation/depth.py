@@ -1,6 +1,7 @@
-"""What a data sheet tells of the centrifugal terms of a link (mechanics/README.md, section 4): D - J is
--2 (m cz^2 + f I) and E is m cx cz + t I, f the share of the inertia I about the centre that the link's depth has, t the angle between its
-long axis and the line of its pins. No data sheet has f and t."""
+"""What a data sheet tells of the centrifugal terms of a link (mechanics/README.md, section 4).
+
+D - J = -2 (m cz^2 + f I) and E = m cx cz + t I: f is the share of the inertia I about the centre that the link's depth
+has, t the angle between its long axis and the line of its pins. No data sheet has f and t."""
 
 from math import sqrt
 from typing import NamedTuple
