@@ -1,6 +1,7 @@
 """The shared material beside the repository, and the rule that nothing else may be a reason to skip."""
 
 import os
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,7 @@ def pytest_report_header():
 def pytest_addoption(parser):
     default = os.environ.get("CYLFORCE_SHARED", str(ROOT.parent / "shared"))
     parser.addoption("--shared", default=default, metavar="PATH", help=f"folder with data/ (now {default})")
+    parser.addoption("--all", action="store_true", help="also the tests marked `long`: whole sweeps of studies")
 
 
 def shared_folder(config):
@@ -57,11 +59,43 @@ def _own_cache(tmp_path_factory):
 
 def pytest_configure(config):
     config.pluginmanager.register(Skips(config), "cylforce-skips")
+    config.pluginmanager.register(Long(config), "cylforce-long")
 
 
 def pytest_collection_modifyitems(items):
     place = {name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.name, len(LONGEST)))
+
+
+class Long:
+    """Leaves out tests marked `long` unless `--all` is given, and tells how many of which files these are."""
+
+    def __init__(self, config):
+        self.config = config
+        self.left_out = {}
+
+    def pytest_collection_modifyitems(self, items):
+        if self.config.getoption("--all"):
+            return
+        long = [item for item in items if item.get_closest_marker("long")]
+        items[:] = [item for item in items if item not in long]
+        self.config.hook.pytest_deselected(items=long)
+        self.left_out = dict(Counter(item.path.name for item in long))
+
+    def pytest_sessionfinish(self):
+        if hasattr(self.config, "workeroutput"):
+            self.config.workeroutput["left_out"] = self.left_out
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node):
+        """Every process collects all tests."""
+        self.left_out = self.left_out or getattr(node, "workeroutput", {}).get("left_out", {})
+
+    def pytest_terminal_summary(self, terminalreporter):
+        if self.left_out:
+            files = ", ".join(f"{count} of {name}" for name, count in sorted(self.left_out.items()))
+            line = f"{sum(self.left_out.values())} long tests did not run (--all runs them): {files}"
+            terminalreporter.write_line(line, yellow=True, bold=True)
 
 
 class Skips:

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.diagnosis import asked
-from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.problem import Seen, looked_at
-from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.problem import Seen, looked_at
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.search import asked
 from cylforce.effects.imposed import Imposed
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.settings.machine_file import load

@@ -4,11 +4,11 @@ and what the reference does as well is no effect."""
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.diagnosis import examined
-from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.riding import riding
-from cylforce.diagnosis.rows import Viewer
-from cylforce.diagnosis.verdict import searched
+from cylforce.diagnosis.answer.verdict import searched
+from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.riding import riding
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.geometry.boom_motion import BoomMotion
 from cylforce.effects.imposed import imposed
 from cylforce.effects.loads.rigid import Rigid

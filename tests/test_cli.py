@@ -49,6 +49,8 @@ def files(tmp_path_factory):
     (folder / "binary.toml").write_bytes(b"\xff\xfe\x00")
     os.mkfifo(folder / "pipe.toml")
     os.mkfifo(folder / "pipe.log")
+    for name in ("huge.toml", "endless.log", "endless.csv"):
+        (folder / name).write_text("a" * (11_000_000 if name == "huge.toml" else 2_000_000))
     return folder
 
 
@@ -94,6 +96,12 @@ MENDABLE = [
     ("replay M @/run.log --identified @/pipe.toml", r"pipe\.toml: is no ordinary file"),
     ("gap M @/pipe.log", r"pipe\.log: is no ordinary file"),
     ("sim M --effects @/pipe.toml", r"pipe\.toml: is no ordinary file"),
+    ("describe @/huge.toml", r"huge\.toml: is larger than 10 MB"),
+    ("replay M @/run.log --identified @/huge.toml", r"huge\.toml: is larger than 10 MB"),
+    ("sim M --effects @/huge.toml", r"huge\.toml: is larger than 10 MB"),
+    ("replay M @/endless.log", r"endless\.log, line 1: longer than 1000000 characters"),
+    ("identify M @/endless.csv -o @/o.toml", r"endless\.csv, line 1: longer than 1000000 characters"),
+    ("gap M @/endless.csv", r"endless\.csv, line 1: longer than 1000000 characters"),
     ("describe M --svg @/run.log", r"run\.log: exists and is no \.svg file, so it is kept"),
     ("describe M --eds @/run.csv", r"run\.csv: exists and is no \.eds file"),
     ("replay M @/run.csv -o @/moves.log", r"moves\.log: exists and is no \.csv file"),

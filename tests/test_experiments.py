@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.posterior import NOTHING
+from cylforce.diagnosis.inference.posterior import NOTHING
 from cylforce.mechanics.workspace import drive_angles, driven, working_range
 from cylforce.programs.experiments.catalogue import SECONDS, catalogue
 from cylforce.programs.experiments.separation import Candidate, Separation, Told, _worth, said

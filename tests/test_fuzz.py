@@ -1,4 +1,5 @@
-"""A million arbitrary frames: no exception, no warning, no NaN where a value is promised, and OK always means it."""
+"""Half a million arbitrary frames, a million with `--all`: no exception, no warning, no NaN where a value is promised,
+and OK always means it."""
 
 import os
 import secrets
@@ -197,11 +198,14 @@ def machine(name, real):
     return loaded, Core(loaded.service, tares)
 
 
-@pytest.mark.parametrize(("name", "real"), [("excavator_20t.toml", False), ("excavator_stick_bucket.toml", True)])
+@pytest.mark.parametrize(
+    ("name", "real"),
+    [("excavator_20t.toml", False), pytest.param("excavator_stick_bucket.toml", True, marks=pytest.mark.long)],
+)
 def test_a_million_arbitrary_frames(name, real):
-    """Half a million for each of two machines: arbitrary frames, good motion of which a share is spoiled, and motion
-    that cannot be; more than 10 000 ticks each. Nothing raises or warns, every status OK is honest, every published
-    frame decodes, and OK was reached."""
+    """Half a million for each of two machines, one of them `long`: arbitrary frames, good motion of which a share is
+    spoiled, and motion that cannot be; more than 10 000 ticks each. Nothing raises or warns, every status OK is honest,
+    every published frame decodes, and OK was reached."""
     seed = int(os.environ.get("CYLFORCE_FUZZ_SEED") or secrets.randbits(32))
     print(f"CYLFORCE_FUZZ_SEED={seed}")
     loaded, core = machine(name, real)

@@ -4,9 +4,9 @@ that. (Our own simulator; a real machine: test_crane_gap.py.)"""
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.clocks import LATE_S, of_piece, slips
-from cylforce.diagnosis.rows import Recorded
-from cylforce.diagnosis.shifted import JointRows
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.recordings.clocks import LATE_S, of_piece, slips
+from cylforce.diagnosis.recordings.shifted import JointRows
 from cylforce.effects.fault import Place, places
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.diagnosis import asked
-from cylforce.diagnosis.floor import fitted_tares, noise_floor
-from cylforce.diagnosis.problem import Problem, looked_at
-from cylforce.diagnosis.rows import Viewer
-from cylforce.diagnosis.whitening import whitened
+from cylforce.diagnosis.columns.floor import fitted_tares, noise_floor
+from cylforce.diagnosis.columns.problem import Problem, looked_at
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.columns.whitening import whitened
+from cylforce.diagnosis.inference.search import asked
 from cylforce.effects.fault import ForceLaw
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.model import FRICTION, Model

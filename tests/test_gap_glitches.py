@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.glitches import jumping
-from cylforce.diagnosis.rows import Recorded
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.recordings.glitches import jumping
 from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch
 from machines import excavator
 

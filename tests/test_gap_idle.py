@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.idle import LOADS, TIPS, _at_rest
-from cylforce.diagnosis.rows import BLOCK
+from cylforce.diagnosis.columns.rows import BLOCK
+from cylforce.diagnosis.inference.idle import LOADS, TIPS, _at_rest
 from cylforce.effects.fault import INCIDENTAL
 
 OWN, ROWS, COUNT = 6, 3, 40

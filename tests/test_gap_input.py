@@ -4,8 +4,8 @@ file; never a confident name. (Files that cannot be read, and recordings too sho
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.rows import Recorded
-from cylforce.diagnosis.strangers import frozen, strange
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.recordings.strangers import frozen, strange
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError

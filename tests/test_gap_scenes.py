@@ -4,10 +4,10 @@ two laws of friction by themselves. (Our own simulator: this shows that the prog
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.diagnosis import examined
-from cylforce.diagnosis.posterior import NOTHING
-from cylforce.diagnosis.shrinkage import tried, written
-from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.answer.shrinkage import tried, written
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.inference.posterior import NOTHING
+from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed
@@ -80,7 +80,7 @@ def rippled(values: np.ndarray) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("change", [mixed, rippled])
+@pytest.mark.parametrize("change", [mixed, pytest.param(rippled, marks=pytest.mark.long)])
 def test_what_no_effect_of_the_library_makes_is_unknown(reference, change):
     assert concluded(reference, change=change)[1].verdict is Verdict.UNKNOWN
 

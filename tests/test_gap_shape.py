@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.answer.shape import unexplained
 from cylforce.diagnosis.numbers import HALF, SLIGHT
-from cylforce.diagnosis.shape import unexplained
 
 RATE_HZ, NOISE, SEED = 20.0, 50.0, 3
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.residuals import rms
-from cylforce.diagnosis.where import EXCHANGES, REGIMES, SPAN, chance, where
+from cylforce.diagnosis.answer.where import EXCHANGES, REGIMES, SPAN, chance, where
+from cylforce.diagnosis.inference.residuals import rms
 
 SEED, CASES = 11, 1000
 FIELD, ORDER = 16, 40  # spans

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from cylforce.diagnosis.verdict import Verdict
+from cylforce.diagnosis.answer.verdict import Verdict
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.programs.gap_output import show
 from cylforce.programs.wording.fault_words import TOLD, WORDS, amount, fault, place
@@ -172,6 +172,6 @@ def test_the_terminal_cuts_nothing_off_at_80_columns(capsys):
 
 
 def test_every_circumstance_has_words():
-    from cylforce.diagnosis.where import REGIMES
+    from cylforce.diagnosis.answer.where import REGIMES
 
     assert set(WHEN) == set(REGIMES)

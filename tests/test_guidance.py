@@ -86,7 +86,7 @@ def test_pieces_of_any_size_and_bridged_gaps_cover_the_same():
     assert len(GUIDE.absorb(whole, torn[1000:1300], 5).tail) == 0
 
 
-@pytest.mark.parametrize("kg", [300.0, 1500.0])
+@pytest.mark.parametrize("kg", [300.0, pytest.param(1500.0, marks=pytest.mark.long)])
 def test_a_loaded_bucket_is_refused_early(kg):
     told, _ = commissioned(LOADED, Guide(MODEL), 71, kg)
     assert told[-1].seconds < 60.0

@@ -7,13 +7,14 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from cylforce.diagnosis.diagnosis import settled
-from cylforce.diagnosis.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
-from cylforce.diagnosis.hypotheses import Inference, InOrder
+from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
+from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
+from cylforce.diagnosis.inference.hypotheses import Inference
+from cylforce.diagnosis.inference.in_order import InOrder
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Asked, Belief, Happened, believed, calibrated
+from cylforce.diagnosis.inference.search import settled
+from cylforce.diagnosis.inference.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.numbers import UNSEEN, UNSURE
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Asked, Belief, Happened, believed, calibrated
-from cylforce.diagnosis.sizes import BEYOND, Column, Terms, log_size
-from cylforce.diagnosis.statistics import SMOOTH, Statistics
 from layers.everyday import learnt
 from layers.intervals import wilson
 from layers.logistic import fitted

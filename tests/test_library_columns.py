@@ -5,8 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.friction.stribeck import Stribeck
 from cylforce.effects.imposed import imposed

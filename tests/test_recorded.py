@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cylforce.diagnosis.asking import Asking, Noisy, Step
-from cylforce.diagnosis.problem import Problem, Seen
-from cylforce.diagnosis.rows import BLOCK, Recorded, Viewer
-from cylforce.diagnosis.whitening import Floor
+from cylforce.diagnosis.columns.problem import Problem, Seen
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import BLOCK, Viewer
+from cylforce.diagnosis.columns.whitening import Floor
+from cylforce.diagnosis.inference.asking import Asking, Noisy, Step
 from cylforce.effects.library import proposals
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.segments import Part, parts, stretches

@@ -374,11 +374,12 @@ while True:
 """
 
 
-def test_killed_at_random_moments_nothing_is_lost_or_doubled(path):
-    """20 times kill -9 while bookings are written: what was told is there, once; totals are the sums."""
+@pytest.mark.parametrize("times", [5, pytest.param(20, marks=pytest.mark.long)])
+def test_killed_at_random_moments_nothing_is_lost_or_doubled(path, times):
+    """So many times kill -9 while bookings are written: what was told is there, once; totals are the sums."""
     rng, told = random.Random(3), 0
     program = WORKER.format(tests=str(Path(__file__).parent))
-    for _ in range(20):
+    for _ in range(times):
         worker = subprocess.Popen([sys.executable, "-c", program, path], stdout=subprocess.PIPE, text=True)
         first = int(worker.stdout.readline())
         time.sleep(rng.uniform(0.0, 0.05))

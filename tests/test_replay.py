@@ -19,9 +19,10 @@ from cylforce.files.logfile import LogWriter, file_sha256
 from cylforce.files.logreader import log_header, read_events
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import header_of, make_core, model_of
+from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.replay import run_replay, unbooked, write_estimates
-from cylforce.programs.run import Daemon, configure_messages
+from cylforce.programs.run import Daemon
 from cylforce.programs.sim import run_sim
 from cylforce.service.publication import published
 from cylforce.service.state import NOTHING_KEPT

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.problem import Problem, Seen, looked_at
-from cylforce.diagnosis.resimulation import Resimulation, read_blocks
-from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.diagnosis.answer.resimulation import Resimulation, read_blocks
+from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.problem import Problem, Seen, looked_at
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.effects.imposed import distorted, undistorted
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.common.gap_answer import bars, measured

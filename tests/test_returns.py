@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.returns import Returns
-from cylforce.diagnosis.rows import RATE_HZ, GapRows, Recorded
+from cylforce.diagnosis.columns.recorded import GapRows, Recorded
+from cylforce.diagnosis.columns.returns import Returns
+from cylforce.diagnosis.columns.rows import RATE_HZ
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.settings.machine_file import load

@@ -5,8 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.diagnosis import asked
-from cylforce.diagnosis.rows import GapRows, Recorded, Viewer
+from cylforce.diagnosis.columns.recorded import GapRows, Recorded
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.search import asked
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache, cache_folder
 from gap_scene import MACHINE, as_it_was
 

@@ -7,7 +7,8 @@ from math import radians
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.rows import Recorded, Viewer
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.effects.fault import Alteration, Distortion
 from cylforce.effects.library import proposals
 from cylforce.estimation.model import FRICTION, Model

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.rows import Recorded
-from cylforce.diagnosis.shaking import noises, shaking, white_noise
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.recordings.shaking import noises, shaking, white_noise
 from gap_scene import MACHINE
 
 DECLARED = np.array([s.standard_error for s in MACHINE.signals])

@@ -81,12 +81,6 @@ def test_a_pattern_for_a_single_effect(tmp_path):
     assert effect_tests(written(tmp_path, {"house/high/wet.py": text})) == {"low": 0, "high": 1}
 
 
-def test_the_exempt_room_may_test_for_single_effects(tmp_path):
-    found = written(tmp_path, {"house/diagnosis/wet.py": "def f(x):\n    return isinstance(x, Drop)\n"})
-    assert effect_tests(found)["diagnosis"] == 1
-    assert broken(structure(found)) == []
-
-
 @pytest.mark.parametrize("more", [0, 1])
 def test_files_in_a_folder(tmp_path, more):
     files = {f"house/low/brick{k}.py": "" for k in range(MOST_FILES - 1 + more)}  # and stone.py

@@ -23,7 +23,6 @@ SOURCE = Path(__file__).resolve().parents[1] / "src"
 MOST_FILES = 15  # in a folder, __init__.py not counted
 MOST_LINES = 300  # in a file
 MEDIAN_LINES, SHORT_LINES, SHORT_SHARE, LONGEST_LINES = 8, 20, 0.9, 40  # in a function's body
-EXEMPT = "diagnosis"  # until it is rebuilt: from the limits on files, lines of a file and tests for single effects
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -213,8 +212,6 @@ def broken(found: Structure) -> list[str]:
 
 def _broken_folders(found: Mapping[str, Folder]) -> Iterator[str]:
     for name, folder in found.items():
-        if is_exempt(name):
-            continue
         if folder.files > MOST_FILES:
             yield f"{name} has {folder.files} files; the limit is {MOST_FILES}"
         if folder.lines > MOST_LINES:
@@ -236,13 +233,8 @@ def _broken_names(found: Structure) -> Iterator[str]:
     for name, paths in found.duplicates.items():
         yield f"class {name} is defined {len(paths)} times: {', '.join(paths)}"
     for room, count in found.effect_tests.items():
-        if count and room != EXEMPT:
+        if count:
             yield f"{room} tests {count} times for single effects: let the effect say what is asked of it"
-
-
-def is_exempt(folder: str) -> bool:
-    """Whether a folder belongs to the room that is exempt."""
-    return EXEMPT in folder.split("/")
 
 
 def show(found: Structure, console: Console) -> None:
@@ -252,9 +244,8 @@ def show(found: Structure, console: Console) -> None:
     for column in ("files", "largest file", "lines"):
         table.add_column(column, justify="right")
     for name, folder in found.folders.items():
-        table.add_row(name + " *" * is_exempt(name), str(folder.files), folder.largest, str(folder.lines))
+        table.add_row(name, str(folder.files), folder.largest, str(folder.lines))
     console.print(table)
-    console.print(f"* {EXEMPT} is exempt from these limits and from tests for single effects until it is rebuilt.\n")
     f = found.functions
     console.print(f"functions: {f.functions}; lines of the body: median {f.median:g} (limit {MEDIAN_LINES}),")
     console.print(f"  {f.short:.1%} at most {SHORT_LINES} (at least {SHORT_SHARE:.0%}), longest {f.lines}", end=" ")

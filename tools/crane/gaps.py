@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.clocks import slips
-from cylforce.diagnosis.rows import Recorded
-from cylforce.diagnosis.verdict import Cause, Search
+from cylforce.diagnosis.answer.verdict import Cause, Search
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.recordings.clocks import slips
 from cylforce.effects.fault import MassChange
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cylforce.diagnosis.discrepancy import Scatter, Sums
-from cylforce.diagnosis.hypotheses import Inference, InOrder
+from cylforce.diagnosis.inference.discrepancy import Scatter, Sums
+from cylforce.diagnosis.inference.hypotheses import Inference
+from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.numbers import USUALLY
 
 LEARNT = 0.02, 1.0  # the least and the largest that is learnt: beyond the least plausible size it is a fault

@@ -19,14 +19,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.asking import Asking, noisy
-from cylforce.diagnosis.diagnosis import asked, examined
-from cylforce.diagnosis.discrepancy import Sums
-from cylforce.diagnosis.floor import noise_floor
-from cylforce.diagnosis.hypotheses import InOrder
-from cylforce.diagnosis.idle import idle
-from cylforce.diagnosis.numbers import EVERYDAY, ODD
-from cylforce.diagnosis.posterior import (
+from cylforce.diagnosis.columns.floor import noise_floor
+from cylforce.diagnosis.columns.problem import Problem, looked_at
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.asking import Asking, noisy
+from cylforce.diagnosis.inference.discrepancy import Sums
+from cylforce.diagnosis.inference.idle import idle
+from cylforce.diagnosis.inference.in_order import InOrder
+from cylforce.diagnosis.inference.posterior import (
     NOTHING,
     UNKNOWN,
     Asked,
@@ -36,8 +36,8 @@ from cylforce.diagnosis.posterior import (
     calibrated,
     largest_evidence,
 )
-from cylforce.diagnosis.problem import Problem, looked_at
-from cylforce.diagnosis.rows import Viewer
+from cylforce.diagnosis.inference.search import asked, examined
+from cylforce.diagnosis.numbers import EVERYDAY, ODD
 from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import chosen
 from cylforce.programs.gap import ALWAYS, Question, viewed_by
@@ -355,7 +355,7 @@ def left_out(row: Row) -> Row | None:
 
 HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --air --write`: data."""
 
-from cylforce.diagnosis.posterior import Outcomes
+from cylforce.diagnosis.inference.posterior import Outcomes
 
 '''
 

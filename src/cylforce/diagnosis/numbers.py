@@ -30,9 +30,13 @@ EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 EXPECTED = ("coulomb_friction", "first_moment_change")
 IDENTIFIED = (*EXPECTED, "viscous_friction", "load_dependent_friction", "asymmetric_friction")
 
-# Noise of a sensor, of the larger of what it declares and what its references show: convention (three times is 9 times
-# the power; twice would tell a sensor that is only worse than its data sheet).
+# Noise of a sensor, of the larger of what it declares and what its references show; how fast a base turns, of how fast
+# it turned in the references: convention (three times is 9 times the power; twice would tell a sensor that is only
+# worse than its data sheet).
 SHAKES = 3.0
+
+# Lines of a spectrum that noise alone would show in a diagnosis: fewer, and it is vibration (convention).
+VIBRATES = 0.01
 
 # Rate of jumps of a reading, log-uniform: from once a day to every other second, as with a loose contact (physics).
 GLITCHES_PER_S = (1.0 / 86400.0, 0.5)
@@ -56,7 +60,6 @@ MARGIN = 2.0  # times the energy, by which the same machine may differ from itse
 
 # A base that moves, by its tilt sensor.
 STANDING = 5e-4  # rad/s, rms: what stands turns as fast (physics: noise of such sensors, filtered)
-MORE = 3.5  # times as fast as in the references turns a base that is said to move (convention)
 
 # Costs of an answer, in units of a wrong name (conventions): naming alone pays from a probability of 0.8 on.
 MISSED = 0.5  # "no gap" where there is one

@@ -3,11 +3,17 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
+from typing import TextIO
 
 import structlog
 
 Tell = Callable[[str], None]
+
+
+LONGEST = 1_000_000  # characters of a line of a recording: many times the longest header; chosen
+LARGEST = 10_000_000  # bytes of a file of settings: a thousand times the shipped ones; chosen
 
 
 class RecordingError(Exception):
@@ -22,6 +28,22 @@ def warn(sentence: str) -> None:
 def is_stream(path: Path) -> bool:
     """Whether a path is a pipe or a device, from which reading may never end."""
     return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def is_large(path: Path) -> bool:
+    """Whether a file is larger than any settings are."""
+    return path.is_file() and path.stat().st_size > LARGEST
+
+
+def lines_of(path: Path, file: TextIO) -> Iterator[str]:
+    """The lines of a text recording, one after the other; raises RecordingError for one that is none."""
+    for number in count(1):
+        text = file.readline(LONGEST + 1)
+        if len(text) > LONGEST:
+            raise RecordingError(f"{path}, line {number}: longer than {LONGEST} characters: no recording")
+        if not text:
+            return
+        yield text
 
 
 def check_ordinary(path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.files.atomic import RecordingError
+from cylforce.files.atomic import RecordingError, lines_of
 from cylforce.signals.estimate import Array
 
 ROWS = 1 << 15  # in memory at once
@@ -49,12 +49,14 @@ def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
 
 
 def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
-    head = file.readline()
+    lines_read = lines_of(path, file)
+    head = next(lines_read, "")
     delimiter = next((mark for mark in ",;\t" if mark in head), ",")
-    present = [name.strip() for name in next(csv.reader([head], delimiter=delimiter, skipinitialspace=True), [])]
+    _, header = next(_csv_rows(path, iter([head]), delimiter), (1, list[str]()))
+    present = [name.strip() for name in header]
     positions = _positions(path, present, names)
     numbers, lines = array("d"), array("q")
-    for line, row in _csv_rows(path, file, delimiter):
+    for line, row in _csv_rows(path, lines_read, delimiter):
         if len(row) == len(present):
             numbers.extend(_numbers(path, line, row, positions, names))
             lines.append(line)
@@ -66,9 +68,9 @@ def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
     yield Cells(np.array(numbers).reshape(-1, len(names)), "line", np.array(lines))
 
 
-def _csv_rows(path: Path, file: TextIO, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+def _csv_rows(path: Path, lines: Iterator[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Every row after the header, with its line."""
-    reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     try:
         for row in reader:
             yield reader.line_num + 1, row

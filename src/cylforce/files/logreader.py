@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from cylforce.files.atomic import RecordingError, Tell, check_ordinary, warn
+from cylforce.files.atomic import RecordingError, Tell, check_ordinary, lines_of, warn
 from cylforce.files.candump import HEAD, Line, Sent, is_newer_frame, own_event, parsed
 from cylforce.files.logfile import Header, header_from
 from cylforce.files.messages import messages
@@ -102,7 +102,7 @@ def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Line]:
     skipped = 0
     try:
         with path.open(encoding="latin-1", newline="\n") as file:
-            for number, text in enumerate(file, 1):
+            for number, text in enumerate(lines_of(path, file), 1):
                 said = parsed(text)
                 if not text.endswith("\n") and (ours or said is None):
                     tell(f"{path}: line {number}, the last, is cut off and was left out")

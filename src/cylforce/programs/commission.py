@@ -23,9 +23,10 @@ from cylforce.programs.common.progress import progress_bar
 from cylforce.programs.common.readings import calibrated, check_known_kg, header_of, model_of, tool_models
 from cylforce.programs.identify import How, run_identify, show
 from cylforce.programs.live.collector import Collector, View
+from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.picture import Screen, known, picture, summary
 from cylforce.programs.live.station import serve
-from cylforce.programs.run import Daemon, configure_messages, status_line
+from cylforce.programs.run import Daemon, status_line
 from cylforce.service.state import NOTHING_KEPT
 from cylforce.service.step import Core
 from cylforce.settings.identified import read_identified, write_identified

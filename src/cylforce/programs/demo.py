@@ -24,10 +24,11 @@ from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.common.score import CycleScore, ForceScore, score_cycles, score_force
+from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.shown import show
 from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
-from cylforce.programs.run import Daemon, configure_messages, show_status
+from cylforce.programs.run import Daemon, show_status
 from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate

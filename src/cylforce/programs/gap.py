@@ -6,17 +6,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.clocks import Slip, slips
-from cylforce.diagnosis.diagnosis import examined
-from cylforce.diagnosis.floor import fitted_tares
-from cylforce.diagnosis.idle import idle
-from cylforce.diagnosis.rows import RATE_HZ, Recorded, Viewer
-from cylforce.diagnosis.shaking import noises, shaking
-from cylforce.diagnosis.shape import unexplained
-from cylforce.diagnosis.shrinkage import Gap, tried
-from cylforce.diagnosis.strangers import frozen, strange
-from cylforce.diagnosis.verdict import Judged, Search, Verdict, contributed, judged, searched
-from cylforce.diagnosis.where import Spot, where
+from cylforce.diagnosis.answer.shape import unexplained
+from cylforce.diagnosis.answer.shrinkage import Gap, tried
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.answer.where import Spot, where
+from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.diagnosis.inference.idle import idle
+from cylforce.diagnosis.inference.search import examined
+from cylforce.diagnosis.recordings.clocks import Slip, slips
+from cylforce.diagnosis.recordings.shaking import noises, shaking
+from cylforce.diagnosis.recordings.strangers import frozen, strange
+from cylforce.diagnosis.recordings.vibration import vibrating, vibrations
 from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
@@ -107,11 +109,22 @@ def diagnose(
     motions = said(planned(everything, found))
     whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
-    noise = noises(loaded.service.machine, faulty, clean)
-    whole["noise"] = [each._asdict() for each in noise]
-    here = "" if clean else shifted(whole, verdict), apart(late) if late else "", shaking(noise)
+    sensors, shake = _sensors(loaded, faulty, clean)
+    whole |= sensors
+    here = "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole)
+
+
+def _sensors(loaded: Loaded, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> tuple[dict[str, Any], list[str]]:
+    """What is told of the readings themselves, which the filters hide: keys of the answer, and warnings."""
+    machine, filters = loaded.service.machine, loaded.service.filters
+    noise, lines = noises(machine, faulty, clean), vibrations(machine, filters, faulty, clean)
+    told = {
+        "noise": [each._asdict() for each in noise],
+        "vibration": [each._asdict() | {"sensors": [line._asdict() for line in each.sensors]} for each in lines],
+    }
+    return told, [shaking(noise), vibrating(lines, filters.rate_hz)]
 
 
 def _keeping(viewer: Viewer, loaded: Loaded, question: Question, kept: RowCache) -> Viewer:

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cylforce.diagnosis.patch import patch
-from cylforce.diagnosis.shrinkage import courses, written
+from cylforce.diagnosis.answer.patch import patch
+from cylforce.diagnosis.answer.shrinkage import courses, written
 from cylforce.files.atomic import replacing
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.tables import print_table

@@ -4,11 +4,10 @@
 import asyncio
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import partial
 from math import degrees
 from pathlib import Path
-from typing import NamedTuple, TextIO, cast
+from typing import NamedTuple
 
 import structlog
 
@@ -22,13 +21,16 @@ from cylforce.files.logfile import Header, LogWriter, Rotation
 from cylforce.mechanics.installation import Service
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, open_recorder
+from cylforce.programs.live.messages import configure_messages, last_messages
+from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
 from cylforce.service.booking import Missed
+from cylforce.service.publication import frames
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
-from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status
+from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status, no_estimate
 from cylforce.signals.events import Frame
 
 MISSING = 0x8250  # a sensor's PDOs stopped
@@ -74,6 +76,13 @@ class Daemon(Station[State]):
         super().start(loop)
         if self._j1939 is not None:
             self._j1939.claim(now_us())
+
+    def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
+        """The step failed: the last that is on the bus are values that are none, and an emergency."""
+        super().give_up(loop)
+        nothing = no_estimate(self.state.estimate.t_us, Reason.STARTING, self.state.estimate.booking)
+        for number, data in frames(self.core.service.publication, nothing):
+            self.node.publish(number, data)
 
     def after_frame(self, frame: Frame) -> None:
         """Another node may claim our J1939 address."""
@@ -175,36 +184,6 @@ def _text(q: Quantity, unit: str, scale: float) -> str:
     return f"{q.value * scale:.1f} +- {q.standard_error * scale:.1f} {unit}{mark}"
 
 
-class Messages:
-    """Lines on a stream. When they cannot be written (a closed pipe, a full disk), measuring goes on without them."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> None:
-        """Write, if it can still be written."""
-        with suppress(OSError, ValueError):
-            self._stream.write(text)
-
-    def flush(self) -> None:
-        """Flush, if there is something to flush to."""
-        with suppress(OSError, ValueError):
-            self._stream.flush()
-
-
-def configure_messages(stream: TextIO | None = None) -> None:
-    """Log as JSON lines on standard error or another stream."""
-    structlog.configure(
-        processors=[
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso", utc=True),
-            structlog.processors.JSONRenderer(default=str),
-        ],
-        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, Messages(stream or sys.stderr))),
-        cache_logger_on_first_use=True,
-    )
-
-
 def show_status(daemon: Daemon) -> None:
     """The status line, where there is a terminal."""
     if sys.stdout.isatty():
@@ -241,7 +220,8 @@ def run_daemon(
 
     async def main() -> Counts:
         daemon = Daemon(loaded, core, bus, writer, kept, recorder)
-        await serve(daemon, asyncio.Event(), lambda: show_status(daemon))
+        await serve(daemon, asyncio.Event(), lambda: show_status(daemon), manager=Manager())
+        structlog.get_logger("cylforce").info("stopped", **daemon.counts._asdict())
         return daemon.counts
 
     try:
@@ -249,5 +229,5 @@ def run_daemon(
     finally:
         if recorder is not None:
             recorder.close()
-    structlog.get_logger("cylforce").info("stopped", **counts._asdict())
+        last_messages()
     return counts

@@ -14,7 +14,7 @@ from pydantic import AllowInfNan, BaseModel, ConfigDict, ValidationError
 import cylforce
 from cylforce.commissioning.identification import Identification
 from cylforce.estimation.model import EXPECTED, FRICTION, BetweenStrokes, Model, Tares
-from cylforce.files.atomic import is_stream, replacing
+from cylforce.files.atomic import LARGEST, is_large, is_stream, replacing
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.signals.estimate import Array
 
@@ -196,6 +196,8 @@ def identified_warnings(path: Path) -> tuple[str, ...]:
 def _read(path: Path) -> IdentifiedFile:
     if is_stream(path):
         raise SettingsError(f"{path}: is no ordinary file but a pipe or a device; run `cylforce identify` first")
+    if is_large(path):
+        raise SettingsError(f"{path}: is larger than {LARGEST // 10**6} MB; run `cylforce identify` first")
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
         _check_kind(path, raw)

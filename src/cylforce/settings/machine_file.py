@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cylforce.estimation.model import FRICTION
-from cylforce.files.atomic import is_stream
+from cylforce.files.atomic import LARGEST, is_large, is_stream
 from cylforce.files.tables import TableMap
 from cylforce.mechanics.installation import Attachment, Filters, Health, SensorNode, Service
 from cylforce.mechanics.machine import Machine
@@ -83,6 +83,8 @@ def default_filters() -> Filters:
 def _text(path: Path) -> str:
     if is_stream(path):
         raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give the path of a machine file")
+    if is_large(path):
+        raise SettingsError(f"{path}: is larger than {LARGEST // 10**6} MB: give the path of a machine file")
     try:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:

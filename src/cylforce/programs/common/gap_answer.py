@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.clocks import Slip
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
-from cylforce.diagnosis.problem import Problem, Seen
-from cylforce.diagnosis.residuals import pushed, rms, weighed
-from cylforce.diagnosis.shrinkage import Gap, written
-from cylforce.diagnosis.verdict import Cause, Judged, Named, Search, Suspect, Verdict
-from cylforce.diagnosis.where import Spot
+from cylforce.diagnosis.answer.shrinkage import Gap, written
+from cylforce.diagnosis.answer.verdict import Cause, Judged, Named, Search, Suspect, Verdict
+from cylforce.diagnosis.answer.where import Spot
+from cylforce.diagnosis.columns.problem import Problem, Seen
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosis.inference.residuals import pushed, rms, weighed
+from cylforce.diagnosis.recordings.clocks import Slip
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array

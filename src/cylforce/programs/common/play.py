@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from pydantic_core import ErrorDetails
 
 from cylforce.effects.imposed import Imposed, imposed
-from cylforce.files.atomic import is_stream
+from cylforce.files.atomic import LARGEST, is_large, is_stream
 from cylforce.files.truth import describe
 from cylforce.mechanics.installation import Service
 from cylforce.settings.error import FaultError, Source, line_of, report
@@ -112,6 +112,8 @@ def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
 def _effects_text(path: Path) -> str:
     if is_stream(path):
         raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give a file with [[effects]]")
+    if is_large(path):
+        raise SettingsError(f"{path}: is larger than {LARGEST // 10**6} MB: give a file with [[effects]]")
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cylforce.diagnosis.rows import Recorded
+from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.estimation.segments import parts
 from cylforce.files.recording import Events, open_pieces
 from cylforce.files.tables import Table

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cylforce
-from cylforce.diagnosis.rows import GapRows, Recorded, Viewer
+from cylforce.diagnosis.columns.recorded import GapRows, Recorded
+from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.effects.library import Proposal
 from cylforce.files.logfile import running_versions
 from cylforce.signals.estimate import Array

@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.diagnosis import Found
-from cylforce.diagnosis.discrepancy import sums
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN, Key
-from cylforce.diagnosis.rows import CENTRE, RATE_HZ, Columns, GapRows, Recorded
-from cylforce.diagnosis.statistics import statistics, white
-from cylforce.diagnosis.verdict import Search
+from cylforce.diagnosis.answer.verdict import Search
+from cylforce.diagnosis.columns.recorded import Columns, GapRows, Recorded
+from cylforce.diagnosis.columns.rows import CENTRE, RATE_HZ
+from cylforce.diagnosis.columns.statistics import statistics, white
+from cylforce.diagnosis.inference.discrepancy import sums
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Key
+from cylforce.diagnosis.inference.search import Found
 from cylforce.effects.library import Proposal
 from cylforce.programs.experiments.catalogue import SECONDS, Trial, catalogue
 from cylforce.signals.estimate import Array

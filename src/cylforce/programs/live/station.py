@@ -5,7 +5,7 @@ import asyncio
 import gc
 import signal
 from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import structlog
 
@@ -17,6 +17,7 @@ from cylforce.canopen.startup import Commissioner, Outcome, Stage
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import LogWriter
 from cylforce.mechanics.installation import Service
+from cylforce.programs.live.notify import Manager
 from cylforce.service.state import Output
 from cylforce.signals.events import Event, Frame, Tick
 
@@ -24,6 +25,7 @@ S = TypeVar("S")  # the step's state
 Step = Callable[[S, Event], tuple[S, Output]]
 
 OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
+SOFTWARE = 0x6100  # EMCY code: internal software
 ON_TIME = 100  # steps; at each such count a step without overrun repairs the emergency
 OVERRUN_MESSAGES_US = 1_000_000  # so that a busy controller does not log a line at every tick
 
@@ -54,6 +56,7 @@ class Station(Generic[S]):
         heard = self.node.heartbeats.state
         self.commissioner = Commissioner(service.nodes, self.network, heard, self._commissioned)
         self._timer = Timer(1.0 / service.filters.rate_hz)
+        self.manager = Manager({})
 
     def before_tick(self, t_us: int) -> None:
         """Called before each tick is logged."""
@@ -70,6 +73,11 @@ class Station(Generic[S]):
         self.node.boot()
         self.commissioner.start()
         loop.add_reader(self._timer.fileno(), self.on_timer)
+
+    def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
+        """The step failed: no step more, and say so on the bus."""
+        loop.remove_reader(self._timer.fileno())
+        self.node.emergencies.occur(SOFTWARE)
 
     async def stop(self, loop: asyncio.AbstractEventLoop) -> None:
         """Leave the bus; the log is complete afterwards."""
@@ -114,6 +122,14 @@ class Station(Generic[S]):
         self.network.poll(tick.t_us)
         self._say_overruns(late, tick.t_us)
         self.after_sync()
+        self._tell_manager(late)
+
+    def _tell_manager(self, late: int) -> None:
+        """A step that was on time, and whose values were sent, is what the watchdog is fed with."""
+        if self.counts.steps == 1:
+            self.manager.ready()
+        elif not late:
+            self.manager.alive()
 
     def _say_overruns(self, late: int, t_us: int) -> None:
         """An emergency at once; a message at most once a second, with all that were missed since the last one."""
@@ -146,9 +162,27 @@ class Station(Generic[S]):
         say("sensor", name=outcome.node.name, node=outcome.node.node_id, stage=outcome.stage, why=outcome.reason)
 
 
-async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], None], every_s: float = 1.0) -> bool:
-    """Run until `until` is set or SIGTERM or SIGINT comes; meanwhile `look` every so often. Whether a signal came."""
+async def serve(
+    station: Station[S],
+    until: asyncio.Event,
+    look: Callable[[], None],
+    every_s: float = 1.0,
+    manager: Manager | None = None,
+) -> bool:
+    """Run until `until` is set or SIGTERM or SIGINT comes; meanwhile `look` every so often. Whether a signal came. What
+    the step raises ends it: said on the bus, then raised here."""
     loop, came = asyncio.get_running_loop(), asyncio.Event()
+    failed: list[BaseException] = []
+    station.manager = manager or station.manager
+
+    def on_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        if "handle" not in context or error is None:  # of a task, not of the step
+            loop.default_exception_handler(context)
+        elif not failed:
+            failed.append(error)
+            station.give_up(loop)
+            until.set()
 
     def on_signal() -> None:
         came.set()
@@ -156,6 +190,7 @@ async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], No
 
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, on_signal)
+    loop.set_exception_handler(on_error)
     station.start(loop)
     gc.collect()
     gc.freeze()  # objects of the start are not collected again: this avoids pauses of tens of milliseconds
@@ -166,5 +201,8 @@ async def serve(station: Station[S], until: asyncio.Event, look: Callable[[], No
             except TimeoutError:
                 look()
     finally:
+        station.manager.stopping()
         await station.stop(loop)
+    if failed:
+        raise failed[0]
     return came.is_set()

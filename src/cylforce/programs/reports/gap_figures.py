@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
-from cylforce.diagnosis.problem import Problem
-from cylforce.diagnosis.shape import quantities
-from cylforce.diagnosis.shrinkage import Gap
-from cylforce.diagnosis.verdict import Judged, Search
+from cylforce.diagnosis.answer.shape import quantities
+from cylforce.diagnosis.answer.shrinkage import Gap
+from cylforce.diagnosis.answer.verdict import Judged, Search
+from cylforce.diagnosis.columns.problem import Problem
 from cylforce.programs.reports.drawing import (
     AMBER,
     BLUE,

@@ -5,8 +5,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cylforce.diagnosis.shrinkage import Gap
-from cylforce.diagnosis.verdict import Judged, Search
+from cylforce.diagnosis.answer.shrinkage import Gap
+from cylforce.diagnosis.answer.verdict import Judged, Search
 from cylforce.programs.reports import gap_figures
 from cylforce.programs.reports.gap_shown import shown
 from cylforce.programs.reports.gap_words import least, lines, rivals

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.problem import Problem, Seen
-from cylforce.diagnosis.residuals import rms
-from cylforce.diagnosis.rows import RATE_HZ, Viewer
-from cylforce.diagnosis.shrinkage import Gap, Simulation, written
-from cylforce.diagnosis.verdict import Judged, Search
-from cylforce.diagnosis.where import REGIMES
+from cylforce.diagnosis.answer.shrinkage import Gap, Simulation, written
+from cylforce.diagnosis.answer.verdict import Judged, Search
+from cylforce.diagnosis.answer.where import REGIMES
+from cylforce.diagnosis.columns.problem import Problem, Seen
+from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.diagnosis.inference.residuals import rms
 from cylforce.effects.fault import Place
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine

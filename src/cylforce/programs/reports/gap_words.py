@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.posterior import UNKNOWN
-from cylforce.diagnosis.verdict import Judged, Search
+from cylforce.diagnosis.answer.verdict import Judged, Search
+from cylforce.diagnosis.inference.posterior import UNKNOWN
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.reports.units import interval, shown

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.kinds import Kind, Signal
 

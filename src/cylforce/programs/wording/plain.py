@@ -3,8 +3,8 @@
 from math import isfinite
 from typing import Any, NamedTuple
 
-from cylforce.diagnosis.posterior import NOTHING, UNKNOWN
-from cylforce.diagnosis.verdict import Verdict
+from cylforce.diagnosis.answer.verdict import Verdict
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.wording.fault_words import amount, fault, number
 

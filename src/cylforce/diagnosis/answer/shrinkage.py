@@ -1,0 +1,157 @@
+"""How far the gap shrinks: what was found is written as blocks `[[effects]]`, and the identified machine with those
+blocks is simulated again along the recorded motion, each stretch with sizes that were fitted without it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.diagnosis.answer.closure import blockwise, closure
+from cylforce.diagnosis.answer.patch import patch
+from cylforce.diagnosis.answer.resimulation import Resimulation, known, read_blocks
+from cylforce.diagnosis.answer.verdict import Cause, Judged, Search, Verdict
+from cylforce.diagnosis.columns.problem import Seen
+from cylforce.diagnosis.inference.fitting import Sized
+from cylforce.diagnosis.inference.residuals import SPAN, chosen, clean, refitted, residuals, rms
+from cylforce.diagnosis.numbers import HALF, SLIGHT, WIDEST
+from cylforce.effects.imposed import Imposed
+from cylforce.signals.estimate import Array
+
+REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings: not named"
+
+
+class Gap(NamedTuple):
+    """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
+    `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
+    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT,
+    `partial`: below HALF, told or not; `removed` [N m, rms], and `shift`: refitted parameters against what they were,
+    in standard errors of the prior; `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind
+    `fixed` and `after`, `clean`: of the clean ones, unseen by their fit."""
+
+    fixed: Array
+    refit: Array
+    after: Array
+    floor: Array
+    closure: float
+    low: float
+    high: float
+    refuted: bool
+    partial: bool
+    removed: float
+    shift: Array
+    nominal: list[Array]
+    left: list[Array]
+    clean: list[Array]
+
+
+def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Judged, Gap, str]:
+    """The verdict once what is named has been simulated, the gap, and a warning where that refutes it."""
+    size = gap(search, judged, rng)
+    if not size.refuted:
+        partly = judged.verdict is Verdict.EXPLAINED and size.partial
+        return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
+    names = " and ".join("{}@{}".format(*n.cause.key) for n in judged.named)
+    nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
+    return nothing, gap(search, nothing, rng), REFUTED.format(names)
+
+
+def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
+    """The size of the gap before and after."""
+    causes, simulation = written(search, judged), Simulation(search, written(search, judged))
+    before, after = (simulation.left(those) for those in ((), causes))
+    refit, shift = refitted(search.question, before)
+    both = (simulation.clean.seen, simulation.clean.unseen)
+    seen, unseen = (each or [search.question.floor.rms[None]] for each in both)
+    squares = [np.concatenate([blockwise(e) for e in each]) for each in (before, after, seen, unseen)]
+    value, (low, high) = closure(squares[0], squares[1], (squares[2], squares[3]), rng)
+    told = (value, low, high) if high - low <= WIDEST else (float("nan"),) * 3
+    fixed, refit_rms, after_rms, floor = (rms(each) for each in (before, refit, after, unseen))
+    return Gap(
+        *(fixed, refit_rms, after_rms, floor),
+        *told,
+        bool(causes) and high < SLIGHT,
+        bool(causes) and value < HALF,
+        float(np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))),
+        shift,
+        before,
+        after,
+        simulation.clean.unseen,
+    )
+
+
+class Leftover(NamedTuple):
+    """A faulty recording's name, times `t` (T,) [s] from where its first stretch begins, what is left (T, R) [N m]
+    `before` and `after`."""
+
+    name: str
+    t: Array
+    before: Array
+    after: Array
+
+
+def courses(search: Search, gap: Gap) -> list[Leftover]:
+    """What is left of each faulty recording with the parameters as they were, and with what was found simulated."""
+    begins = {seen.recorded.name: seen.recorded.begins for seen in reversed(search.original.faulty)}
+    return [
+        Leftover(seen.recorded.name, seen.rows.t - begins[seen.recorded.name], a, b)
+        for seen, a, b in zip(search.original.faulty, gap.nominal, gap.left, strict=True)
+    ]
+
+
+def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
+    """The causes that are written as blocks: those named, and the known ones beside them, which are not sure enough to
+    be named, but whose sizes were found together with theirs. None where nothing is named."""
+    named = [n.cause for n in judged.named]
+    keys = {cause.key for cause in named}
+    return (*named, *(c for c in search.causes if c.key not in keys and c.lasts)) if named else ()
+
+
+class Simulation:
+    """The machine that the clean recordings tell, with effects switched on, along the faulty ones' motion. Where the
+    loads hang, and the sizes, are what the `causes` together tell."""
+
+    def __init__(self, search: Search, causes: Sequence[Cause]) -> None:
+        self.search, self.causes = search, tuple(causes or search.causes)
+        self.clean = clean(search.question)
+        which = tuple(c.form for c in self.causes if c.form is not None)
+        self._fit = replace(search.fit, which=which)
+
+    def left(self, causes: Sequence[Cause]) -> list[Array]:
+        """Residuals (T, R) [N m] of the faulty recordings with some of the causes switched on, each stretch with sizes
+        that were fitted without it. What happens for a moment has sizes that no other stretch knows."""
+        search, problem = self.search, self.search.original
+        if not causes:
+            return residuals(problem, search.at_rest(self.causes, self._fit.whole, self.clean.values))
+        if any(not c.lasts for c in causes):
+            return self._left(causes, self._fit.whole)
+        fold = (np.arange(len(problem.times)) // SPAN) % 2
+        each = [self._left(causes, self._fit.told(fold != k)) for k in (0, 1)]
+        return chosen(each[0], each[1], problem, fold == 1)
+
+    def _left(self, causes: Sequence[Cause], told: Sized) -> list[Array]:
+        """What causes leave with the sizes that were fitted together."""
+        search, problem = self.search, self.search.original
+        now = [c._replace(sizes=c.sizes + _told(c, told) - _told(c, search.fit.whole)) for c in causes]
+        values = search.at_rest(self.causes, told, self.clean.values)
+        if not problem.clean:  # parameters that are known as well as they were identified give way to effects
+            values[: problem.first] = told.own
+        effects = read_blocks(problem.model.machine, patch(search, now), known(problem))
+        try:
+            seen = tuple(_resimulation(search, effects, each, values).seen(each) for each in problem.faulty)
+        except ValueError:  # such as a load of which more falls out than there is: what cannot be explains nothing
+            seen = problem.faulty
+        return residuals(replace(problem, faulty=seen), values)
+
+
+def _told(cause: Cause, told: Sized) -> Array:
+    """A cause's sizes (W, M) among those of all forms; nothing of what happens at moments."""
+    return np.zeros(1) if cause.form is None else told.sizes[cause.form].reshape(cause.sizes.shape)
+
+
+def _resimulation(search: Search, effects: tuple[Imposed, ...], seen: Seen, values: Array) -> Resimulation:
+    """The machine that made a recording, by the values (K,) of the columns that last."""
+    place, load = search.original.of_load(seen), seen.recorded.load
+    carried = np.array([load, *(values[place : place + 3] if place is not None else np.zeros(3))])
+    own = search.viewer.tares + search.viewer.model.load @ carried
+    return Resimulation(search.viewer, effects, own, carried)

@@ -1,0 +1,299 @@
+"""What is concluded: causes from the hypotheses, and the answer that costs least by their probabilities."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.asking import Asking
+from cylforce.diagnosis.inference.fitting import Fitting, Sized, fitting, without_step
+from cylforce.diagnosis.inference.hypotheses import Hypothesis
+from cylforce.diagnosis.inference.learnt import CALIBRATION
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
+from cylforce.diagnosis.inference.residuals import added, hung, residuals, rms
+from cylforce.diagnosis.inference.search import Found
+from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
+from cylforce.effects.fault import TimeCourse
+from cylforce.effects.library import Proposal
+from cylforce.signals.estimate import Array
+
+
+class Verdict(StrEnum):
+    """What is concluded."""
+
+    NO_GAP = "no_gap"
+    EXPLAINED = "explained"
+    PARTLY = "partly_explained"
+    AMBIGUOUS = "ambiguous"
+    UNKNOWN = "unknown"
+    NOT_OBSERVABLE = "not_observable"
+
+
+class Cause(NamedTuple):
+    """An effect that was found: the proposal, its course in words, which `form` of the question it is (None of what
+    happens at moments), its columns, sizes (W, M) of these and their standard errors (W, M), each row of them with its
+    `course` (W, B) over the faulty blocks, NaN where it begins, the `probability` of it, `nats` of evidence against its
+    absence."""
+
+    proposal: Proposal
+    when: str
+    form: int | None
+    columns: tuple[int, ...]
+    course: Array
+    sizes: Array
+    errors: Array
+    probability: float
+    nats: float
+
+    @property
+    def key(self) -> Key:
+        """Name and place."""
+        return self.proposal.name, self.proposal.at
+
+    @property
+    def known(self) -> bool:
+        """Whether it is an effect, not a torque of which nothing is known."""
+        return self.key[0] != UNKNOWN[0]
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it has the same sizes as long as it is there."""
+        return self.proposal.course is not TimeCourse.WINDOWS
+
+    @property
+    def clock(self) -> bool:
+        """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
+        return self.proposal.course is TimeCourse.CLOCK
+
+    @property
+    def size(self) -> float:
+        """Its magnitude, with its sign if it has one; the root mean square over windows."""
+        each = self.sizes[:, : self.proposal.about.axes]
+        return float(each[0, 0]) if each.size == 1 else float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
+
+
+class Suspect(NamedTuple):
+    """An effect by itself: name and place, its evidence against none [nats], its probability."""
+
+    key: Key
+    proposal: Proposal
+    nats: float
+    probability: float
+
+    @property
+    def known(self) -> bool:
+        """Whether it is an effect, not a torque of which nothing is known."""
+        return self.key != UNKNOWN
+
+
+class Search(NamedTuple):
+    """All that was found: the `question`, the causes, `first`: all candidates, likeliest first; the `fit` of all
+    causes, to recordings from which is taken out what bends; what is believed; whether the machine was at work; the
+    smallest size of each effect that could be seen, `least`."""
+
+    question: Asking
+    causes: tuple[Cause, ...]
+    first: tuple[Suspect, ...]
+    fit: Fitting
+    belief: Belief
+    working: bool
+    least: dict[Key, float]
+
+    @property
+    def original(self) -> Problem:
+        """The recordings as they are."""
+        return self.question.problem
+
+    def without(self, causes: Sequence[Cause], told: Sized, values: Array) -> list[Array]:
+        """What is left (T, R) [N m] by values (K,) of the columns that last and by some causes of a fit, `told`, of the
+        recordings from which is taken out what bends."""
+        problem = self.fit.question.problem
+        left = residuals(problem, values)
+        for c in causes:
+            sizes = c.sizes if c.form is None else told.more[c.form].reshape(c.sizes.shape)
+            left = [e - x for e, x in zip(left, added(problem, c.columns, sizes, c.course), strict=True)]
+        return left
+
+    def at_rest(self, causes: Sequence[Cause], told: Sized, values: Array) -> Array:
+        """Values (K,) of the machine as it was, `values`, with where the field's loads hang beside some causes."""
+        left = self.without(causes, told, values)
+        return values + hung(self.fit.question.problem, self.question.floor, left)
+
+    @property
+    def viewer(self) -> Viewer:
+        """Who looks."""
+        return self.question.viewer
+
+
+class Named(NamedTuple):
+    """A cause that is named, its `confidence`, its share of the gap's energy, and what it might be `confused` with."""
+
+    cause: Cause
+    confidence: float
+    share: float
+    confused: tuple[Suspect, ...]
+
+
+class Judged(NamedTuple):
+    """The verdict, the causes named, largest first, and the share of the gap's energy that they explain."""
+
+    verdict: Verdict
+    named: tuple[Named, ...]
+    explained: float
+
+
+def searched(found: Found, by: Outcomes | None = CALIBRATION) -> Search:
+    """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
+    belief = believed(found.asked)
+    learnt = by if found.question.problem.clean else None  # from cases with references, and for them
+    belief = calibrated(belief, learnt) if learnt else belief
+    candidates = _candidates(found, belief)
+    h = _best(found, belief)
+    causes, fit = _causes(found, h, belief) if h else _happened(found, belief, candidates)
+    return Search(found.question, causes, candidates, fit, belief, found.working, found.least)
+
+
+def _best(found: Found, belief: Belief) -> Hypothesis | None:
+    """The most probable hypothesis of the likeliest effect; None where that is none or something at moments."""
+    told = found.asked
+    effects = [k for k in sorted(belief.of, key=lambda k: -belief.of[k]) if k not in (NOTHING, UNKNOWN)]
+    own = [h for h in told.hypotheses if h.which and effects and told.main(h) == effects[0]]
+    return max(own, key=lambda h: h.log + told.prior_of(h)) if own else None
+
+
+def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[tuple[Cause, ...], Fitting]:
+    """The effects of a hypothesis, the main one first, and its fit."""
+    told, causes, k = found.asked, [], 0
+    for p in h.which:
+        m = len(found.question.forms[p][1].columns)
+        unit = found.question.scene.spread[list(found.question.forms[p][1].columns)]
+        sizes = h.sizes[k : k + m] * unit, h.errors[k : k + m] * unit
+        k += m
+        without = [g for g in told.hypotheses if g.which == tuple(x for x in h.which if x != p)]
+        nats = h.log - (without[0] if without else told.none).log
+        p_of = belief.of.get(told.key(p), 0.0) if told.key(p) == told.main(h) else _included(found, told.key(p))
+        causes.append(_cause(found, p, sizes, p_of, nats))
+    return tuple(sorted(causes, key=lambda c: c.key != told.main(h))), fitting(found, h)
+
+
+def _included(found: Found, key: Key) -> float:
+    """The probability that an effect is there, beside another or alone."""
+    told = found.asked
+    weights = list(zip(told.hypotheses, told.weights, strict=False))
+    whole = sum(told.weights)
+    return sum(w for h, w in weights if key in {told.key(p) for p in h.which}) / whole
+
+
+def _cause(found: Found, form: int, told: tuple[Array, Array], probability: float, nats: float) -> Cause:
+    problem, proposal = found.question.problem, found.question.forms[form][0]
+    sizes = told[0]
+    errors = np.hypot(told[1], proposal.about.form * np.abs(sizes))
+    number, when = np.arange(len(problem.times)), ""
+    course, rows = np.ones((1, len(number))), 1
+    if proposal.course is TimeCourse.CLOCK:
+        course, rows = np.stack([course[0], problem.times / GROWTH_S]), 2
+    elif proposal.course is TimeCourse.AFTER and found.question.step:
+        first, last = found.question.step
+        course[0] = np.where(number == first, np.nan, (number > first) & (number < last))
+        when = f"from {problem.times[first]:.0f} s on"
+    places = problem.places[problem.proposals.index(proposal)]
+    shaped, uncertain = (x.reshape(rows, -1) for x in (sizes, errors))
+    return Cause(proposal, when, form, places, course, shaped, uncertain, probability, nats)
+
+
+def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[tuple[Cause, ...], Fitting]:
+    """What happens at moments, if that is the likeliest effect: sizes of its own in every block; and the fit."""
+    question, case = found.question, found.case
+    key = next((c.key for c in candidates), NOTHING)
+    where = found.when.get(key, np.zeros(len(question.problem.times), dtype=np.bool_))
+    if key in (NOTHING, UNKNOWN) or not np.any(where) or belief.of.get(key, 0.0) <= 0.0:
+        return (), Fitting(question, case, (), found.asked.none.noise)
+    k = next(k for k, p in enumerate(question.problem.proposals) if (p.name, p.at) == key)
+    proposal, places = question.problem.proposals[k], question.problem.places[k]
+    question, case = without_step(found)
+    moments = question.moments(question.problem.faulty, proposal.incidents).only(where)
+    case = replace(case, moments=moments)
+    h = case.hypothesis((), case.usual)
+    unit = question.problem.spread[list(places)]
+    sizes, errors = (x[where] * unit for x in moments.sizes(case.under((), case.state(h.noise))[2], h.noise))
+    nats = next(h.log for h in found.asked.happened if h.key == key) - found.asked.none.log
+    course, words = np.eye(len(where))[where], f"{np.count_nonzero(where)} times"
+    cause = Cause(proposal, words, None, places, course, sizes, errors, belief.of[key], nats)
+    return (cause,), Fitting(question, case, (), h.noise)
+
+
+def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:
+    """All effects by themselves, likeliest first, then by evidence."""
+    told, best = found.asked, dict[Key, Suspect]()
+    alone = [(h.which[0], h.log) for h in told.hypotheses if len(h.which) == 1]
+    for p, log in alone:
+        key, proposal = told.key(p), found.question.forms[p][0]
+        _keep(best, Suspect(key, proposal, log - told.none.log, belief.of.get(key, 0.0)))
+    for h in told.happened:
+        proposals = [p for p in found.question.problem.proposals if (p.name, p.at) == h.key]
+        for proposal in proposals[:1]:
+            _keep(best, Suspect(h.key, proposal, h.log - told.none.log, belief.of.get(h.key, 0.0)))
+    return tuple(sorted(best.values(), key=lambda c: (-c.probability, -c.nats)))
+
+
+def _keep(best: dict[Key, Suspect], candidate: Suspect) -> None:
+    if candidate.key not in best or best[candidate.key].nats < candidate.nats:
+        best[candidate.key] = candidate
+
+
+def contributed(search: Search) -> list[float]:
+    """The share of each cause in what all of them add to the torques, in units of the floor (squares)."""
+    floor = search.question.floor.rms
+    each = [rms(added(search.original, c.columns, c.sizes, c.course)) / floor for c in search.causes]
+    squares = np.array([np.sum(x**2) for x in each])
+    return list((squares / max(float(np.sum(squares)), 1e-300)).tolist())
+
+
+def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
+    """The answer that costs least; `shares`: of the gap's energy by cause."""
+    belief, told = search.belief, found.asked
+    named = _named(search, shares)
+    if found.working:
+        return Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
+    costs = _costs(belief, named)
+    verdict = min(costs, key=lambda v: costs[v])
+    if verdict is Verdict.NO_GAP and told.gap >= GAP and told.none.rest >= GAP:
+        verdict = Verdict.AMBIGUOUS if named and belief.of[UNKNOWN] < named[0].confidence else Verdict.UNKNOWN
+    if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):
+        return Judged(verdict, (), 0.0)
+    h = _best(found, belief)
+    rest = (
+        h.rest if h else min((x.rest for x in told.happened if x.key == search.causes[0].key), default=told.none.rest)
+    )
+    return Judged(verdict, named, float(np.clip(told.share(rest), 0.0, 1.0)))
+
+
+def _costs(belief: Belief, named: Sequence[Named]) -> dict[Verdict, float]:
+    """Expected cost of every answer, in units of a wrong name."""
+    order, odd = belief.of.get(NOTHING, 0.0), belief.of.get(UNKNOWN, 0.0)
+    effect = 1.0 - order - odd
+    found = {Verdict.NO_GAP: MISSED * (effect + odd), Verdict.UNKNOWN: UNSAID * effect + order}
+    if not named:
+        return found
+    first = named[0].confidence
+    held = first + sum(c.probability for c in named[0].confused)
+    found[Verdict.EXPLAINED] = 1.0 - first
+    found[Verdict.AMBIGUOUS] = order + SET * held + EMPTY_SET * max(1.0 - order - held, 0.0)
+    return found
+
+
+def _named(search: Search, shares: Sequence[float]) -> tuple[Named, ...]:
+    """The main cause with its rivals, and those beside it that are as sure as a name must be."""
+    belief, causes = search.belief, [c for c in search.causes if c.known]
+    if not causes:
+        return ()
+    sure = [c for c in causes[1:] if c.probability >= 1.0 / (1.0 + UNSAID)]
+    kept = {c.key for c in (causes[0], *sure)}
+    rivals = tuple(c for c in search.first if c.key in belief.credible and c.key not in kept and c.key != UNKNOWN)
+    weight = {c.key: s for c, s in zip(search.causes, shares, strict=True)}
+    first = Named(causes[0], belief.of.get(causes[0].key, 0.0), weight[causes[0].key], rivals)
+    return (first, *(Named(c, c.probability, weight[c.key], ()) for c in sure))

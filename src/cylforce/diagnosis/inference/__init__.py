@@ -1,0 +1,1 @@
+"""Hypotheses with their evidence, and what they make probable."""

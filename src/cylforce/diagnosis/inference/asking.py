@@ -1,0 +1,210 @@
+"""Recordings put as a question to the probability model: their whitened columns, with those that single effects need
+besides, as statistics."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen, looked_at
+from cylforce.diagnosis.columns.rows import BLOCK, Viewer
+from cylforce.diagnosis.columns.statistics import White, crossed, statistics, white
+from cylforce.diagnosis.columns.whitening import Floor
+from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
+from cylforce.diagnosis.inference.in_order import InOrder
+from cylforce.diagnosis.inference.sizes import Column, Terms
+from cylforce.diagnosis.numbers import EXPECTED, GAP
+from cylforce.diagnosis.recordings.shaking import white_noise
+from cylforce.effects.fault import INCIDENTAL, TimeCourse
+from cylforce.effects.library import Proposal
+from cylforce.signals.estimate import Array
+
+CLOCK = INCIDENTAL.index("clock")
+LOAD = ("load.mass", "load.X", "load.Z")
+NEVER = 1e-6  # of a size: as part of the machine
+NOISY_S = 60.0  # of a recording, from which the noise that columns and residual share is told
+
+
+class Step(NamedTuple):
+    """When a load becomes another one: in block `first` (of all faulty ones), which does not count, until before block
+    `last`."""
+
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Asking:
+    """A problem under a noise floor; `step`: when a load may have changed."""
+
+    viewer: Viewer
+    problem: Problem
+    floor: Floor
+    noisy: "Noisy"
+    step: Step | None = None
+
+    @cached_property
+    def own(self) -> list[int]:
+        """The columns that are asked, of those of `whites`: all that last, the clock, its growth, the load's change."""
+        last = len(self.problem.spread)
+        more = range(last + 1, last + 1 + len(LOAD)) if self.step else ()
+        return [*range(self.problem.lasting), self.problem.lasting + CLOCK, last, *more]
+
+    def whites(self, group: Sequence[Seen]) -> list[White]:
+        """Whitened columns of recordings, with those that effects need besides, what is left last."""
+        return self._field if group is self.problem.faulty else self._whites(group)
+
+    @cached_property
+    def _field(self) -> list[White]:
+        return self._whites(self.problem.faulty)
+
+    def _whites(self, group: Sequence[Seen]) -> list[White]:
+        found, block = [], 0
+        for seen in group:
+            found.append(self._with_more(white(self.problem.columns(seen), self.floor), seen, block))
+            block += -(-len(seen.rows.t) // BLOCK)
+        return found
+
+    def _with_more(self, each: White, seen: Seen, block: int) -> White:
+        """`block`: number of the recording's first."""
+        clock = each.rows[..., self.problem.lasting + CLOCK]
+        more = [np.asarray((clock * (seen.rows.t / GROWTH_S)[:, None])[..., None], dtype=np.float64)]
+        number = block + np.arange(len(seen.rows.t)) // BLOCK
+        counts = np.ones(len(number), dtype=np.bool_)
+        if self.step:
+            on, counts = (number > self.step.first) & (number < self.step.last), number != self.step.first
+            more.append(np.asarray(each.rows[..., self._incidental(LOAD)] * on[:, None, None], dtype=np.float64))
+        rows = np.concatenate([each.rows[..., :-1], *more, each.rows[..., -1:]], axis=-1)
+        return White(np.asarray(rows * counts[:, None, None], dtype=np.float32), each.good & counts[:, None])
+
+    def _incidental(self, names: Sequence[str]) -> list[int]:
+        return [self.problem.lasting + INCIDENTAL.index(name) for name in names]
+
+    @cached_property
+    def scene(self) -> Terms:
+        """What all recordings have in common."""
+        problem, size = self.problem, self.problem.lasting
+        clock = next((p.about for p in problem.proposals if p.course is TimeCourse.CLOCK), None)
+        spread = [float(problem.spread[size + CLOCK])] * 2
+        always = [clock.low if clock else NEVER * spread[0]] * 2
+        if self.step:
+            usual = problem.spread[self._incidental(LOAD)].tolist()
+            always, spread = always + [NEVER * s for s in usual], spread + usual
+        forms = tuple(form for _, form in self.forms)
+        whole = [np.concatenate([problem.always[:size], always]), np.concatenate([problem.spread[:size], spread])]
+        return Terms(whole[0], whole[1], forms, problem.first)
+
+    @cached_property
+    def forms(self) -> list[tuple[Proposal, Column]]:
+        """All that may be the cause and lasts, with the numbers of its columns among the `own`."""
+        each = zip(self.problem.proposals, self.problem.places, strict=True)
+        return [(p, self._form(p, own)) for p, places in each if (own := self._columns(p, places))]
+
+    def _columns(self, p: Proposal, places: tuple[int, ...]) -> tuple[int, ...]:
+        size = self.problem.lasting
+        if p.course is TimeCourse.CLOCK:
+            return (size, size + 1)
+        if p.course is TimeCourse.AFTER:
+            names = [INCIDENTAL[k - size] for k in places]
+            return tuple(size + 2 + LOAD.index(name) for name in names) if self.step else ()
+        return () if p.course else places
+
+    def _form(self, p: Proposal, own: tuple[int, ...]) -> Column:
+        about = p.about
+        high = max(self.problem.largest(p), about.low)
+        expected = self.problem.from_sheet and p.name in EXPECTED
+        return Column(p.name, p.at, own, about.low, high, about.sign, about.axes, expected)
+
+    def sums(self, group: Sequence[Seen], shared: Sequence[Array], kept: NDArray[np.bool_] | None = None) -> Sums:
+        """Statistics of recordings; `shared`: noise of each one's columns that is also in what is left; `kept` (B,):
+        the blocks that count, by default all."""
+        whites = self.whites(group) if kept is None else _kept(self.whites(group), kept)
+        each = zip(whites, shared, strict=True)
+        parts = [statistics([w], self.own, _padded(noise, len(self.own) + 1)) for w, noise in each]
+        return sums(self.scene.spread, parts)
+
+    def moments(self, group: Sequence[Seen], names: Sequence[str]) -> Moments:
+        """What may happen in single blocks: columns of incidents by name."""
+        within = self._incidental(names)
+        return moments(self.whites(group), self.own, self.scene.spread, within, self.problem.spread[within])
+
+    def torques(self, group: Sequence[Seen], row: int) -> Moments:
+        """The same of a torque at one measured joint alone."""
+        shapes = (len(self.problem.spread) - self.problem.lasting - len(INCIDENTAL)) // len(self.floor.rms)
+        first = self.problem.lasting + len(INCIDENTAL) + shapes * row
+        within = list(range(first, first + shapes))
+        return moments(self.whites(group), self.own, self.scene.spread, within, self.problem.spread[within])
+
+    @property
+    def believed(self) -> "Asking":
+        """The same without the noise that columns and what is left share, if taking it off leaves GAP times as much of
+        the references as plain least squares (rms): then the sensors' noise is not what they declare, not white, or
+        not what limits the floor, as on a slow machine with better sensors than its file says."""
+        if not self.problem.clean:
+            return self
+        nothing = Noisy(*(tuple(np.zeros_like(each) for each in group) for group in self.noisy))
+        plain = replace(self, noisy=nothing)
+        corrected, least = (asking.machine({}).left for asking in (self, plain))
+        return plain if np.any(corrected > GAP * np.maximum(least, 1.0)) else self
+
+    def machine(self, everyday: dict[str, float]) -> InOrder:
+        """The machine as its references show it."""
+        plain = replace(self, step=None)
+        pairs = zip(self.problem.clean, self.noisy.clean, strict=True)
+        each = tuple(plain.sums([seen], [noise]) for seen, noise in pairs)
+        return InOrder(plain.scene, each, everyday, len(self.floor.rms))
+
+
+def _kept(whites: Sequence[White], kept: NDArray[np.bool_]) -> list[White]:
+    """Rows of some blocks (B,) of all recordings."""
+    found, first = [], 0
+    for each in whites:
+        count = -(-len(each.rows) // BLOCK)
+        on = np.repeat(kept[first : first + count], BLOCK)[: len(each.rows)]
+        found.append(White(each.rows[on], each.good[on]))
+        first += count
+    return found
+
+
+def _padded(noise: Array, size: int) -> Array:
+    """Noise (R, N+1) of all but the last columns added (R, size): these share none."""
+    found = np.zeros((len(noise), size))
+    found[:, : noise.shape[1] - 1], found[:, -1] = noise[:, :-1], noise[:, -1]
+    return found
+
+
+class Noisy(NamedTuple):
+    """Of every recording, clean and faulty, the noise that its columns share with what is left (R, N+1)."""
+
+    clean: tuple[Array, ...]
+    faulty: tuple[Array, ...]
+
+
+def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
+    """From the sensors' noise as the clean recordings show it (as declared, where a coarse reading shows none), once
+    more on the first minute of every recording. Without clean recordings none: the floor is then what all columns
+    leave, and has no noise in common with them."""
+    if not problem.clean:
+        size = problem.lasting + 2
+        return Noisy((), tuple(np.zeros((len(floor.rms), size)) for _ in problem.faulty))
+    declared = np.array([s.standard_error for s in viewer.model.machine.signals])
+    seen = white_noise([seen.recorded for seen in problem.clean])
+    errors = np.where(np.nan_to_num(seen) > 0.0, seen, declared)
+    steps = round(NOISY_S * viewer.model.filters.rate_hz)
+
+    def again(group: Sequence[Seen]) -> tuple[Seen, ...]:
+        values = [seen.recorded.values[:steps] for seen in group]
+        made = [v + errors * rng.standard_normal(v.shape) for v in values]
+        pairs = zip(group, made, strict=True)
+        return looked_at(viewer, [seen.recorded._replace(values=v) for seen, v in pairs], problem.proposals)
+
+    twin = replace(problem, clean=again(problem.clean), faulty=again(problem.faulty), base=problem.riding)
+    own = [*range(problem.lasting), problem.lasting + CLOCK]
+    found = []
+    for group, others in ((problem.clean, twin.clean), (problem.faulty, twin.faulty)):
+        pairs = [(problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True)]
+        found.append(tuple(crossed(a[: len(b)], b, floor, own) for a, b in pairs))
+    return Noisy(*found)

@@ -1,0 +1,225 @@
+"""The smooth discrepancy of every joint, and its noise: Gram matrices of a recording under both, the level and the
+scale that are likeliest, and what may happen at single moments."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics, White, blocked, polynomials
+from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL
+from cylforce.signals.estimate import Array
+
+DECAY = 1.0 / (1.0 + np.arange(SMOOTH)) ** 2  # variance of the discrepancy's polynomials: that of a smooth function
+LEVELS = np.exp(np.arange(np.log(0.05), np.log(300.0), 0.15))  # rho, of a joint's white noise
+SCALES = np.exp(np.arange(np.log(0.3), np.log(6.0), 0.03))  # v, of a joint's white noise
+APART = np.log(LEVEL_CHANGE), np.log(SCALE_CHANGE)
+RHO, V = (each.ravel() for each in np.meshgrid(LEVELS, SCALES, indexing="ij"))  # all pairs (G,) that are tried
+VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (SMOOTH, G) along each polynomial
+
+
+class Scatter(NamedTuple):
+    """Of every joint (R,): level of the discrepancy and scale of the noise; `unsure`: times as uncertain as between
+    two recordings of one machine is what is usual, of every joint alike or (R,) (of the usual noise only)."""
+
+    rho: Array
+    v: Array
+    unsure: float | Array = 1.0
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Gram matrices of a recording, in units of the columns' prior spread, last column what is left: `whole`
+    (R, K+1, K+1), `smooth` (R, SMOOTH, K+1, K+1), rows (R,) and blocks (R,) counted; `crossed` (R, K+1): what of the
+    product with what is left is sensor noise in both."""
+
+    whole: Array
+    smooth: Array
+    rows: Array
+    blocks: Array
+    crossed: Array
+
+    def information(self, noise: Scatter) -> Array:
+        """X' P X (K+1, K+1), P the inverse covariance of noise and discrepancy."""
+        return np.asarray(np.sum(self.by_joint(noise), axis=0))
+
+    def by_joint(self, noise: Scatter) -> Array:
+        """The same of each joint (R, K+1, K+1)."""
+        smooth = noise.rho[:, None] ** 2 * DECAY
+        share = smooth / (noise.v[:, None] ** 2 + smooth)
+        white = self.whole - np.einsum("rk,rkij->rij", share, self.smooth)
+        return np.asarray(white / noise.v[:, None, None] ** 2)
+
+    def common(self, noise: Scatter) -> Array:
+        """What noise in both adds to X' P y (K,): errors in variables. Where the sensors would make more noise than
+        there is, all of it is theirs."""
+        share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
+        white = 1.0 - self.blocks * np.sum(share, axis=1) / np.maximum(self.rows, 1.0)
+        theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
+        return np.asarray((white / np.maximum(noise.v**2, theirs)) @ self.crossed[:, :-1])
+
+    def norm(self, noise: Scatter) -> float:
+        """What of the logarithm of the likelihood depends on noise alone."""
+        each = np.log1p(noise.rho[:, None] ** 2 * DECAY / noise.v[:, None] ** 2)
+        smooth = 0.5 * self.blocks * np.sum(each, axis=1)
+        return float(-np.sum(self.rows * np.log(noise.v) + smooth))
+
+    def energies(self, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
+        """Expected energies, white (R,) and along each polynomial (R, SMOOTH), of what coefficients (K+1,) leave whose
+        first K have a covariance."""
+        whole = np.einsum("i,rij,j->r", coefficients, self.whole, coefficients)
+        smooth = np.einsum("i,rkij,j->rk", coefficients, self.smooth, coefficients)
+        whole += np.einsum("rij,ij->r", self.whole[:, :-1, :-1], covariance)
+        smooth += np.einsum("rkij,ij->rk", self.smooth[:, :, :-1, :-1], covariance)
+        return whole - np.sum(smooth, axis=1), smooth
+
+    def plain(self, left: Array) -> tuple[Array, Array]:
+        """Energies, white (H, R) and along each polynomial (H, R, SMOOTH), of what coefficients (H, K+1) leave that are
+        certain."""
+        whole = np.einsum("hi,rhi->hr", left, left @ self.whole)
+        smooth = np.einsum("hi,rkhi->hrk", left, left @ self.smooth)
+        return whole - np.sum(smooth, axis=2), smooth
+
+
+def sums(spread: Array, parts: Sequence[Statistics]) -> Sums:
+    """The sums of recordings together; `spread` (K,): units of the columns."""
+    unit = np.append(spread, 1.0)
+    whole = np.sum([p.whole for p in parts], axis=0) * np.outer(unit, unit)
+    each = [np.einsum("brki,brkj->rkij", p.smooth, p.smooth, optimize=True) for p in parts]
+    rows = np.sum([np.sum(p.rows, axis=0) for p in parts], axis=0)
+    blocks = np.sum([np.sum(p.rows > 0.0, axis=0) for p in parts], axis=0)
+    crossed = np.sum([p.crossed for p in parts], axis=0) * unit
+    return Sums(whole, np.sum(each, axis=0) * np.outer(unit, unit), rows, blocks.astype(np.float64), crossed)
+
+
+def likeliest(found: Sums, white: Array, smooth: Array, usual: Scatter | None) -> tuple[Scatter, Array]:
+    """Level and scale of every joint (H, R) that make energies (H, R), (H, R, SMOOTH) most probable, and of every
+    hypothesis the log likelihood with their prior (H,)."""
+    levels, scales, log = np.zeros(white.shape), np.zeros(white.shape), np.zeros(len(white))
+    for r in range(white.shape[1]):
+        fixed = -found.rows[r] * np.log(V) - 0.5 * found.blocks[r] * np.sum(np.log(VARIANCE / V**2), axis=0)
+        before = log_prior(RHO, V, usual, r) if usual else np.zeros_like(V)
+        told = fixed + before - 0.5 * white[:, r, None] / V**2 - 0.5 * smooth[:, r] @ (1.0 / VARIANCE)
+        best = np.argmax(told, axis=1)
+        levels[:, r], scales[:, r] = RHO[best], V[best]
+        log += told[np.arange(len(told)), best]
+    return Scatter(levels, scales), log
+
+
+def settled_noise(found: Sums, energies: tuple[Array, Array], usual: Scatter | None) -> Scatter:
+    """The likeliest level and scale of every joint (R,) for energies (R,), (R, SMOOTH)."""
+    noise = likeliest(found, energies[0][None], energies[1][None], usual)[0]
+    return Scatter(noise.rho[0], noise.v[0])
+
+
+def allowed(found: Sums, white: Array, smooth: Array) -> Array:
+    """The largest level of the discrepancy of every joint (R,) that energies (R,), (R, SMOOTH) allow: half a nat, one
+    standard error, below the likeliest. Whatever is small beside the noise is as likely as nothing at all."""
+    levels = np.zeros(len(white))
+    for r in range(len(white)):
+        fixed = -found.rows[r] * np.log(V) - 0.5 * found.blocks[r] * np.sum(np.log(VARIANCE / V**2), axis=0)
+        told = fixed - 0.5 * white[r] / V**2 - 0.5 * smooth[r] @ (1.0 / VARIANCE)
+        best = np.max(told.reshape(len(LEVELS), -1), axis=1)
+        levels[r] = LEVELS[np.flatnonzero(best >= np.max(best) - 0.5)[-1]]
+    return levels
+
+
+def log_prior(rho: Array, v: Array, usual: Scatter, joint: int) -> Array:
+    """Log density of level and scale: what references show, and the flat tail."""
+    unsure = float(np.broadcast_to(usual.unsure, usual.rho.shape)[joint])
+    level, scale = unsure * APART[0], unsure * APART[1]
+    apart = (np.log(rho / usual.rho[joint]) / level) ** 2 + (np.log(v / usual.v[joint]) / scale) ** 2
+    core = np.log(1.0 - TAIL) - 0.5 * apart - np.log(2.0 * np.pi * level * scale)
+    flat = np.log(TAIL) - np.log(np.log(LEVELS[-1] / LEVELS[0]) * np.log(SCALES[-1] / SCALES[0]))
+    return np.asarray(np.logaddexp(core, flat))
+
+
+@dataclass(frozen=True)
+class Moments:
+    """What may happen in a block of a recording, each by itself: a force at the teeth of any smooth course, a load.
+    Statistics of the blocks with columns in units of their spread, forces in units of their usual size; zero in blocks
+    in which nothing happens."""
+
+    across: Array
+    within: Array
+    waves: Array
+    smooth: Array
+
+    def weighed(self, noise: Scatter) -> tuple[Array, Array, float]:
+        """Of every block the product with all columns (B, I, K+1), the precision (B, I, I), and what the freedom
+        costs."""
+        share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
+        scale = noise.v**-2.0
+        across = np.einsum("brij,r->bij", self.across, scale, optimize=True)
+        pulled = self.waves * (share * scale[:, None])[..., None]
+        across -= np.einsum("brki,brkj->bij", pulled, self.smooth, optimize=True)
+        within = np.einsum("brij,r->bij", self.within, scale) - np.einsum("brki,brkj->bij", pulled, self.waves)
+        precision = within + np.eye(within.shape[-1])
+        return across, precision, 0.5 * float(np.sum(np.linalg.slogdet(precision)[1]))
+
+    def told(self, noise: Scatter) -> tuple[Array, float]:
+        """What of the information (K+1, K+1) is lost to them, and the cost."""
+        across, precision, cost = self.weighed(noise)
+        root = np.linalg.cholesky(precision)
+        half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
+        return np.asarray(half.T @ half, dtype=np.float64), cost
+
+    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """Sizes (B, I) of what happens, by what coefficients (K+1,) leave without it, and their standard errors."""
+        across, precision, _ = self.weighed(noise)
+        covariance = np.linalg.inv(precision)
+        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        return sizes, np.sqrt(np.einsum("bii->bi", covariance))
+
+    def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
+        across, precision, _ = self.weighed(noise)
+        covariance = np.linalg.inv(precision)
+        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        second = np.einsum("bi,bj->bij", sizes, sizes) + covariance
+        whole = np.einsum("brij,bij->r", self.within, second, optimize=True)
+        whole -= 2.0 * np.einsum("bi,brij,j->r", sizes, self.across, left, optimize=True)
+        plain = np.einsum("brkj,j->brk", self.smooth, left, optimize=True)
+        moved = np.einsum("brki,bi->brk", self.waves, sizes, optimize=True)
+        spread = np.einsum("brki,bij,brkj->rk", self.waves, covariance, self.waves, optimize=True)
+        smooth = np.sum((plain - moved) ** 2 - plain**2, axis=0) + spread
+        return whole - np.sum(smooth, axis=1), smooth
+
+    def happening(self, left: Array, noise: Scatter) -> NDArray[np.bool_]:
+        """The blocks (B,) in which such a force is more probable than none, by what coefficients (K+1,) leave."""
+        across, precision, _ = self.weighed(noise)
+        pull = across @ left
+        gain = 0.5 * np.einsum("bi,bi->b", pull, np.linalg.solve(precision, pull[..., None])[..., 0])
+        gain -= 0.5 * np.linalg.slogdet(precision)[1]
+        return np.asarray(gain > np.log((1.0 - HAPPENS) / HAPPENS))
+
+    def only(self, where: NDArray[np.bool_]) -> "Moments":
+        """The same, in some blocks only."""
+        on = where[:, None, None, None]
+        return Moments(self.across * on, self.within * on, self.waves * on, self.smooth)
+
+    @staticmethod
+    def prior(where: NDArray[np.bool_]) -> float:
+        """Log of the prior probability that it happens in just these blocks."""
+        share = np.where(where, HAPPENS, 1.0 - HAPPENS)
+        return float(np.sum(np.log(share)))
+
+
+def moments(each: Sequence[White], own: Sequence[int], spread: Array, within: Sequence[int], usual: Array) -> Moments:
+    """The moments of recordings: columns `own` in units of `spread` (K,), what may happen, columns `within` in units of
+    `usual` (I,)."""
+    unit = np.append(spread, 1.0)
+    found = [_moments(w, [*own, -1], within) for w in each]
+    across, inner, waves, smooth = (np.concatenate(part) for part in zip(*found, strict=True))
+    return Moments(across * usual[:, None] * unit, inner * np.outer(usual, usual), waves * usual, smooth * unit)
+
+
+def _moments(each: White, own: Sequence[int], within: Sequence[int]) -> tuple[Array, Array, Array, Array]:
+    columns, happening = (blocked(each.rows[..., list(k)].astype(np.float64)) for k in (own, within))
+    basis = polynomials(blocked(each.good.astype(np.float64)))
+    across = np.einsum("btri,btrk->brik", happening, columns, optimize=True)
+    inner = np.einsum("btri,btrj->brij", happening, happening, optimize=True)
+    waves, smooth = (np.einsum("btrk,btri->brki", basis, x, optimize=True) for x in (happening, columns))
+    return across, inner, waves, smooth

@@ -1,0 +1,249 @@
+"""The probability model: what is left of a joint's torque is the machine's parameters and its everyday differences,
+effects of the library, a smooth discrepancy of each joint, and noise.
+
+    y = X (m + g) + X_h s + Q d + e,   g ~ N(0, C),   d ~ N(0, rho^2 w_k),   e ~ N(0, v^2)
+
+with mean m and covariance C from the references, everyday differences included, sizes s of a hypothesis h log-uniform
+over the plausible range, and level rho and scale v of each joint maximised under every hypothesis, with a prior around
+what the references show and a flat tail: the tail is what is unknown."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, likeliest, log_prior, settled_noise
+from cylforce.diagnosis.inference.sizes import WIDE, Terms, beside, log_size
+from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND
+from cylforce.signals.estimate import Array
+
+ROUNDS = 12  # at most, in which noise and what is left are told in turns
+WIDTH, DEEPEST = 2, 8  # of the beam
+KEPT = 8  # hypotheses of a beam that are refined
+ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
+
+
+class Hypothesis(NamedTuple):
+    """Forms of a scene by number, the logarithm of their probability with the recording, the noise under them, their
+    sizes (M,) and standard errors (M,) [of the prior spread], and what they leave at the worst joint, of the floor."""
+
+    which: tuple[int, ...]
+    log: float
+    noise: Scatter
+    sizes: Array
+    errors: Array
+    rest: float
+
+
+class Fitted(NamedTuple):
+    """Sizes (M,) of forms beyond those taken out already, `more`, all of them, `sizes`, their covariance (M, M) [of the
+    prior spread], and what they `gain` [nats]."""
+
+    more: Array
+    sizes: Array
+    covariance: Array
+    gain: float
+
+
+class Marginal(NamedTuple):
+    """A recording under a noise: marginal information (K, K) and score (K,) of sizes, the log likelihood without any,
+    what follows for the nuisances: `gain` (K, K) and `fitted` (K,)."""
+
+    information: Array
+    score: Array
+    log: float
+    gain: Array
+    fitted: Array
+    covariance: Array
+
+
+def _nothing(*_: object) -> float:
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Inference:
+    """A recording, and what the machine's parameters are beforehand; `moments`: what may happen in single blocks;
+    `taken`: sizes (M,) [of the prior spread] of forms that are taken out of the recording already; `told`: what else
+    speaks for a form with sizes (M,) in their units [nats]; `apart`: the log of the probability of what is left out."""
+
+    scene: Terms
+    sums: Sums
+    usual: Scatter
+    mean: Array
+    covariance: Array
+    moments: Moments | None = None
+    taken: Mapping[int, Array] = field(default_factory=dict)
+    told: Callable[[int, Array], float] = _nothing
+    apart: float = 0.0
+
+    @cached_property
+    def _precision(self) -> tuple[Array, float]:
+        return np.asarray(np.linalg.inv(self.covariance)), float(np.linalg.slogdet(self.covariance)[1])
+
+    def state(self, noise: Scatter) -> Marginal:
+        """Everything that follows from a noise."""
+        told, cost = self.sums.information(noise), 0.0
+        rounding = np.diag(ROUNDING * np.diag(told)[:-1])
+        if self.moments:
+            lost, cost = self.moments.told(noise)
+            told = told - lost
+        known, inside = told[:-1, :-1], self.mean
+        common = self.sums.common(noise)
+        score = told[:-1, -1] - common - known @ inside
+        energy = told[-1, -1] - 2.0 * inside @ told[:-1, -1] + inside @ known @ inside
+        precision, spread = self._precision
+        known = (known + known.T) / 2.0
+        root = cho_factor(known + precision + rounding)
+        gain, fitted = cho_solve(root, known), cho_solve(root, score)
+        log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root[0]))))
+        covariance = cho_solve(root, np.eye(len(known)))
+        information = known - known @ gain
+        for p, sizes in self.taken.items():  # what is taken out took its noise with it
+            log -= float(common[list(self.scene.forms[p].columns)] @ sizes)
+        return Marginal(
+            information, score - known @ fitted, log - cost + self.sums.norm(noise), gain, fitted, covariance
+        )
+
+    def _own(self, which: tuple[int, ...]) -> list[int]:
+        return [c for p in which for c in self.scene.forms[p].columns]
+
+    def _sizes(self, which: tuple[int, ...], state: Marginal) -> tuple[list[int], Fitted]:
+        """Columns and sizes of some forms."""
+        own, taken = self._own(which), self._taken(which)
+        certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
+        precision = np.where(certain > 0.0, certain, WIDE)
+        information = _positive(state.information[np.ix_(own, own)]) + np.diag(precision)
+        covariance = _positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
+        score = state.score[own] - precision * taken
+        more = covariance @ score
+        gain = 0.5 * float(score @ more) - 0.5 * float(certain @ taken**2)
+        return own, Fitted(more, taken + more, covariance, gain)
+
+    def _taken(self, which: tuple[int, ...]) -> Array:
+        """What is taken out of the recording already (M,)."""
+        zero = (np.zeros(len(self.scene.forms[p].columns)) for p in which)
+        return np.concatenate([np.zeros(0), *(self.taken.get(p, z) for p, z in zip(which, zero, strict=True))])
+
+    def _left(self, own: list[int], sizes: Array, state: Marginal) -> Array:
+        left = np.append(-self.mean - state.fitted + state.gain[:, own] @ sizes, 1.0)
+        left[own] -= sizes
+        return left
+
+    def under(self, which: tuple[int, ...], state: Marginal) -> tuple[float, Fitted, Array]:
+        """Log of the marginal likelihood with sizes of some forms, but for the prior of the noise; those sizes; the
+        coefficients (K+1,) of what it leaves."""
+        own, fitted = self._sizes(which, state)
+        log, k = state.log + fitted.gain, 0
+        if own:
+            log += 0.5 * float(np.linalg.slogdet(2.0 * np.pi * fitted.covariance)[1])
+        for p in which:
+            column = self.scene.forms[p]
+            m, axes = len(column.columns), column.measured
+            unit = self.scene.spread[list(column.columns)]
+            error = fitted.covariance[k : k + m, k : k + m] * np.outer(unit, unit)
+            sizes = fitted.sizes[k : k + m] * unit
+            log += log_size(column, sizes, error) + float(np.sum(np.log(unit[:axes]))) + self.told(p, sizes)
+            log -= 0.5 * float(np.log(2.0 * np.pi)) * (m - axes)
+            k += m
+        return log, fitted, self._left(own, fitted.more, state)
+
+    def hypothesis(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
+        """A hypothesis with its own noise: maximised in turns with what it leaves (expectation maximisation)."""
+        state = self.state(noise)
+        for _ in range(ROUNDS):
+            left, before = self.under(which, state)[2], noise
+            energies = self._energies(left, state.covariance, noise)
+            noise = settled_noise(self.sums, energies, self.usual)
+            if np.array_equal(noise.rho, before.rho) and np.array_equal(noise.v, before.v):
+                break
+            state = self.state(noise)
+        log, fitted, left = self.under(which, state)
+        prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
+        errors = np.sqrt(np.diag(fitted.covariance))
+        return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise))
+
+    def _energies(self, left: Array, covariance: Array, noise: Scatter) -> tuple[Array, Array]:
+        found = self.sums.energies(left, covariance)
+        if not self.moments:
+            return found
+        more = self.moments.energies(left, noise)
+        white, smooth = (np.maximum(a + b, 1e-3 * a) for a, b in zip(found, more, strict=True))
+        return white, smooth
+
+    def rest(self, left: Array, noise: Scatter | None = None) -> float:
+        """What is left at the worst joint, of the floor (rms); with `noise` beside what happens at moments."""
+        return float(np.sqrt(np.max(self._left_at(left, noise))))
+
+    def _left_at(self, left: Array, noise: Scatter | None) -> Array:
+        """The energy that is left at each joint (R,), of the floor's."""
+        energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
+        if self.moments and noise is not None:
+            white, smooth = self.moments.energies(left, noise)
+            energy = np.maximum(energy + white + np.sum(smooth, axis=1), 0.0)
+        return np.asarray(energy / np.maximum(self.sums.rows, 1.0))
+
+    def screened(self, base: Hypothesis, asked: Sequence[int]) -> list[int]:
+        """Proposals beside a hypothesis, most promising first: at its noise, and with the noise that would then be
+        likeliest."""
+        state = self.state(base.noise)
+        if self.moments:
+            return self._in_moments(base, asked, state)
+        named = {self.scene.forms[p][:2] for p in base.which}
+        free = [p for p in asked if self.scene.forms[p][:2] not in named]
+        if not free:
+            return []
+        left, shift = [], []
+        for p in free:
+            own, sizes = self._sizes((*base.which, p), state)
+            left.append(self._left(own, sizes.more, state))
+            shift.append(state.fitted - state.gain[:, own] @ sizes.more)
+        moved = np.array(shift)
+        _, log = likeliest(self.sums, *self.sums.plain(np.array(left)), self.usual)
+        log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision[0])
+        return [free[k] for k in np.argsort(-log).tolist()]
+
+    def _in_moments(self, base: Hypothesis, asked: Sequence[int], state: Marginal) -> list[int]:
+        """The same beside what happens at moments: at the hypothesis' noise."""
+        named = {self.scene.forms[p][:2] for p in base.which}
+        free = [p for p in asked if self.scene.forms[p][:2] not in named]
+        return sorted(free, key=lambda p: -self.under((*base.which, p), state)[0])
+
+    def searched(self, asked: Sequence[int]) -> list[Hypothesis]:
+        """Hypotheses of more and more forms, found by a beam, as long as one more is worth its prior; first of those
+        forms that are expected, then beside them of all."""
+        none = self.hypothesis((), self.usual)
+        found = dict[tuple[int, ...], Hypothesis]({(): none})
+        expected = [p for p in asked if self.scene.forms[p].expected]
+        beam = self._grown(found, [none], expected, 0.0) if expected else [none]
+        if expected and beam[0].rest <= 1.0:
+            return list(found.values())  # the floor is all that is left: it was not measured on other recordings
+        self._grown(found, beam, asked, -float(np.log(SECOND * (1.0 - IN_ORDER - ODD) / max(len(asked), 1))))
+        return list(found.values())
+
+    def _grown(
+        self, found: dict[tuple[int, ...], Hypothesis], beam: list[Hypothesis], asked: Sequence[int], worth: float
+    ) -> list[Hypothesis]:
+        """The last beam that was worth [nats] one form more; all hypotheses go to `found`."""
+        for _ in range(DEEPEST):
+            grown = []
+            for base in beam:
+                for p in self.screened(base, asked)[:KEPT]:
+                    which = tuple(sorted((*base.which, p)))
+                    if which not in found:
+                        found[which] = self.hypothesis(which, base.noise)
+                        grown.append(found[which])
+            best = sorted(grown, key=lambda h: -h.log)[:WIDTH]
+            if not best or (len(best[0].which) > 1 and best[0].log < beam[0].log + worth):
+                break
+            beam = best
+        return beam
+
+
+def _positive(matrix: Array) -> Array:
+    """The nearest matrix (M, M) that is symmetric and not negative: differences of large ones may be neither."""
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

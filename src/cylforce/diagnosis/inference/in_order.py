@@ -1,0 +1,130 @@
+"""The machine in order, as its references show it: its parameters, its noise, how much it differs from one recording to
+the next."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cylforce.diagnosis.columns.statistics import SMOOTH
+from cylforce.diagnosis.inference.discrepancy import Scatter, Sums, allowed, settled_noise
+from cylforce.diagnosis.inference.hypotheses import Inference
+from cylforce.diagnosis.inference.sizes import Terms
+from cylforce.diagnosis.numbers import RUN_TO_RUN, UNSEEN, UNSURE, USUALLY
+from cylforce.signals.estimate import Array
+
+FEWEST = 3  # references, from which on everyday differences are learnt
+TIMES = (1.0, 2.0, 4.0, 8.0)  # the stated differences: a factor of two is one standard deviation of what is stated
+
+
+@dataclass(frozen=True)
+class InOrder:
+    """A machine as its references show it; `everyday`: how large an everyday difference is, of an effect's least
+    plausible size."""
+
+    scene: Terms
+    references: tuple[Sums, ...]
+    everyday: Mapping[str, float]
+    joints: int = 0
+
+    @cached_property
+    def _all(self) -> Sums:
+        each = self.references
+        return Sums(*(np.sum([getattr(s, k) for s in each], axis=0) for k in Sums.__annotations__))
+
+    @cached_property
+    def fit(self) -> tuple[Scatter, Array, Array]:
+        """Noise, mean (K,) and covariance (K, K)."""
+        if not self.references:
+            return self._unseen()
+        size, together = len(self.scene.spread), self._all
+        precision = (self.scene.always / self.scene.spread) ** -2.0
+        noise = Scatter(np.full(len(together.rows), 1.0), np.full(len(together.rows), 1.0))
+        mean, covariance = np.zeros(size), np.zeros((size, size))
+        energies = np.zeros(len(together.rows)), np.zeros((len(together.rows), SMOOTH))
+        for _ in range(6):
+            told = together.information(noise)
+            covariance = np.asarray(np.linalg.inv(told[:-1, :-1] + np.diag(precision)))
+            mean = covariance @ (told[:-1, -1] - together.common(noise))
+            energies = together.energies(np.append(-mean, 1.0), covariance)
+            noise = _where_shown(settled_noise(together, energies, None), together.rows)
+        level = np.where(together.rows > 0.0, allowed(together, *energies), noise.rho)
+        return noise._replace(rho=level), mean, covariance
+
+    def _unseen(self) -> tuple[Scatter, Array, Array]:
+        """The same without references: parameters as they were identified, no effects, the noise told by the floor."""
+        size, joints = len(self.scene.spread), self.joints
+        known = np.where(np.arange(size) < self.scene.first, (self.scene.always / self.scene.spread) ** 2, 0.0)
+        return Scatter(np.full(joints, UNSEEN), np.ones(joints), UNSURE), np.zeros(size), np.diag(known)
+
+    def with_everyday(self, everyday: Mapping[str, float]) -> "InOrder":
+        """The same machine with other everyday differences; its references are not fitted again."""
+        found = replace(self, everyday=everyday)
+        found.__dict__["fit"] = self.fit
+        return found
+
+    @property
+    def noise(self) -> Scatter:
+        """As the references show it."""
+        return self.fit[0]
+
+    @property
+    def covariance(self) -> Array:
+        """Of all columns (K, K), as the references tell them."""
+        return self.fit[2]
+
+    @property
+    def left(self) -> Array:
+        """What the fit leaves of the references at each joint (R,), of the floor (rms)."""
+        coefficients = np.append(-self.fit[1], 1.0)
+        energy = np.einsum("i,rij,j->r", coefficients, self._all.whole, coefficients)
+        return np.asarray(np.sqrt(np.maximum(energy, 0.0) / np.maximum(self._all.rows, 1.0)))
+
+    @cached_property
+    def usual(self) -> Array:
+        """Everyday differences (K,), standard deviations in units of the prior spread: as stated, times what makes each
+        reference most probable by the others; first of what differs from run to run, then of all."""
+        found = self._stated
+        if len(self.references) < FEWEST:
+            return found
+        own = np.zeros(len(found), dtype=np.bool_)
+        own[[k for p in self.scene.forms if p.name in RUN_TO_RUN for k in p.columns]] = True
+        for which in (own, ~own):
+            log = [self._probable(np.where(which, times * found, found)) - 0.5 * np.log2(times) ** 2 for times in TIMES]
+            found = np.where(which, TIMES[int(np.argmax(log))] * found, found)
+        return found
+
+    def _probable(self, usual: Array) -> float:
+        """The log of the probability of each reference by the others, summed, with everyday differences (K,)."""
+        log = 0.0
+        for each, (noise, mean, covariance) in zip(self.references, self._others, strict=True):
+            case = Inference(self.scene, each, noise, mean, covariance + np.diag(usual**2 + 1e-12))
+            log += case.hypothesis((), noise).log
+        return log
+
+    @cached_property
+    def _others(self) -> list[tuple[Scatter, Array, Array]]:
+        """Noise, mean and covariance by all references but each."""
+        kept = range(len(self.references))
+        return [replace(self, references=tuple(self.references[i] for i in kept if i != k)).fit for k in kept]
+
+    @cached_property
+    def _stated(self) -> Array:
+        found = np.zeros(len(self.scene.spread))
+        for p in self.scene.forms:
+            own = list(p.columns)
+            found[own] = self.everyday.get(p.name, USUALLY) * p.low / self.scene.spread[own[0]]
+        return found
+
+    def asked(self, recording: Sums) -> "Inference":
+        """The question put to a recording."""
+        noise, mean, covariance = self.fit
+        return Inference(self.scene, recording, noise, mean, covariance + np.diag(self.usual**2 + 1e-12))
+
+
+def _where_shown(noise: Scatter, rows: Array) -> Scatter:
+    """The noise, of joints (R,) that no reference moves what is usual without references."""
+    shown = rows > 0.0
+    found = (np.where(shown, noise.rho, UNSEEN), np.where(shown, noise.v, 1.0))
+    return Scatter(*found, np.where(shown, 1.0, UNSURE))

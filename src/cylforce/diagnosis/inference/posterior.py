@@ -1,0 +1,254 @@
+"""From hypotheses with their evidence to probabilities: of "no gap", of every effect at its place, of "unknown"."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.diagnosis.inference.discrepancy import LEVELS, SCALES, Scatter, log_prior
+from cylforce.diagnosis.inference.hypotheses import Hypothesis
+from cylforce.diagnosis.inference.sizes import Column
+from cylforce.diagnosis.numbers import HALF, IN_ORDER, MASS, ODD, SAME, SECOND, SELDOM, TAIL
+from cylforce.signals.estimate import Array
+
+Key = tuple[str, str]  # name and place
+NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
+NONE = 1e-3  # floors, below which a gap is none at all
+LEAST = 1e-300  # probability
+CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
+FEATURES = 5
+
+
+class Happened(NamedTuple):
+    """What may happen at moments: its name and place (`UNKNOWN` for a torque at one joint alone), the logarithm of its
+    probability with the recording, in which share of the blocks it would be, what it leaves, of the floor."""
+
+    key: Key
+    log: float
+    busy: float
+    rest: float
+
+
+class Belief(NamedTuple):
+    """Probabilities by key, and what the calibration looks at."""
+
+    of: dict[Key, float]
+    features: tuple[float, ...]
+
+    @property
+    def first(self) -> Key:
+        """The likeliest."""
+        return max(self.of, key=lambda k: self.of[k])
+
+    @property
+    def probability(self) -> float:
+        """Of the first."""
+        return self.of[self.first]
+
+    @property
+    def credible(self) -> tuple[Key, ...]:
+        """The smallest set with MASS of the probability, likeliest first."""
+        found, mass = list[Key](), 0.0
+        for key, p in sorted(self.of.items(), key=lambda item: -item[1]):
+            found.append(key)
+            mass += p
+            if mass >= MASS:
+                break
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a search found: forms, hypotheses, what may have happened at moments; the noise that is usual; the gap over
+    the floor with nothing fitted."""
+
+    forms: tuple[Column, ...]
+    hypotheses: tuple[Hypothesis, ...]
+    happened: tuple[Happened, ...]
+    usual: Scatter
+    gap: float
+
+    @cached_property
+    def none(self) -> Hypothesis:
+        """Nothing but what is usual."""
+        return next(h for h in self.hypotheses if not h.which)
+
+    def key(self, which: int) -> Key:
+        """Name and place of a form; all unknown torques are one."""
+        p = self.forms[which]
+        return UNKNOWN if p.name == UNKNOWN[0] else (p.name, p.at)
+
+    def keys(self, h: Hypothesis) -> frozenset[Key]:
+        """Names and places of a hypothesis' forms."""
+        return frozenset(self.key(p) for p in h.which)
+
+    @cached_property
+    def _best(self) -> dict[frozenset[Key], float]:
+        """The largest logarithm of all hypotheses of the same effects, whatever their forms."""
+        found: dict[frozenset[Key], float] = {}
+        for h in self.hypotheses:
+            found[self.keys(h)] = max(h.log, found.get(self.keys(h), -np.inf))
+        return found
+
+    def main(self, h: Hypothesis) -> Key:
+        """Of several effects the one without which most is lost."""
+        keys = self.keys(h)
+        return min(keys, key=lambda k: (self._best.get(keys - {k}, self.none.log), k))
+
+    @cached_property
+    def alone(self) -> dict[Key, tuple[float, float]]:
+        """Of every effect by itself the logarithm of its most probable form, and what that leaves, of the floor."""
+        found = dict[Key, tuple[float, float]]()
+        each = [(self.key(h.which[0]), h.log, h.rest) for h in self.hypotheses if len(h.which) == 1]
+        for key, log, rest in (*each, *((h.key, h.log, h.rest) for h in self.happened)):
+            found[key] = max(found.get(key, (log, rest)), (log, rest))
+        return found
+
+    @cached_property
+    def _names(self) -> int:
+        return len(
+            {p.name for p in self.forms if p.name != UNKNOWN[0]} | {h.key[0] for h in self.happened} - {"unknown"}
+        )
+
+    @cached_property
+    def prior(self) -> dict[int, float]:
+        """Log of the prior probability of each form: alike for all names, for all places and forms of a name."""
+        found = {}
+        for k, p in enumerate(self.forms):
+            places = len({q.at for q in self.forms if q.name == p.name})
+            forms = sum((q.name, q.at) == (p.name, p.at) for q in self.forms)
+            whole = ODD if p.name == UNKNOWN[0] else (1.0 - IN_ORDER - ODD) / self._names
+            found[k] = float(np.log((0.5 if p.expected else whole / places) / forms))
+        return found
+
+    def prior_of(self, h: Hypothesis) -> float:
+        """Log of the prior probability of a hypothesis."""
+        if not h.which:
+            return float(np.log(IN_ORDER))
+        more = sum(not self.forms[p].expected for p in h.which) - 1
+        return sum(self.prior[p] for p in h.which) + max(more, 0) * float(np.log(SECOND))
+
+    def prior_at_moments(self, happened: Happened) -> float:
+        """The same of what happens at moments."""
+        if happened.key == UNKNOWN:
+            return float(np.log(ODD / sum(h.key == UNKNOWN for h in self.happened)))
+        return float(np.log((1.0 - IN_ORDER - ODD) / self._names))
+
+    def explained(self, h: Hypothesis) -> float:
+        """The share of the gap's energy beyond the floor that a hypothesis explains; 1 of none."""
+        return self.share(h.rest) if h.which else 1.0
+
+    def share(self, rest: float) -> float:
+        """The same of what would be left, of the floor; 1 where that is no more than references leave of each other."""
+        gap, left = self.gap**2 - 1.0, rest**2 - 1.0
+        return 1.0 - left / gap if min(gap, left) > SAME else 1.0
+
+    def slight(self, happened: Happened) -> bool:
+        """Whether a torque at moments is everyday: without it there is no more left than references leave."""
+        return happened.key == UNKNOWN and self.none.rest**2 - 1.0 <= SAME
+
+    def usually(self, noise: Scatter) -> float:
+        """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
+        found = 1.0
+        for r in range(len(noise.rho)):
+            flat = np.log(TAIL) - np.log(np.log(LEVELS[-1] / LEVELS[0]) * np.log(SCALES[-1] / SCALES[0]))
+            found *= 1.0 - float(np.exp(flat - log_prior(noise.rho[r], noise.v[r], self.usual, r)))
+        return found
+
+    @cached_property
+    def weights(self) -> list[float]:
+        """Posterior weights of all hypotheses and then of all that happened; the largest is 1."""
+        logs = [h.log + self.prior_of(h) for h in self.hypotheses]
+        logs += [h.log + self.prior_at_moments(h) for h in self.happened]
+        each = np.array(logs)
+        return list(np.exp(each - np.max(each)).tolist())
+
+
+def largest_evidence(asked: Asked) -> Belief:
+    """The single effect with the most evidence, if it has any; sure of itself."""
+    best = max(asked.hypotheses, key=lambda h: h.log if len(h.which) < 2 else -np.inf)
+    return Belief({asked.key(best.which[0]) if best.which else NOTHING: 1.0}, ())
+
+
+def believed(asked: Asked) -> Belief:
+    """Bayes' rule over all hypotheses; what of a hypothesis is out of the noise's tail is unknown, and so is one that
+    leaves most of the gap."""
+    found: dict[Key, float] = {NOTHING: 0.0, UNKNOWN: 0.0}
+    for h, weight in zip(asked.hypotheses, asked.weights, strict=False):
+        usual = asked.usually(h.noise) * float(asked.explained(h) >= HALF)
+        key = asked.main(h) if h.which else NOTHING
+        found[key] = found.get(key, 0.0) + weight * usual
+        found[UNKNOWN] += weight * (1.0 - usual)
+    for happened, weight in zip(asked.happened, asked.weights[len(asked.hypotheses) :], strict=True):
+        named = happened.busy <= SELDOM and asked.share(happened.rest) >= HALF
+        key = happened.key if named else UNKNOWN
+        if key == UNKNOWN and asked.slight(happened):
+            key = NOTHING
+        found[key] = found.get(key, 0.0) + weight
+    whole = sum(found.values())
+    found = {k: p / whole for k, p in found.items()}
+    return Belief(found, _features(asked, found))
+
+
+def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
+    """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap; log
+    of what the first leaves by itself; the share of its evidence that the next one lacks. Zeros where no effect was
+    asked."""
+    effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
+    if not effects:
+        return (0.0,) * FEATURES
+    first, none, second = effects[0], asked.none, found[effects[1]] if len(effects) > 1 else 0.0
+    log, rest = asked.alone.get(first, (none.log, none.rest))
+    others = [other for k, (other, _) in asked.alone.items() if k not in (first, UNKNOWN)]
+    lacks = max(log - max(others, default=none.log), 0.0) / max(log - none.log, 1.0)
+    return (
+        _log_odds(found[first], second),
+        _log_odds(sum(found[k] for k in effects), found[NOTHING]),
+        float(np.log(max(asked.gap, NONE))),
+        float(np.log(max(rest, NONE))),
+        lacks,
+    )
+
+
+def _log_odds(one: float, other: float) -> float:
+    """At most CERTAIN either way."""
+    return float(np.clip(np.log(max(one, LEAST) / max(other, LEAST)), -CERTAIN, CERTAIN))
+
+
+class Outcomes(NamedTuple):
+    """What labelled cases teach of such an answer: how probable it is that there is no gap, that the first effect is
+    the cause, that nothing of the library is, and that another effect is. A multinomial logistic regression on
+    features (F,): their `mean` and `scale` (F,), `weights` (4, F+1), a constant last. `tempered`: by which power the
+    other effects share what is theirs."""
+
+    mean: tuple[float, ...]
+    scale: tuple[float, ...]
+    weights: tuple[tuple[float, ...], ...]
+    tempered: float
+
+    def __call__(self, features: Sequence[float]) -> Array:
+        """The four probabilities (4,)."""
+        each = (np.array(features) - np.array(self.mean)) / np.array(self.scale)
+        logs = np.array(self.weights) @ np.append(each, 1.0)
+        shares = np.exp(logs - np.max(logs))
+        return np.asarray(shares / np.sum(shares))
+
+
+def calibrated(belief: Belief, by: Outcomes) -> Belief:
+    """The probabilities as labelled cases teach them; the order of the effects stays, and of two that the model holds
+    alike neither is preferred."""
+    effects = sorted((k for k in belief.of if k not in (NOTHING, UNKNOWN)), key=lambda k: -belief.of[k])
+    if not effects:
+        return belief
+    none, first, unknown, other = by(belief.features).tolist()
+    if len(effects) < 2:
+        return belief._replace(of={NOTHING: none, effects[0]: first, UNKNOWN: unknown + other})
+    said = np.array([max(belief.of[k], LEAST) for k in effects])
+    said /= np.sum(said)
+    alike = max(first - (first + other) * float(said[0]), 0.0)  # what the model itself gives to other effects
+    flat = said[1:] ** by.tempered
+    shares = other * flat / np.sum(flat) + alike * said[1:] / max(float(np.sum(said[1:])), LEAST)
+    found = {NOTHING: none, effects[0]: first - alike, UNKNOWN: unknown}
+    return belief._replace(of=found | dict(zip(effects[1:], shares.tolist(), strict=True)))

@@ -1,0 +1,293 @@
+"""The search: noise floor, what the machine always was, hypotheses with their evidence, the most probable ones looked
+at again at their sizes."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cylforce.diagnosis.columns.floor import noise_floor
+from cylforce.diagnosis.columns.problem import Problem, Seen, looked_at
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.asking import Asking, noisy
+from cylforce.diagnosis.inference.at_sizes import AtSizes
+from cylforce.diagnosis.inference.discrepancy import Moments
+from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
+from cylforce.diagnosis.inference.in_order import InOrder
+from cylforce.diagnosis.inference.moments import changed, settled
+from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
+from cylforce.diagnosis.inference.residuals import clean as cleaned
+from cylforce.diagnosis.inference.residuals import hung, residuals
+from cylforce.diagnosis.inference.working import AtWork, Blocks, Work
+from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
+from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
+from cylforce.diagnosis.recordings.glitches import Jumping, jumping, others
+from cylforce.effects.fault import SHAPES, Place, TimeCourse
+from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
+from cylforce.effects.unknown import NAME, UNKNOWN_TORQUES
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+
+MANY = 12  # hypotheses of a machine at work
+AGAIN = 6  # hypotheses that are looked at again at their sizes
+TIP = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
+SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
+CONTACT = "soil_contact"
+Watch = Callable[[str], None]
+
+
+def asked(
+    machine: Machine, library: tuple[Group, ...] = LIBRARY, jumps: Sequence[Jumping] = ()
+) -> tuple[Proposal, ...]:
+    """Everything that is asked of the recordings: the library's proposals, sensors whose readings were seen to jump,
+    and torques of which nothing is known."""
+    lasting = others(library)
+    seen = [each.proposal for each in jumps] if len(lasting) < len(library) else []
+    return (*proposals(machine, lasting), *seen, *proposals(machine, UNKNOWN_TORQUES))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
+    were looked at again, how their problem with their effects taken out and what is then asked are made once more (both
+    take much memory); in which blocks (B,) something happens at moments, by key; whether the machine was at work; the
+    smallest size of each effect that could be seen, `least`."""
+
+    question: Asking
+    machine: InOrder
+    case: Inference
+    asked: Asked
+    again: Mapping[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]
+    when: Mapping[Key, Blocks]
+    working: bool
+    least: dict[Key, float]
+
+    def looked_at(self, which: tuple[int, ...]) -> tuple[Problem, Inference]:
+        """The problem with the effects of a hypothesis taken out at their sizes, and what was then asked."""
+        return self.again[which]() if which in self.again else (self.question.problem, self.case)
+
+
+def examined(
+    viewer: Viewer,
+    faulty: Sequence[Recorded | Seen],
+    clean: Sequence[Recorded | Seen],
+    rng: np.random.Generator,
+    library: tuple[Group, ...] = LIBRARY,
+    watch: Watch = lambda _: None,
+    known: Array | None = None,
+    only: tuple[str, str] | None = None,
+    everyday: Mapping[str, float] = EVERYDAY,
+) -> Found:
+    """What may explain what the model leaves of the faulty recordings; `known` (P,): standard errors of the viewer's
+    tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause."""
+    field, references = ([r.recorded if isinstance(r, Seen) else r for r in group] for group in (faulty, clean))
+    jumps = jumping(viewer.model.machine, field, references, viewer.model.filters.rate_hz)
+    wanted = asked(viewer.model.machine, library, jumps)
+    watch("columns of every effect")
+    groups = (references, field) if jumps else (clean, faulty)  # what was seen lacks the columns of jumps
+    seen = [looked_at(viewer, group, wanted) for group in groups]
+    spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
+    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares)
+    floor = noise_floor(problem)
+    watch("noise of the columns")
+    question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
+    return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}).found()
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A search in progress."""
+
+    plain: Asking
+    everyday: dict[str, float]
+    only: tuple[str, str] | None
+    watch: Watch
+    jumps: Mapping[int, float]  # evidence [nats] of the number of jumps of a reading, by its signal
+
+    @cached_property
+    def _machine(self) -> InOrder:
+        return self.plain.machine(self.everyday)
+
+    @cached_property
+    def _first(self) -> Inference:
+        """The question without a change of load."""
+        recording = self.plain.sums(self.plain.problem.faulty, self.plain.noisy.faulty)
+        return replace(self._machine.asked(recording), told=self._told(self.plain))
+
+    @cached_property
+    def _values(self) -> Array:
+        """The machine's columns that last (K,) [of their spread], as its references tell them by the fit of the noise
+        floor, without references as it was identified, and where the field's loads hang and how its base goes."""
+        problem, known = self.plain.problem, cleaned(self.plain).values
+        known = known + hung(problem, self.plain.floor, residuals(problem, known))
+        return np.asarray(known / problem.spread[: problem.lasting])
+
+    def _left(self, case: Inference) -> Array:
+        """Coefficients (K+1,) of what the machine as it was leaves, nothing else fitted to the recording."""
+        return np.concatenate([-self._values, -case.mean[len(self._values) :], [1.0]])
+
+    def _told(self, question: Asking) -> Callable[[int, Array], float]:
+        """What else speaks for an effect: return pressures for errors of pressure sensors, the number of jumps for a
+        reading that jumps."""
+        problem = question.problem
+
+        def support(form: int, sizes: Array) -> float:
+            proposal = question.forms[form][0]
+            if proposal.name == GLITCH:
+                return self.jumps[proposal.where]
+            if proposal.about.place is not Place.PRESSURE:
+                return 0.0
+            return problem.returns.support(proposal.group, proposal.where, float(sizes[0]))
+
+        return support
+
+    @cached_property
+    def _question(self) -> Asking:
+        """With the instant at which a known load most probably changed."""
+        step = changed(self.plain, self._first, self._left(self._first))
+        return replace(self.plain, step=step) if step else self.plain
+
+    @cached_property
+    def _case(self) -> Inference:
+        if self._question.step is None:
+            return self._first
+        return replace(self._with_step(self._question.problem), told=self._told(self._question))
+
+    def _with_step(self, problem: Problem, kept: Blocks | None = None) -> Inference:
+        """A problem's recordings with what the references show; of a machine at work the blocks `kept` (B,)."""
+        question = replace(self._question, problem=problem)
+        case, size = self._machine.asked(self._first.sums), len(question.scene.spread)
+        more = size - len(case.mean)
+        covariance = np.eye(size) * 1e-12
+        covariance[: size - more, : size - more] = case.covariance
+        recording = question.sums(problem.faulty, self.plain.noisy.faulty)
+        mean = np.append(case.mean, np.zeros(more))
+        found = replace(case, scene=question.scene, sums=recording, mean=mean, covariance=covariance)
+        return found if kept is None else Work(question, found).on(kept)
+
+    @property
+    def _wanted(self) -> list[int]:
+        """The forms that may be a cause."""
+        forms = [column for _, column in self._question.forms]
+        name, at = self.only or ("", "")
+        if not name and self.plain.problem.from_sheet:  # it cannot tell errors of sensors from its own
+            return [k for k, f in enumerate(forms) if f.name in IDENTIFIED]
+        return [k for k, f in enumerate(forms) if not name or (f.name == name and at in ("", f.at))]
+
+    def found(self) -> Found:
+        """Everything."""
+        self.watch("hypotheses")
+        case = self._case
+        hypotheses = case.searched(self._wanted)
+        known = {h.which for h in hypotheses}
+        jumps = [p for p in self._wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
+        hypotheses += [case.hypothesis((p,), case.usual) for p in jumps if (p,) not in known]
+        happened, when = self._happened(case)
+        part = self._apart(case, hypotheses, happened)
+        if part and part.share > SELDOM:
+            hypotheses, blocks = self._at_work(part)
+            return replace(self._as_found(part.case, hypotheses, (), {}, blocks), working=True)
+        if part:
+            happened = (*happened, Happened(UNKNOWN, part.idle.log, part.share, part.idle.rest))
+        return self._as_found(case, hypotheses, happened, when, {})
+
+    def _apart(self, case: Inference, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]) -> AtWork | None:
+        """The machine in order where some blocks do not count, if contact explains more than any one effect and this
+        is likelier than all that was found."""
+        found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
+        touched = max((h.log for h in happened if h.key[0] == CONTACT), default=-np.inf)
+        one = max(h.log for h in hypotheses if len(h.which) < 2)
+        if min(rest for _, rest in found) <= GAP or touched < one:
+            return None
+        work = Work(self._question, case)
+        idle, at_work, kept = work.hypothesis((), work.quiet(), case.usual)
+        return AtWork(work, idle, at_work, kept) if idle.log > max(log for log, _ in found) else None
+
+    def _as_found(
+        self,
+        case: Inference,
+        hypotheses: Sequence[Hypothesis],
+        happened: tuple[Happened, ...],
+        when: Mapping[Key, Blocks],
+        blocks: Mapping[tuple[int, ...], Blocks],
+    ) -> Found:
+        gap = case.rest(self._left(case), case.usual)
+        told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap)
+        self.watch("effects at their sizes")
+        told, again = self._again(case, told, blocks)
+        return Found(self._question, self._machine, case, told, again, when, False, self._least(case, told.none))
+
+    def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
+        """The smallest size of every effect at every place that would stand out, of its most telling form."""
+        state, found = case.state(none.noise), dict[Key, float]()
+        for form in case.scene.forms:
+            k = form.columns[0]
+            told = float(state.information[k, k])
+            error = float(case.scene.spread[k]) * told**-0.5 if told > 0.0 else np.inf
+            key = (form.name, form.at)
+            found[key] = min(SIGMAS * error, found.get(key, np.inf))
+        return found
+
+    def _at_work(self, part: AtWork) -> tuple[list[Hypothesis], dict[tuple[int, ...], Blocks]]:
+        """Hypotheses of a machine at work, each with the blocks in which it holds."""
+        found = dict[tuple[int, ...], Hypothesis]({(): part.idle})
+        blocks = dict[tuple[int, ...], Blocks]({(): part.kept})
+        for p in part.case.screened(part.idle, self._wanted)[:MANY]:
+            found[(p,)], _, blocks[(p,)] = part.work.hypothesis((p,), part.kept, part.idle.noise)
+        return list(found.values()), blocks
+
+    def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
+        """What may have happened at moments, and in which blocks (B,)."""
+        found, when = [], {}
+        for key, each in self._incidents():
+            told, where = settled(case, each, self._left(case))
+            if self._question.step:  # a block that does not count is like those beside it
+                k = self._question.step.first
+                where[k] = np.any(where[max(k - 1, 0) : k + 2])
+            found.append(Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest))
+            when[key] = where
+        return tuple(found), when
+
+    def _incidents(self) -> list[tuple[Key, Moments]]:
+        """What may happen at moments, with its key."""
+        question = self._question
+        group, found = question.problem.faulty, []
+        for p in question.problem.proposals:
+            if p.course is not TimeCourse.WINDOWS or p.name == NAME or not self._may(p):
+                continue
+            names = TIP if p.about.place is Place.TOOL else SLEW
+            found.append(((p.name, p.at), question.moments(group, names)))
+        if not self.only:
+            found += [(UNKNOWN, question.torques(group, row)) for row in range(len(question.floor.rms))]
+        return found
+
+    def _may(self, p: Proposal) -> bool:
+        return not self.only or (p.name == self.only[0] and self.only[1] in ("", p.at))
+
+    def _again(
+        self, case: Inference, told: Asked, blocks: Mapping[tuple[int, ...], Blocks]
+    ) -> tuple[Asked, dict[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]]:
+        """The most probable hypotheses with the columns of their effects as they are at their sizes, and beside the
+        first of them one effect more."""
+        order = sorted((h for h in told.hypotheses if h.which), key=lambda h: -h.log - told.prior_of(h))
+        found = {h.which: h for h in told.hypotheses}
+        again = dict[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]()
+        at_sizes = AtSizes(self._question, self._with_step)
+        most, own = -np.inf, case  # of the likeliest of these alone: each takes much memory
+        # Far from zero, the linear columns of the true effect may fit worse than a sum of wrong ones.
+        alone = [h for h in order if len(h.which) == 1]
+        for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
+            if any(self._question.forms[p][0].bends for p in h.which):
+                found[h.which], again[h.which], other = at_sizes.looked_at(case, h, blocks.get(h.which))
+                if (log := found[h.which].log + told.prior_of(h)) > most:
+                    most, own = log, other
+        best = max(found.values(), key=lambda h: h.log + told.prior_of(h))
+        if best.which in again and len(best.which) == 1:
+            for p in own.screened(best, self._wanted)[:AGAIN]:
+                which = tuple(sorted((*best.which, p)))
+                more = own.hypothesis(which, best.noise)
+                if which not in found or more.log > found[which].log:
+                    found[which], again[which] = more, again[best.which]
+        return replace(told, hypotheses=tuple(found.values())), again

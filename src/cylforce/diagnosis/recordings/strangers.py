@@ -1,0 +1,108 @@
+"""References that are none: with a frozen pressure, or unlike the other references. They are compared by prediction:
+each with the parameters of the others, the data sheet as prior."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cylforce.diagnosis.columns.problem import Problem, Seen, looked_at
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.numbers import GAP
+from cylforce.effects.fault import Place, places
+from cylforce.estimation.model import Model
+from cylforce.signals.estimate import Array
+
+FEWEST = 3  # references, of which one can be told from the others
+ENOUGH = 200  # rows of a joint, ten seconds, to compare it
+Gram = Array  # (R, P+1, P+1) of a recording's columns and torque [N m]
+
+
+def frozen(model: Model, recordings: Sequence[Recorded]) -> list[str]:
+    """Sentences that name pressure sensors that never change in a recording while their cylinder moves."""
+    cylinders = {s.name: s.index for s in model.machine.signals}
+    still = [
+        (each, name)
+        for each in recordings
+        for name, k in places(model.machine, Place.PRESSURE)
+        if len(each.values) and np.ptp(each.values[:, k]) == 0.0
+    ]
+    viewer = Viewer(model, np.zeros(len(model.parameters)))
+    moves = {id(each): looked_at(viewer, [each], ())[0].rows.speed for each, _ in still}
+    return list(
+        dict.fromkeys(
+            f"{name} never changes in {each.name} while its cylinder moves: it is frozen"
+            for each, name in still
+            if np.any(np.abs(moves[id(each)][:, cylinders[name]]) > model.filters.direction_speed)
+        )
+    )
+
+
+def strange(model: Model, clean: Sequence[Recorded]) -> list[str]:
+    """Names of references that are unlike the others."""
+    grams, unlike = _grams(model, clean), list[str]()
+    while len(grams) >= FEWEST and (worst := _worst(model, grams)):
+        unlike.append(worst)
+        grams.pop(worst)
+    return unlike
+
+
+def _grams(model: Model, clean: Sequence[Recorded]) -> dict[str, Gram]:
+    """By recording; loads are told from recordings without."""
+    viewer, found = Viewer(model, np.zeros(len(model.parameters))), dict[str, Gram]()
+    for each in clean:
+        (seen,) = looked_at(viewer, [each], ())
+        gram = _gram(model, seen)
+        found[each.name] = found.get(each.name, 0.0) + gram
+    return found
+
+
+def _gram(model: Model, seen: Seen) -> Gram:
+    spread = np.sqrt(np.diag(model.prior.covariance))
+    size = len(model.parameters)
+    columns = Problem(model, spread, (), (seen,), ()).columns(seen)[..., [*range(size), -1]]
+    one = np.ones((*columns.shape[:2], 1))
+    columns = np.concatenate([columns, one], axis=-1)
+    columns = np.where(np.all(np.isfinite(columns), axis=-1, keepdims=True), columns, 0.0)
+    return np.asarray(np.einsum("tri,trj->rij", columns, columns))
+
+
+def _values(model: Model, gram: Gram) -> Array:
+    """Parameters (P,), every joint in units of a tenth of its torque, the data sheet as prior."""
+    unit = 0.01 * gram[:, -2, -2] / np.maximum(gram[:, -1, -1], 1.0) + 1.0
+    whole = np.sum(gram / unit[:, None, None], axis=0)
+    prior = np.linalg.inv(model.prior.covariance)
+    return np.asarray(np.linalg.solve(whole[:-2, :-2] + prior, whole[:-2, -2] + prior @ model.prior.mean))
+
+
+def _left(gram: Gram, values: Array) -> Array:
+    """Squares (R,) that parameters (P,) leave."""
+    coefficients = np.concatenate([-values, [1.0, 0.0]])
+    return np.asarray(np.maximum(np.einsum("i,rij,j->r", coefficients, gram, coefficients), 0.0))
+
+
+def _predicted(model: Model, grams: Mapping[str, Gram]) -> dict[str, Array]:
+    """What the others' parameters leave of each, mean squares (R,); NaN where it hardly moves."""
+    found = {}
+    for name, gram in grams.items():
+        others = np.sum([g for n, g in grams.items() if n != name], axis=0)
+        rows = np.minimum(gram[:, -1, -1], others[:, -1, -1])
+        left = _left(gram, _values(model, others)) / np.maximum(gram[:, -1, -1], 1.0)
+        found[name] = np.where(rows < ENOUGH, np.nan, left)
+    return found
+
+
+def _worst(model: Model, grams: Mapping[str, Gram]) -> str:
+    """The reference that the others predict GAP times as badly as they predict one another without it, and as it is
+    predicted by itself; "" if none."""
+    whole, unlike = _predicted(model, grams), dict[str, float]()
+    for name in grams:
+        rest = _predicted(model, {n: g for n, g in grams.items() if n != name})
+        among = np.array(list(rest.values()))
+        known = np.any(np.isfinite(among), axis=0) & np.isfinite(whole[name])
+        if np.any(known):
+            own = _left(grams[name], _values(model, grams[name])) / np.maximum(grams[name][:, -1, -1], 1.0)
+            usual = np.fmax(np.nanmax(among[:, known], axis=0), own[known]) + 1e-9
+            unlike[name] = float(np.max(whole[name][known] / usual))
+    name = max(unlike, key=lambda n: unlike[n], default="")
+    return name if name and unlike[name] > GAP**2 else ""

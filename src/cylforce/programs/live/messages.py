@@ -1,0 +1,104 @@
+"""Lines on a stream that nobody has to read: they are written by a thread of their own, out of a queue that drops and
+counts. A reader that stopped, a full pipe or a full disk never delays a step."""
+
+import json
+import os
+import sys
+import threading
+from contextlib import suppress
+from queue import Full, Queue
+from typing import TextIO, cast
+
+import structlog
+
+ROOM = 1000  # lines that wait at most; chosen: ten seconds of a line at every step
+LAST_S = 0.5  # for what still waits at the end; chosen: shorter than a watchdog's second
+
+
+class Messages:
+    """A text stream of lines. What has no file behind it (a test's buffer) is written at once: it cannot block."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._line = stream, ""
+        self.dropped = 0
+        self._told = 0
+        self._waiting = Queue[str](ROOM)
+        self._fd = _descriptor(stream)
+        if self._fd is not None:
+            with suppress(OSError, ValueError):
+                stream.flush()
+            threading.Thread(target=self._work, args=(self._fd,), name="messages", daemon=True).start()
+
+    def write(self, text: str) -> None:
+        """Take text; every whole line is queued, or dropped if there is no room."""
+        *lines, self._line = (self._line + text).split("\n")
+        for line in lines:
+            self._put(f"{line}\n")
+
+    def flush(self) -> None:
+        """Nothing to do: lines go as soon as they can."""
+
+    def close(self) -> None:
+        """Wait a moment until what was taken is written."""
+        if self._fd is not None:
+            end = threading.Thread(target=self._waiting.join, daemon=True)
+            end.start()
+            end.join(LAST_S)
+
+    def _put(self, line: str) -> None:
+        if self._fd is None:
+            with suppress(OSError, ValueError):
+                self._stream.write(line)
+            return
+        try:
+            if self.dropped > self._told:
+                self._waiting.put_nowait(json.dumps({"event": "messages dropped", "dropped": self.dropped}) + "\n")
+                self._told = self.dropped
+            self._waiting.put_nowait(line)
+        except Full:
+            self.dropped += 1
+
+    def _work(self, fd: int) -> None:
+        while True:
+            rest = self._next()
+            while rest:
+                try:
+                    rest = rest[os.write(fd, rest) :]
+                except BlockingIOError:
+                    threading.Event().wait(0.01)  # whoever gave us the stream does not want to be waited for
+                except OSError:
+                    break  # closed or full: measuring goes on without these lines
+            self._waiting.task_done()
+
+    def _next(self) -> bytes:
+        return self._waiting.get().encode("utf-8", "replace")
+
+
+def _descriptor(stream: TextIO) -> int | None:
+    try:
+        return stream.fileno()
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+_current: list[Messages] = []
+
+
+def configure_messages(stream: TextIO | None = None) -> None:
+    """Log as JSON lines on standard error or another stream."""
+    _current[:] = [Messages(stream or sys.stderr)]
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.JSONRenderer(default=str),
+        ],
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, _current[0])),
+        cache_logger_on_first_use=True,
+    )
+
+
+def last_messages() -> None:
+    """At the end of a program: what was said is written, if somebody reads it."""
+    for messages in _current:
+        messages.close()

@@ -1,0 +1,36 @@
+"""What a service manager is told (sd_notify(3)): that the service is ready, that it is alive, that it stops."""
+
+import os
+import socket
+from collections.abc import Mapping
+from contextlib import suppress
+
+
+class Manager:
+    """The service manager that started this process, if one did: `NOTIFY_SOCKET` names its socket. Never blocks."""
+
+    def __init__(self, environment: Mapping[str, str] | None = None) -> None:
+        place = (os.environ if environment is None else environment).get("NOTIFY_SOCKET", "")
+        self._place = f"\0{place[1:]}" if place.startswith("@") else place
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) if place else None
+        if self._socket is not None:
+            self._socket.setblocking(False)
+
+    def ready(self) -> None:
+        """The service steps, and its values are on the bus."""
+        self._say(b"READY=1\nWATCHDOG=1")
+
+    def alive(self) -> None:
+        """A step was on time, and its values were sent."""
+        self._say(b"WATCHDOG=1")
+
+    def stopping(self) -> None:
+        """The service leaves the bus: the last that is said."""
+        self._say(b"STOPPING=1")
+        if self._socket is not None:
+            self._socket.close()
+
+    def _say(self, words: bytes) -> None:
+        if self._socket is not None:
+            with suppress(OSError):
+                self._socket.sendto(words, self._place)
