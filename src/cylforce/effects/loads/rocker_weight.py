@@ -19,7 +19,8 @@ class RockerWeight:
     parameters. These absorb the bars in the mean only (mechanics/README.md, section 3, limit), and leave an error on
     another slope. While the rocker stands still to that body, its column is a sum of the link's."""
 
-    depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew")
+    # length and lever: another linkage shows in them
+    depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew", "length", "lever")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """The first moment w [kg m] of every four-bar linkage."""
