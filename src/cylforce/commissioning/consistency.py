@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import optimize
 
+from cylforce.estimation.bars import balanced
 from cylforce.estimation.model import Model, Tares
 from cylforce.signals.estimate import Array
 
@@ -36,7 +37,7 @@ def laws(model: Model) -> list[Law]:
     frictions = [
         _positive(p.name, k, float(spread[k]))
         for k, p in enumerate(model.parameters)
-        if p.name.endswith(NEVER_NEGATIVE)
+        if p.name.endswith(NEVER_NEGATIVE) and p.name not in balanced(model.machine)
     ]
     return [*bodies, *frictions]
 
