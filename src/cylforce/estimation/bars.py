@@ -1,10 +1,14 @@
 """What the machine file tells of the bars of its four-bar linkages (`RockerWeight`): rocker, connecting link and piston
-rod. Their masses are in the data sheet's links, but they turn with none of them."""
+rod, and of its cylinders (`CylinderWeight`). Their masses are in the data sheet's links, but they turn with none of
+them."""
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.effects.effect import Effect
+from cylforce.effects.loads.cylinder_weight import CylinderWeight
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.estimation.batch import Prior
@@ -22,7 +26,7 @@ CLOSED = 0.15  # sine of the angle between rocker and link, below which a postur
 
 
 class Guess(NamedTuple):
-    """First moment of bars about the rocker's pin: `mean` and `standard_error` [kg m]."""
+    """A first moment: `mean` and `standard_error` [kg m]."""
 
     mean: float
     standard_error: float
@@ -37,6 +41,19 @@ def guess(cylinder: Cylinder, linkage: FourBar) -> Guess:
     return Guess(far + near * eye.real, ERROR * (far + near * abs(eye)))
 
 
+def of_cylinder(cylinder: Cylinder) -> Guess:
+    """Barrel and rod are as long as the shortest cylinder and each weighs as much as a rod of steel, with an error of
+    its own: about their pins they balance each other in the mean."""
+    rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low
+    return Guess(0.0, sqrt(2.0) * ERROR * rod * cylinder.length_low / 2.0)
+
+
+def of_bars(machine: Machine) -> tuple[Effect, ...]:
+    """The effects of bars and cylinders."""
+    effects = (RockerWeight(), CylinderWeight())
+    return tuple(e for e in effects if e.parameters(machine))
+
+
 def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
     """The `prior` of parameters `names` (P,) in which the bars weigh nothing, with what `guess` tells of them. What the
     data sheet's links contain of the bars is taken out of their first moments, so that the sum of both is known as well
@@ -45,6 +62,7 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
     if not columns:
         return prior
     told = [guess(c, machine.four_bars[c.name]) for c in machine.cylinders if c.name in machine.four_bars]
+    told += [of_cylinder(c) for c in machine.carried]
     mean, covariance = prior.mean.copy(), prior.covariance.copy()
     mean[columns] = [g.mean for g in told]
     covariance[columns, columns] = [g.standard_error**2 for g in told]
@@ -66,7 +84,7 @@ def balanced(machine: Machine) -> frozenset[str]:
 
 
 def _columns(machine: Machine, names: tuple[str, ...]) -> list[int]:
-    return [names.index(p.name) for p in RockerWeight().parameters(machine) if p.name in names]
+    return [names.index(p.name) for effect in of_bars(machine) for p in effect.parameters(machine) if p.name in names]
 
 
 def _shares(machine: Machine) -> Array:
@@ -75,6 +93,7 @@ def _shares(machine: Machine) -> Array:
     theta = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, machine.size)
     still = motion(machine, theta, np.zeros_like(theta), np.zeros((len(theta), len(machine.cylinders))))
     closed = np.all(still.transmission > CLOSED, axis=-1)
-    links, bars = (effect.halves(machine, still).static[closed] for effect in (Rigid(), RockerWeight()))
+    links, *parts = (effect.halves(machine, still).static[closed] for effect in (Rigid(), *of_bars(machine)))
+    bars = np.concatenate(parts, axis=-1)
     size, count = links.shape[-1], bars.shape[-1]
     return np.asarray(np.linalg.lstsq(links.reshape(-1, size), bars.reshape(-1, count), rcond=None)[0])

@@ -16,12 +16,11 @@ from cylforce.effects.friction.load_dependent_friction import LoadDependentFrict
 from cylforce.effects.friction.stribeck import Stribeck
 from cylforce.effects.friction.viscous_friction import ViscousFriction
 from cylforce.effects.loads.rigid import Rigid
-from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.effects.loads.slew import Slew
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.delay import Delay
 from cylforce.effects.sensors.pressure_zero import PressureZero
-from cylforce.estimation.bars import with_bars
+from cylforce.estimation.bars import of_bars, with_bars
 from cylforce.estimation.batch import Prior
 from cylforce.estimation.channels import Channels
 from cylforce.estimation.depth import slewing
@@ -112,12 +111,9 @@ class Model:
             "stribeck": Stribeck(CREEP, rounding),
         }
         turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
-        others: dict[str, Effect] = {"delay": Delay(), BARS: RockerWeight()}
-        friction = (others.get(name) or Friction(name, laws[name]) for name in self.friction if self._has(name))
+        others: dict[str, tuple[Effect, ...]] = {"delay": (Delay(),), BARS: of_bars(self.machine)}
+        friction = [e for name in self.friction for e in others.get(name) or (Friction(name, laws[name]),)]
         return Regressor(self.machine, (Rigid(), *turning, *friction))
-
-    def _has(self, law: str) -> bool:
-        return law != BARS or bool(RockerWeight().parameters(self.machine))
 
     @cached_property
     def _slews(self) -> bool:

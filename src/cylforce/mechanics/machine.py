@@ -151,6 +151,11 @@ class Machine:
         return {c.name: c.linkage for c in self.cylinders if isinstance(c.linkage, FourBar)}
 
     @cached_property
+    def carried(self) -> tuple[Cylinder, ...]:
+        """The cylinders whose foot is on a link, not on the chassis."""
+        return tuple(c for c in self.cylinders if c.linkage.pins[0][0] > 0)
+
+    @cached_property
     def forces_measured(self) -> tuple[bool, ...]:
         """For each cylinder whether its force is measured: by a force pin, or at least by its head-side pressure."""
         seen = {s.index for s in self.signals if s.kind in (Kind.HEAD_PRESSURE, Kind.FORCE_PIN)}

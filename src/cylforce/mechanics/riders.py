@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.mechanics.chain import Pin
-from cylforce.mechanics.linkages import FourBar
+from cylforce.mechanics.linkages import FourBar, Linkage
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
@@ -93,6 +93,59 @@ def rocker(at: Pins, bars: FourBar) -> tuple[Rider, Rider]:
         [h + 1j * (velocity * s + arm * z) for h, s, z in zip(pin.rate, spin, gains, strict=True)],
     )
     return pin, end
+
+
+def eye(at: Pins, linkage: Linkage) -> Rider:
+    """The cylinder's rod end; not a number where the linkage cannot be closed."""
+    if not isinstance(linkage, FourBar):
+        return rider(at, linkage.pins[1])
+    pin, end = rocker(at, linkage)
+
+    def between(start: Vector, far: Vector) -> Vector:
+        return start + linkage.eye * (far - start)
+
+    return Rider(
+        between(pin.place, end.place),
+        between(pin.velocity, end.velocity),
+        [between(*pair) for pair in zip(pin.gradient, end.gradient, strict=True)],
+        [between(*pair) for pair in zip(pin.rate, end.rate, strict=True)],
+    )
+
+
+def on_line(foot: Rider, end: Rider, distance: float) -> Rider:
+    """The point on the line from `foot` to `end`, at a fixed `distance` [m] from the foot."""
+    line, speed = end.place - foot.place, end.velocity - foot.velocity
+    length: Number = abs(line)
+    inverse = _inverse(length)
+    along = line * inverse
+    across, turning = 1j * along, _dot(1j * along, speed) * inverse
+    grows = _dot(along, speed) * inverse
+    swings = [_dot(across, b - a) * inverse for a, b in zip(foot.gradient, end.gradient, strict=True)]
+    slopes = zip(foot.gradient, end.gradient, foot.rate, end.rate, swings, strict=True)
+    gains = [(_dot(across, d - c) - turning * _dot(along, b - a)) * inverse - grows * s for a, b, c, d, s in slopes]
+    return Rider(
+        foot.place + distance * along,
+        foot.velocity + distance * turning * across,
+        [a + distance * s * across for a, s in zip(foot.gradient, swings, strict=True)],
+        [h + distance * (z * across - turning * s * along) for h, s, z in zip(foot.rate, swings, gains, strict=True)],
+    )
+
+
+def upward(moving: Motion) -> Vector:
+    """Gravity as a factor: what it does along a vector is the imaginary part of the product."""
+    found = moving.g * np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))
+    return complex(found) if moving.q.ndim == 1 else np.asarray(found)
+
+
+def of_mass(at: Rider, up: Vector, turning: Number, axis: float) -> tuple[list[Number], list[Number]]:
+    """Momentum and static torque by joints of a unit mass: p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j,
+    with x_j the derivatives of its place by the joints' angles, rho its distance from the slew axis."""
+    x, z, thrown = at.velocity.real, at.velocity.imag, turning * (axis + at.place.real)
+    momentum = [g.real * x + g.imag * z for g in at.gradient]
+    static = [
+        (up * g).imag - thrown * g.real - h.real * x - h.imag * z for g, h in zip(at.gradient, at.rate, strict=True)
+    ]
+    return momentum, static
 
 
 def _less(these: list[Any], those: list[Any]) -> list[Any]:

@@ -16,7 +16,7 @@ from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import SMALLEST, load_spread
+from cylforce.estimation.residual import EMPTY
 from cylforce.signals.estimate import Array
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
@@ -80,8 +80,11 @@ class Adapter:
 
     @cached_property
     def _remainder(self) -> Array:
-        """Standard errors (4,) of what remains in an empty bucket, before anything is seen of it."""
-        return SMALLEST / 2.0 * load_spread(self.model.machine)
+        """Standard errors (4,) of what remains in an empty bucket, before anything is seen of it: evenly within what
+        counts as empty, anywhere in the bucket."""
+        machine = self.model.machine
+        reach = machine.payload_reach
+        return np.array([1.0, reach, reach, reach**2]) * (EMPTY / 3.0**0.5 * machine.rated_payload)
 
     def loaded(self, drift: Drift) -> Drift:
         """The state after the bucket was not empty: what remains in it next time is unknown.

@@ -9,7 +9,7 @@ from cylforce.effects.effect import Halves, Parameter
 from cylforce.mechanics.linkages import FourBar
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
-from cylforce.mechanics.riders import Number, Pins, Rider, Vector, pins, rocker
+from cylforce.mechanics.riders import Number, Pins, Vector, of_mass, pins, rocker, upward
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class RockerWeight:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Momentum and static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be closed."""
-        at, up = pins(machine, moving), _up(moving)
+        at, up = pins(machine, moving), upward(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
             columns = [_column(machine, moving, at, up, bar) for bar in machine.four_bars.values()]
         found = np.array(columns)  # (K, 2, N, ...)
@@ -36,26 +36,9 @@ class RockerWeight:
         return Halves(*found.transpose(1, *range(3, found.ndim), 2, 0))
 
 
-def _up(moving: Motion) -> Vector:
-    """Gravity as a factor: what it does along a vector is the imaginary part of the product."""
-    found = moving.g * np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))
-    return complex(found) if moving.q.ndim == 1 else np.asarray(found)
-
-
 def _column(machine: Machine, moving: Motion, at: Pins, up: Vector, bar: FourBar) -> list[list[Number]]:
     """Momentum and static column of one linkage, by joints."""
     turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
-    columns = [_mass(point, up, turning, machine.slew_axis) for point in rocker(at, bar)]
+    columns = [of_mass(point, up, turning, machine.slew_axis) for point in rocker(at, bar)]
     pin, end = columns
     return [[(b - a) / bar.rocker_length for a, b in zip(*half, strict=True)] for half in zip(pin, end, strict=True)]
-
-
-def _mass(at: Rider, up: Vector, turning: Number, axis: float) -> tuple[list[Number], list[Number]]:
-    """Momentum and static torque by joints of a unit mass: p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j,
-    with x_j the derivatives of its place by the joints' angles, rho its distance from the slew axis."""
-    x, z, thrown = at.velocity.real, at.velocity.imag, turning * (axis + at.place.real)
-    momentum = [g.real * x + g.imag * z for g in at.gradient]
-    static = [
-        (up * g).imag - thrown * g.real - h.real * x - h.imag * z for g, h in zip(at.gradient, at.rate, strict=True)
-    ]
-    return momentum, static
