@@ -115,8 +115,7 @@ def eye(at: Pins, linkage: Linkage) -> Rider:
 def on_line(foot: Rider, end: Rider, distance: float) -> Rider:
     """The point on the line from `foot` to `end`, at a fixed `distance` [m] from the foot."""
     line, speed = end.place - foot.place, end.velocity - foot.velocity
-    length: Number = abs(line)
-    inverse = _inverse(length)
+    inverse = _inverse(_size(line))
     along = line * inverse
     across, turning = 1j * along, _dot(1j * along, speed) * inverse
     grows = _dot(along, speed) * inverse
@@ -162,6 +161,10 @@ def _inverse(value: Number) -> Number:
     """1/value, infinite for zero."""
     found = np.divide(1.0, value)
     return float(found) if isinstance(value, float) else np.asarray(found)
+
+
+def _size(a: Vector) -> Number:
+    return abs(a) if isinstance(a, complex) else np.abs(a)
 
 
 def _dot(a: Vector, b: Vector) -> Number:

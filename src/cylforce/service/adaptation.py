@@ -8,6 +8,7 @@ kilograms."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import EMPTY
+from cylforce.estimation.residual import SMALLEST
 from cylforce.signals.estimate import Array
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
@@ -84,7 +85,8 @@ class Adapter:
         counts as empty, anywhere in the bucket."""
         machine = self.model.machine
         reach = machine.payload_reach
-        return np.array([1.0, reach, reach, reach**2]) * (EMPTY / 3.0**0.5 * machine.rated_payload)
+        evenly = SMALLEST / sqrt(3.0) * machine.rated_payload
+        return evenly * np.array([1.0, reach, reach, reach**2], dtype=np.float64)
 
     def loaded(self, drift: Drift) -> Drift:
         """The state after the bucket was not empty: what remains in it next time is unknown.

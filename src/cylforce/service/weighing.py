@@ -12,7 +12,6 @@ from scipy.linalg import block_diag
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
 from cylforce.estimation.residual import (
-    EMPTY,
     GOOD_ENOUGH,
     MIN_SECONDS,
     REST_SECONDS,
@@ -32,6 +31,7 @@ BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for
 COLD = 5.0  # times the expected drift, for which the gate allows: oil of 0 instead of 40 degC; chosen
 DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift not known yet; chosen: twice its error
 PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
+EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
 FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; chosen
 REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
