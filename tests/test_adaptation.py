@@ -1,11 +1,13 @@
 """Slow adaptation: it follows what the empty machine in motion shows, freezes otherwise, and stays within bounds."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cylforce.estimation.model import Model
+from cylforce.estimation.drift import warming
+from cylforce.estimation.model import EXPECTED, Model
 from cylforce.estimation.regressor import Rows
 from cylforce.service.adaptation import FRICTION_RANGE, Adapter
 from cylforce.settings.machine_file import load
@@ -106,3 +108,22 @@ def test_an_unseen_drift_keeps_its_prior_error(bench):
     begun = bench.adapter.begin()
     after = adapted(bench, 0.0 * true_drift(bench.adapter))
     assert np.all(np.diag(after.covariance)[:6] < 0.5 * np.diag(begun.covariance)[:6])
+
+
+def test_what_no_motion_shows_is_not_known_better_for_being_waited_for(bench):
+    """Two minutes of motion in which nothing depends on the bucket's zero: its error stays, but for what the two other
+    zeros tell of their kind; with k^2 = (1 + 0 + 0 + k^2) / (1 + 3) at least a third of its variance."""
+    begun, hidden = bench.adapter.begin(), bench.adapter.model.changing[-1]
+    blind, drift = bench.columns.copy(), bench.adapter.begin()
+    blind[..., hidden] = 0.0
+    for columns in np.tile(blind, (4, 1, 1)):
+        drift = bench.adapter.step(drift, Rows(columns, np.zeros(3)), np.zeros(3), SURE)
+    assert 0.333 < drift.covariance[-1, -1] / begun.covariance[-1, -1] <= 1.0
+
+
+def test_zeros_drift_as_far_as_their_sensors_temperature():
+    """By hand: 0.15 % of 400 bar in 10 K, evenly either way, in 20 K; a machine without pressure sensors has none."""
+    machine = load(EXCAVATOR).service.machine
+    assert warming(machine).zero == pytest.approx(0.0015 * 400e5 / 10.0 / np.sqrt(3.0) * 20.0)
+    others = tuple(s for s in machine.signals if "pressure" not in s.name)
+    assert warming(replace(machine, signals=others)) == EXPECTED
