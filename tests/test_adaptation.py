@@ -1,13 +1,11 @@
 """Slow adaptation: it follows what the empty machine in motion shows, freezes otherwise, and stays within bounds."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cylforce.estimation.drift import warming
-from cylforce.estimation.model import EXPECTED, Model
+from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
 from cylforce.service.adaptation import FRICTION_RANGE, Adapter
 from cylforce.settings.machine_file import load
@@ -119,11 +117,3 @@ def test_what_no_motion_shows_is_not_known_better_for_being_waited_for(bench):
     for columns in np.tile(blind, (4, 1, 1)):
         drift = bench.adapter.step(drift, Rows(columns, np.zeros(3)), np.zeros(3), SURE)
     assert 0.333 < drift.covariance[-1, -1] / begun.covariance[-1, -1] <= 1.0
-
-
-def test_zeros_drift_as_far_as_their_sensors_temperature():
-    """By hand: 0.15 % of 400 bar in 10 K, evenly either way, in 20 K; a machine without pressure sensors has none."""
-    machine = load(EXCAVATOR).service.machine
-    assert warming(machine).zero == pytest.approx(0.0015 * 400e5 / 10.0 / np.sqrt(3.0) * 20.0)
-    others = tuple(s for s in machine.signals if "pressure" not in s.name)
-    assert warming(replace(machine, signals=others)) == EXPECTED

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from cylforce.estimation.drift import warming
-from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
 from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
@@ -60,8 +59,7 @@ class Core:
     def adapter(self) -> Adapter:
         """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
         friction may follow the oil much farther."""
-        differs = warming(self.service.machine) if self.adapts else self.tares.between_strokes
-        return Adapter(self.model, self.tares, differs)
+        return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
 
     @cached_property
     def recognizer(self) -> Recognizer:
