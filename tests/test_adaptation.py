@@ -106,3 +106,14 @@ def test_an_unseen_drift_keeps_its_prior_error(bench):
     begun = bench.adapter.begin()
     after = adapted(bench, 0.0 * true_drift(bench.adapter))
     assert np.all(np.diag(after.covariance)[:6] < 0.5 * np.diag(begun.covariance)[:6])
+
+
+def test_what_no_motion_shows_is_not_known_better_for_being_waited_for(bench):
+    """Two minutes of motion in which nothing depends on the bucket's zero: its error stays, but for what the two other
+    zeros tell of their kind; with k^2 = (1 + 0 + 0 + k^2) / (1 + 3) at least a third of its variance."""
+    begun, hidden = bench.adapter.begin(), bench.adapter.model.changing[-1]
+    blind, drift = bench.columns.copy(), bench.adapter.begin()
+    blind[..., hidden] = 0.0
+    for columns in np.tile(blind, (4, 1, 1)):
+        drift = bench.adapter.step(drift, Rows(columns, np.zeros(3)), np.zeros(3), SURE)
+    assert 0.333 < drift.covariance[-1, -1] / begun.covariance[-1, -1] <= 1.0

@@ -13,6 +13,7 @@ from cylforce.commissioning.guidance import Guide, Judgement
 from cylforce.commissioning.identification import Identification, attachment_prior, identify_attachment
 from cylforce.estimation.attachment import tool_of, with_tool
 from cylforce.estimation.model import Tares
+from cylforce.estimation.priors.bars import represented
 from cylforce.files.atomic import RecordingError
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.mechanics.machine import base_parameters
@@ -101,8 +102,10 @@ class TestTares:
     def test_taking_one_tool_off_and_the_other_on_gives_the_others_parameters(self, loaded, tares):
         """With the data sheet's own values the result is the other data sheet."""
         found = with_tool(tares, *tool_models(loaded, "grab", tares))
-        wanted = base_parameters(loaded.service.fitted("grab").machine.links)
-        np.testing.assert_allclose(found.values[: len(wanted)], wanted, rtol=1e-9, atol=1e-6)
+        grab = loaded.service.fitted("grab").machine
+        wanted = base_parameters(grab.links)
+        links = represented(grab, found.names) @ found.values
+        np.testing.assert_allclose(links[: len(wanted)], wanted, rtol=1e-9, atol=1e-6)
 
     def test_the_standard_error_is_that_of_the_data_sheet(self, loaded, tares):
         standard, other = tool_models(loaded, "grab", tares)
@@ -116,12 +119,13 @@ class TestTares:
         standard, other = tool_models(loaded, "grab", tares)
         bucket = standard.machine.links[-1]
         heavier = replace(bucket, mass=1.1 * bucket.mass, inertia=1.1 * bucket.inertia)
+        links = represented(standard.machine, tares.names) @ tares.values
         values = tares.values.copy()
-        values[:9] = base_parameters((*standard.machine.links[:-1], heavier))
+        values[:9] += base_parameters((*standard.machine.links[:-1], heavier)) - links[:9]
         found = with_tool(tares._replace(values=values), standard, other)
         wanted = base_parameters(other.machine.links)
         place = found.names.index("boom.X")
-        apart = abs(found.values[place] - wanted[place])
+        apart = abs((represented(other.machine, found.names) @ found.values)[place] - wanted[place])
         assert apart < 0.7 * 0.1 * bucket.mass * standard.machine.links[0].length
         assert apart < 2.0 * np.sqrt(found.covariance[place, place])
 

@@ -9,7 +9,7 @@ from scipy import signal
 from cylforce.estimation import blocks, recursive
 from cylforce.estimation.batch import best, least_squares
 from cylforce.estimation.filters import first_order, second_order
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 
 SEED = 20_261_121
 

@@ -8,7 +8,7 @@ from cylforce.estimation import blocks
 from cylforce.estimation.batch import least_squares
 from cylforce.estimation.model import Model
 from cylforce.estimation.observation import noise_like
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors

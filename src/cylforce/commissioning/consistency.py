@@ -11,6 +11,7 @@ import numpy as np
 from scipy import optimize
 
 from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.priors.bars import balanced
 from cylforce.signals.estimate import Array
 
 MASS_BOUND = 3.0  # standard errors above the data sheet's mass: upper limit of a link's mass; chosen
@@ -36,7 +37,7 @@ def laws(model: Model) -> list[Law]:
     frictions = [
         _positive(p.name, k, float(spread[k]))
         for k, p in enumerate(model.parameters)
-        if p.name.endswith(NEVER_NEGATIVE)
+        if p.name.endswith(NEVER_NEGATIVE) and p.name not in balanced(model.machine)
     ]
     return [*bodies, *frictions]
 

@@ -10,7 +10,7 @@ from cylforce.commissioning.wiring import Suspicion, misfit
 from cylforce.estimation.batch import Fit, best, least_squares
 from cylforce.estimation.blocks import Factors, beside, chosen, of_all, residual_squares
 from cylforce.estimation.model import Model
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import STANDARD_GRAVITY
 

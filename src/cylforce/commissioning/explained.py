@@ -11,7 +11,7 @@ from cylforce.commissioning.emptiness import CORRELATED
 from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, of_row, residual_squares
 from cylforce.estimation.model import Model
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 from cylforce.signals.estimate import Array
 
 NOTHING = 0.0  # share explained below which a constant torque would explain the recording better: refused

@@ -21,7 +21,7 @@ from cylforce.estimation.batch import Fit, least_squares
 from cylforce.estimation.blocks import Factors, chosen, joined
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import BLOCK_SECONDS, MOST_BLOCKS, Observed, block_factors, observe
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 from cylforce.estimation.segments import gapless
 from cylforce.mechanics.workspace import drive_angles
 from cylforce.signals.estimate import Array

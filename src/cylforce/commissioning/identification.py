@@ -17,16 +17,16 @@ from cylforce.commissioning.zeros import between_strokes, correlation
 from cylforce.estimation.attachment import with_tool
 from cylforce.estimation.batch import Fit, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, settled
-from cylforce.estimation.model import EXPECTED, FRICTION, TYPICAL, Model, Tares
+from cylforce.estimation.model import BARS, EXPECTED, FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 from cylforce.signals.estimate import Array
 
 MIN_SECONDS = 20.0  # s of usable motion that a recording must contain; chosen
 ONE_WAY = 0.05  # of a cylinder's motion: with less in one direction it moved in the other one only; chosen
 ONE_WAY_SECONDS = 2.0  # s of motion of a cylinder, below which its directions are not checked; chosen
 FOLDS = 5  # parts of the recording for the choice of friction laws by prediction; chosen
-CERTAIN = ("coulomb", "delay", "load_dependent")  # laws that are always in the model; see `_choose`
+CERTAIN = ("coulomb", "delay", "load_dependent", BARS)  # laws that are always in the model; see `_choose`
 # Of the force: additional standard error of load-dependent friction beyond the measured forces. Fitted: with 0.005 the
 # weights of 12 reference machines without a known lift were wrong by 1.6 of their standard errors, rms.
 BEYOND = 0.008
@@ -74,7 +74,7 @@ def identify(
         sentence = doubt(model, whole, evidence[0])
         if sentence is not None:
             raise ValueError(sentence)
-    laws, errors = _choose(model, factors, noise)
+    laws, errors = _laws(model, factors, noise)
     best = Model(model.machine, model.filters, laws)
     fewer = chosen(factors, _of(model, best))
     fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
@@ -189,17 +189,31 @@ def _beside_tool(model: Model, part: Model, whole: Factors) -> Factors:
     return chosen(whole, [*_of(model, part), *range(len(model.parameters), whole.triangle.shape[-1] - 1)])
 
 
-def _choose(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
-    """(Chosen friction laws, mean squared prediction error of each law tried), by cross-validation: blocks of similar
-    posture form a fold, so that postures are predicted which the fit did not contain. A law is added when it improves
-    the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in: Coulomb friction;
-    the delay, because every sensor lags, and viscous friction would take its place with too small a standard error;
-    load-dependent friction, which the empty machine may not show but the loaded machine has."""
+def _laws(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
+    """As `_choose`, without the bars of linkages where the recording does not tell all of them: the links contain them
+    then, as in the data sheet."""
+    laws, errors = _choose(model, model.friction, factors, noise)
+    part = Model(model.machine, model.filters, laws)
+    untold = _not_told(part, least_squares(chosen(factors, _of(model, part)), noise, part.prior))
+    if not any(name.endswith(f".{BARS}") for name in untold):
+        return laws, errors
+    return _choose(model, tuple(law for law in model.friction if law != BARS), factors, noise)
+
+
+def _choose(
+    model: Model, allowed: tuple[str, ...], factors: Factors, noise: Array
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """(Chosen friction laws among those `allowed`, mean squared prediction error of each tried), by cross-validation:
+    blocks of similar posture form a fold, so that postures are predicted which the fit did not contain. A law is added
+    when it improves the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in:
+    Coulomb friction; the delay, because every sensor lags, and viscous friction would take its place with too small a
+    standard error; load-dependent friction, which the empty machine may not show but the loaded machine has; the bars
+    of linkages, which look like the links' weight on level ground, and show on a slope."""
     folds = _folds(model, factors)
-    laws = tuple(law for law in model.friction if law in CERTAIN) or model.friction[:1]
+    laws = tuple(law for law in allowed if law in CERTAIN) or allowed[:1]
     best = _errors(model, laws, factors, noise, folds)
     errors = {laws[0]: float(np.mean(best))}
-    for law in [law for law in model.friction if law not in laws]:
+    for law in [law for law in allowed if law not in laws]:
         error = _errors(model, (*laws, law), factors, noise, folds)
         errors[law] = float(np.mean(error))
         gain = best - error

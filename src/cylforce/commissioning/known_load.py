@@ -12,7 +12,7 @@ from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, joined
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import Observed, chunks, observe
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 from cylforce.estimation.residual import SMALLEST
 from cylforce.signals.estimate import Array
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.priors.bars import represented
 from cylforce.mechanics.machine import Link
 from cylforce.signals.estimate import Array
 
@@ -36,7 +37,8 @@ def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
     """Tares of `other`, the machine of `standard` with another last link, whose data sheet is trusted within its
     tolerances."""
     old, new, put = tool_of(standard.machine.links[-1]), tool_of(other.machine.links[-1]), other.load
-    own = put[:, 1:].T  # (3, P): m x, m z, J of the tool as they stand among the parameters
+    # (3, P): m x, m z, J of the tool, with what a data sheet's link contains of linkages' bars
+    own = put[:, 1:].T @ represented(standard.machine, tares.names)
     heavier = np.linalg.solve(old.covariance[1:, 1:], old.covariance[1:, 0])
     unknown = old.covariance[0, 0] - heavier @ old.covariance[1:, 0]  # of the mass, when the moments are known
     mass = old.values[0] + heavier @ (own @ tares.values - old.values[1:])

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import linalg
 
 from cylforce.estimation.blocks import Factors, of_noise, of_others, residual_squares, scores, stacked_triangle
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.prior import Prior
 from cylforce.signals.estimate import Array
 
 RANK = 1e-6  # times the largest singular value: directions of the scaled parameters below it are not determined; chosen

@@ -16,23 +16,23 @@ from cylforce.effects.friction.load_dependent_friction import LoadDependentFrict
 from cylforce.effects.friction.stribeck import Stribeck
 from cylforce.effects.friction.viscous_friction import ViscousFriction
 from cylforce.effects.loads.rigid import Rigid
-from cylforce.effects.loads.rocker_weight import RockerWeight
-from cylforce.effects.loads.slew import Slew, slew_parameters
+from cylforce.effects.loads.slew import Slew
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.delay import Delay
 from cylforce.effects.sensors.pressure_zero import PressureZero
 from cylforce.estimation.channels import Channels
 from cylforce.estimation.fast import FastRegressor
-from cylforce.estimation.prior import Prior
+from cylforce.estimation.priors.bars import of_bars, with_bars
+from cylforce.estimation.priors.depth import slewing
+from cylforce.estimation.priors.prior import Prior
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
-from cylforce.mechanics.linkages import FourBar
 from cylforce.mechanics.machine import Machine, base_parameter_covariance, base_parameters
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 # Friction laws that a model may contain; with them the delay of the angles, which looks like friction while empty, and
-# the weight of the rockers, which the links represent in the mean only.
+# the weight of linkages' bars, which the links represent in the mean only.
 BARS = "rocker"
 FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional", "stribeck", BARS)
 
@@ -55,10 +55,6 @@ SPREAD = {
 CREEP = 0.01
 # Relative standard error of a pressure sensor's gain: accuracy class 0.5, so evenly within 0.5 % either way.
 GAIN_ERROR = 0.005 / 3.0**0.5
-# First moment of a linkage's bars about the rocker's pin, as a share of (mass of the last link) times (length of the
-# rocker): prior mean and standard error. From typical excavators of 20 t: rocker pair 50 kg, link 70 kg and rod end 15
-# kg beside a bucket of 800 kg make (50/2 + 70/2 + 15) / 800 = 0.09; no bars at all are within one standard error.
-BARS_SHARE, BARS_ERROR = 0.05, 0.05
 TYPICAL = {"load_dependent": 0.01}  # prior means that are not zero; chosen: one percent of the force for seals and pins
 ABSOLUTE = ("load_dependent", "delay")  # laws whose prior does not scale with the cylinder's largest force
 
@@ -115,12 +111,9 @@ class Model:
             "stribeck": Stribeck(CREEP, rounding),
         }
         turning: tuple[Effect, ...] = (Slew(),) if self._slews else ()
-        others: dict[str, Effect] = {"delay": Delay(), BARS: RockerWeight()}
-        friction = (others.get(name) or Friction(name, laws[name]) for name in self.friction if self._has(name))
+        others: dict[str, tuple[Effect, ...]] = {"delay": (Delay(),), BARS: of_bars(self.machine)}
+        friction = [e for name in self.friction for e in others.get(name) or (Friction(name, laws[name]),)]
         return Regressor(self.machine, (Rigid(), *turning, *friction))
-
-    def _has(self, law: str) -> bool:
-        return law != BARS or bool(RockerWeight().parameters(self.machine))
 
     @cached_property
     def _slews(self) -> bool:
@@ -240,31 +233,24 @@ class Model:
             mean[place[name]], covariance[place[name], place[name]] = value, spread**2
         mean[:n] = base_parameters(self.machine.links)
         covariance[:n, :n] = base_parameter_covariance(self.machine.links) + np.diag(1e-6 * mean[:n] ** 2 + 1e-2)
-        return Prior(mean, covariance)
+        return with_bars(self.machine, tuple(place), Prior(mean, covariance))
 
     def _guesses(self) -> list[tuple[str, float, float]]:
-        """Prior (name, mean, standard error) of every parameter of slew, friction and delay."""
+        """Prior (name, mean, standard error) of every parameter of slew, friction and delay, not of the bars."""
         guesses = []
         if self._slews:
-            for link, (excess, product) in zip(self.machine.links, slew_parameters(self.machine.links), strict=True):
-                guesses.append((f"{link.name}.D_excess", excess, 0.2 * abs(excess) + 1.0))
-                guesses.append((f"{link.name}.E", product, 0.2 * abs(product) + 1.0))
+            for link in self.machine.links:
+                told = slewing(link, tool=link is self.machine.links[-1])
+                guesses.append((f"{link.name}.D_excess", told.excess, told.excess_error))
+                guesses.append((f"{link.name}.E", told.product, told.product_error))
         for law in self.friction:
             if law == BARS:
-                guesses += self._bars()
                 continue
             for c in self.machine.cylinders:
                 largest = 300e5 * c.area_head  # N, at a relief pressure of 300 bar, typical of excavators
                 spread = SPREAD[law] * (1.0 if law in ABSOLUTE else largest)
                 guesses.append((f"{c.name}.{law}", TYPICAL.get(law, 0.0), spread))
         return guesses
-
-    def _bars(self) -> list[tuple[str, float, float]]:
-        """Prior (name, mean, standard error) [kg m] of the bars of every four-bar linkage."""
-        four = [c.linkage for c in self.machine.cylinders if isinstance(c.linkage, FourBar)]
-        scale = [self.machine.links[-1].mass * linkage.rocker_length for linkage in four]
-        names = [p.name for p in RockerWeight().parameters(self.machine)]
-        return [(name, BARS_SHARE * s, BARS_ERROR * s) for name, s in zip(names, scale, strict=True)]
 
     @cached_property
     def data_sheet(self) -> Tares:

@@ -151,29 +151,23 @@ class FourBar(Linkage):
     def places(self, at: Pose) -> dict[str, Complex]:
         """Foot, rocker pin, link pin, rocker end, and the cylinder's eye where it is not the rocker's end."""
         place = points(at, fixed(self.pins, at.turn.shape[-1] - 1)).place
-        arm = self._arm(place[..., 2] - place[..., 1])
+        arm = self.arm(place[..., 2] - place[..., 1])
         found = {"foot": place[..., 0], "rocker pin": place[..., 1], "link pin": place[..., 2]}
         found["rocker end"] = place[..., 1] + arm
         return found if self.eye == 1.0 else found | {"eye": place[..., 1] + self.eye * arm}
-
-    def rocker(self, at: Pose) -> Complex:
-        """Derivatives (..., N) [1/rad] of the unit vector along the rocker, from its pin to its end, at a pose."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            arm, spin, _ = self._turned(points(at, fixed(self.pins, at.turn.shape[-1] - 1)))
-        return np.asarray(1j * arm[..., None] * spin / self.rocker_length)
 
     def _turned(self, pins: Point) -> tuple[Complex, Array, Array]:
         """Vector from rocker pin to rocker end (...,) [m], its rotation per joint angle (..., N), and the cross product
         of rocker and link (...,) [m^2]."""
         rocker, link = pins.place[..., 1], pins.place[..., 2]
         apart = pins.gradient[..., 2, :] - pins.gradient[..., 1, :]
-        arm = self._arm(link - rocker)
+        arm = self.arm(link - rocker)
         bar = arm - (link - rocker)  # link pin -> rocker end
         sine = _cross(arm, bar)
         # both lengths are constant: end' = rocker' + i arm spin, and bar stays perpendicular to end' - link'
         return arm, _dot(bar[..., None], apart) / sine[..., None], sine
 
-    def _arm(self, base: Complex) -> Complex:
+    def arm(self, base: Complex) -> Complex:
         """Vector from rocker pin to rocker end, on the given `side` of the vector `base` from rocker pin to link pin;
         NaN where the circles of rocker and bar do not meet."""
         span = np.abs(base)

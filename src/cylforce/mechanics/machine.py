@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cylforce.mechanics.chain import Complex, Point, Pose, point, pose
-from cylforce.mechanics.linkages import Linkage, Linkages
+from cylforce.mechanics.linkages import FourBar, Linkage, Linkages
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind, Signal
 from cylforce.signals.units import STANDARD_GRAVITY
@@ -146,6 +146,16 @@ class Machine:
         """For each cylinder the joints (from 0) that it acts on."""
         bodies = [[body for body, _ in cylinder.linkage.pins] for cylinder in self.cylinders]
         return tuple(tuple(range(min(b), max(b))) for b in bodies)
+
+    @cached_property
+    def four_bars(self) -> dict[str, FourBar]:
+        """The four-bar linkages, by name of the cylinder that drives each."""
+        return {c.name: c.linkage for c in self.cylinders if isinstance(c.linkage, FourBar)}
+
+    @cached_property
+    def carried(self) -> tuple[Cylinder, ...]:
+        """The cylinders whose foot is on a link, not on the chassis."""
+        return tuple(c for c in self.cylinders if c.linkage.pins[0][0] > 0)
 
     @cached_property
     def forces_measured(self) -> tuple[bool, ...]:

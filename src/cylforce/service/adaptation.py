@@ -8,15 +8,17 @@ kilograms."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.drift import drift_spread, kinds
 from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
-from cylforce.estimation.recursive import Root, forget, known, solution, update
+from cylforce.estimation.recursive import Root, forget, update
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import SMALLEST, load_spread
+from cylforce.estimation.residual import SMALLEST
 from cylforce.signals.estimate import Array
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
@@ -31,7 +33,8 @@ SHOWN = 0.02  # share of the difference by which each update changes the drift i
 
 class Drift(NamedTuple):
     """State of the adaptation: `values` (D,) to be added to the tares (Coulomb and viscous friction, then pressure
-    zeros) with `covariance` (D, D); information `root` about the load that remains in the bucket (4) and the drift (D);
+    zeros) with `covariance` (D, D); information `root` about the load that remains in the bucket (4), with its prior,
+    and the drift (D), without; `scale` (2,): variance of friction and of zeros in units of the prior's;
     `waited`: steps since the last update; `mass` [kg] that the empty bucket would show without the adaptation;
     `following`: whether this instant was usable, else nothing changes; `seen`: whether the information is in part about
     what remains in the bucket now."""
@@ -39,6 +42,7 @@ class Drift(NamedTuple):
     root: Root
     values: Array
     covariance: Array
+    scale: Array
     waited: int
     mass: float
     following: bool
@@ -72,16 +76,19 @@ class Adapter:
 
     def begin(self) -> Drift:
         """The state without drift, with the prior standard errors above."""
-        spread = np.concatenate([self._remainder, self._spread])
         drift = np.zeros_like(self._spread)
-        return Drift(
-            known(np.zeros_like(spread), spread), drift, np.diag(self._spread**2), 0, 0.0, following=False, seen=False
-        )
+        factor = np.diag(np.concatenate([1.0 / self._remainder, drift]))
+        root, spread = Root(factor, np.zeros(len(factor))), np.diag(self._spread**2)
+        return Drift(root, drift, spread, np.ones(2), 0, 0.0, following=False, seen=False)
 
     @cached_property
     def _remainder(self) -> Array:
-        """Standard errors (4,) of what remains in an empty bucket, before anything is seen of it."""
-        return SMALLEST / 2.0 * load_spread(self.model.machine)
+        """Standard errors (4,) of what remains in an empty bucket, before anything is seen of it: evenly within what
+        counts as empty, anywhere in the bucket."""
+        machine = self.model.machine
+        reach = machine.payload_reach
+        evenly = SMALLEST / sqrt(3.0) * machine.rated_payload
+        return evenly * np.array([1.0, reach, reach, reach**2], dtype=np.float64)
 
     def loaded(self, drift: Drift) -> Drift:
         """The state after the bucket was not empty: what remains in it next time is unknown.
@@ -115,36 +122,34 @@ class Adapter:
         own = rows.columns[..., : len(self.model.parameters)]
         columns = np.concatenate([own @ self.model.load, drifting], axis=-1)
         keep = 1.0 - EVERY / (MEMORY_SECONDS * self.model.filters.rate_hz)
-        root = self._remembered(forget(drift.root, columns[good], keep), keep)
+        root = forget(drift.root, columns[good], keep)
         observed = torque + drifting @ drift.values
         root = update(root, columns[good], observed[good], self._memory * variance[good])
-        both, covariance = solution(root)
+        both, covariance, scale = self._estimate(root, drift.scale)
         limited = np.clip(both[LOAD:], *self._limits)
         if np.any(limited != both[LOAD:]):
             root = Root(root.factor, root.factor @ np.append(both[:LOAD], limited))
         shown = self._mass(drift, drifting @ limited, rows)
-        return Drift(
-            root, limited, self._believed(limited, covariance[LOAD:, LOAD:]), 0, shown, following=True, seen=True
-        )
+        return Drift(root, limited, covariance[LOAD:, LOAD:], scale, 0, shown, following=True, seen=True)
 
-    def _believed(self, values: Array, covariance: Array) -> Array:
-        """The covariance (D, D) of the drift, with the spread that this machine shows instead of the prior's, for
-        friction and for zeros: k^2 = (n + sum (d/s)^2) / (n + sum (1 - c/s^2)), s the prior's standard error, c the
-        variance that is left, n = PRIOR_COUNT. A drift that was not seen leaves k at 1."""
-        seen = 1.0 - np.minimum(np.diag(covariance) / self._spread**2, 1.0)
-        size, moved = len(self.model.changing_friction), (values / self._spread) ** 2
-        parts = (slice(0, size), slice(size, None))
-        shares = [(PRIOR_COUNT + moved[p].sum()) / (PRIOR_COUNT + seen[p].sum()) for p in parts]
-        scale = np.sqrt(np.repeat(shares, (size, len(values) - size)))
-        return np.asarray(scale[:, None] * covariance * scale)
+    def _estimate(self, root: Root, scale: Array) -> tuple[Array, Array, Array]:
+        """(Load and drift, their covariance, new scale) from what was seen, `root`, and the prior of the drift, whose
+        spread is that of this machine: k^2 (2,) of friction and of zeros, one step of expectation maximisation from
+        `scale` on, as between strokes (`commissioning.zeros`). A drift that was not seen leaves k as it is.
 
-    def _remembered(self, root: Root, keep: float) -> Root:
-        """The prior of the drift gains what older motion loses (stabilised forgetting): without it, what sticks in the
-        bucket every time would in the end be taken for a drift."""
-        size = root.right.size
-        prior = np.zeros((size - LOAD, size))
-        prior[:, LOAD:] = np.diag(1.0 / self._spread)
-        return update(root, prior, np.zeros(size - LOAD), np.full(size - LOAD, 1.0 / (1.0 - keep)))
+        The prior is no part of the root: it is not forgotten, nor does it grow where nothing is seen."""
+        information = root.factor.T @ root.factor
+        information[LOAD:, LOAD:] += np.diag(1.0 / (scale[self._kinds] * self._spread**2))
+        unit = np.concatenate([self._remainder, self._spread])
+        covariance = unit[:, None] * np.linalg.inv(unit[:, None] * information * unit) * unit
+        both = covariance @ (root.factor.T @ root.right)
+        squares = (both[LOAD:] ** 2 + np.diag(covariance)[LOAD:]) / self._spread**2
+        sums, counts = (np.bincount(self._kinds, w, minlength=2) for w in (squares, np.ones_like(squares)))
+        return both, covariance, (PRIOR_COUNT + sums) / (PRIOR_COUNT + counts)
+
+    @cached_property
+    def _kinds(self) -> NDArray[np.int_]:
+        return kinds(self.model)
 
     def _mass(self, drift: Drift, torque: Array, rows: Rows) -> float:
         """Mass [kg] of the load that would explain the `torque` (R,) of the drift, smoothed over updates."""

@@ -1,6 +1,7 @@
 """Weight of the bars of a four-bar linkage: rocker, connecting link and rod end, which belong to no link of the arm."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -8,23 +9,36 @@ from cylforce.effects.effect import Halves, Parameter
 from cylforce.mechanics.linkages import FourBar
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
+from cylforce.mechanics.riders import Hinges, Number, Vector, of_mass, pins, rocker, upward
 
 
 @dataclass(frozen=True, slots=True)
 class RockerWeight:
-    """Torque dV/d(theta) of the potential energy V = w g sin(angle of the rocker from the horizontal); w: first moment
-    of the rocker, and of what hangs at its end, about its pin. The three parameters per link absorb what turns with
-    neither of them in the mean only (mechanics/README.md, section 3, limit), and leave an error on another slope. The
-    inertia of the bars is neglected."""
+    """Bars whose first moment about the rocker's pin is w weigh, and resist, as a mass w/s at the rocker's end less the
+    same mass at its pin, s the rocker's length: what turns with the body that holds the pin is in that link's
+    parameters. These absorb the bars in the mean only (mechanics/README.md, section 3, limit), and leave an error on
+    another slope. While the rocker stands still to that body, its column is a sum of the link's."""
+
+    # length and lever: another linkage shows in them
+    depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew", "length", "lever")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """The first moment w [kg m] of every four-bar linkage."""
-        return tuple(Parameter(f"{c.name}.rocker", "kg m") for c in machine.cylinders if isinstance(c.linkage, FourBar))
+        return tuple(Parameter(f"{name}.rocker", "kg m") for name in machine.four_bars)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be closed."""
-        at = machine.pose(np.diff(moving.a, axis=-1, prepend=0.0))
-        turned = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))[..., None]
-        bars = [c.linkage.rocker(at) for c in machine.cylinders if isinstance(c.linkage, FourBar)]
-        each = [(moving.g[..., None] * turned * bar).imag for bar in bars]
-        return Halves(None, np.nan_to_num(np.stack(each, axis=-1), posinf=0.0, neginf=0.0))
+        """Momentum and static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be closed."""
+        at, up = pins(machine, moving), upward(moving)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            columns = [_column(machine, moving, at, up, bar) for bar in machine.four_bars.values()]
+        found = np.array(columns)  # (K, 2, N, ...)
+        found = np.where(np.isfinite(found), found, 0.0)
+        return Halves(*found.transpose(1, *range(3, found.ndim), 2, 0))
+
+
+def _column(machine: Machine, moving: Motion, at: Hinges, up: Vector, bar: FourBar) -> list[list[Number]]:
+    """Momentum and static column of one linkage, by joints."""
+    turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
+    columns = [of_mass(point, up, turning, machine.slew_axis) for point in rocker(at, bar)]
+    pin, end = columns
+    return [[(b - a) / bar.rocker_length for a, b in zip(*half, strict=True)] for half in zip(pin, end, strict=True)]

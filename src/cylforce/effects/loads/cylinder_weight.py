@@ -1,0 +1,45 @@
+"""Weight of the cylinders themselves: barrel and rod, which turn with no link of the arm."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from cylforce.effects.effect import Halves, Parameter
+from cylforce.mechanics.machine import Cylinder, Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.mechanics.riders import Hinges, Number, Vector, eye, of_mass, on_line, pins, rider, upward
+
+
+@dataclass(frozen=True, slots=True)
+class CylinderWeight:
+    """A barrel's first moment about the foot less the rod's about the eye is w. Along the cylinder's line u, from foot
+    to eye, the barrel lies at foot + s u and the rod at eye - s' u: what does not turn with u is in the parameters of
+    the links that hold foot and eye, and w u remains. It weighs, and resists, as a mass w/s in the middle s of the
+    shortest cylinder less the same mass at the foot. Inertia in proportion to the square of the cylinder's own turning
+    is left out: a few parts in a thousand of the link's. A cylinder that stands on the chassis has no such parameter:
+    its torque depends on one angle, as the link's does, which takes its place."""
+
+    depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew", "length", "lever")
+
+    def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The first moment w [kg m] of every cylinder that a link carries."""
+        return tuple(Parameter(f"{c.name}.cylinder", "kg m") for c in machine.carried)
+
+    def halves(self, machine: Machine, moving: Motion) -> Halves:
+        """Momentum and static columns (..., N, K) of K cylinders; zero where a linkage cannot be closed."""
+        at, up = pins(machine, moving), upward(moving)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            columns = [_column(machine, moving, at, up, cylinder) for cylinder in machine.carried]
+        found = np.array(columns)  # (K, 2, N, ...)
+        found = np.where(np.isfinite(found), found, 0.0)
+        return Halves(*found.transpose(1, *range(3, found.ndim), 2, 0))
+
+
+def _column(machine: Machine, moving: Motion, at: Hinges, up: Vector, cylinder: Cylinder) -> list[list[Number]]:
+    """Momentum and static column of one cylinder, by joints."""
+    turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
+    foot, middle = rider(at, cylinder.linkage.pins[0]), cylinder.length_low / 2.0
+    ends = (foot, on_line(foot, eye(at, cylinder.linkage), middle))
+    near, far = (of_mass(end, up, turning, machine.slew_axis) for end in ends)
+    return [[(b - a) / middle for a, b in zip(*half, strict=True)] for half in zip(near, far, strict=True)]
