@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
-from cylforce.service.plausibility.changing import GROUP, GROUPS, Watching
+from cylforce.service.plausibility.changing import CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import FARTHEST, Driving
 from cylforce.service.plausibility.offsets import VOTES, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
@@ -208,3 +209,8 @@ def test_the_faults_of_the_table_change_what_they_name(machine):
         assert np.array_equal(changed.values[:100], values[:100])
     with pytest.raises(ValueError, match="is no fault"):
         edited(values, 100.0, Fault("other", 0), core.service.machine)
+
+
+def test_a_constant_with_noise_seldom_seems_to_change():
+    """The limit is the quantile that it is said to be."""
+    assert CONSTANT == pytest.approx(chi2.isf(0.02, GROUPS - 1) / (GROUPS - 1), rel=1e-5)

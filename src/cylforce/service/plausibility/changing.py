@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
@@ -19,7 +18,7 @@ EACH_WAY = 4  # of them at least in either direction
 MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen: far above the noise of a speed
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
 # change. A constant with white noise exceeds it once in fifty times; machines in order are at 4 and more.
-CONSTANT = float(chi2.isf(0.02, GROUPS - 1) / (GROUPS - 1))
+CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exceeded by 2 %
 FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more

@@ -7,10 +7,10 @@ block has more than a share of what is needed: several must agree."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
@@ -46,7 +46,7 @@ class Voting:
     def limits(self) -> dict[Level, float]:
         """Evidence from which on a signal is doubted or rejected: chi-squared with one degree of freedom."""
         tests = 3600.0 * self.gatherer.size
-        return {level: float(chi2.isf(rate / tests, 1)) for level, rate in FALSE_PER_HOUR.items()}
+        return {level: NormalDist().inv_cdf(0.5 * rate / tests) ** 2 for level, rate in FALSE_PER_HOUR.items()}
 
     @cached_property
     def _largest(self) -> Array:
