@@ -115,7 +115,7 @@ def test_a_fault_of_a_sensor(work, fault, cause, code, within):
         assert course.state.estimate.gross.status is Status.INVALID
         assert course.state.estimate.force.x.reason in (Reason.SENSORS_DISAGREE, Reason.FROZEN)
     sent, told = [], Told()
-    doubts = Doubts(work.machine, Emergencies(sent.append, lambda *_: None), told)
+    doubts = Doubts(work.machine, Emergencies(lambda data: not sent.append(data), lambda *_: None), told)
     doubts.look(first[1])
     assert int.from_bytes(sent[0][:2], "little") == code
     assert told.lines[0][1]["signals"] == [work.machine.signals[k].name for k in first[1].signals]

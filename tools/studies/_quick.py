@@ -13,6 +13,7 @@ from cylforce.estimation.regressor import Rows
 from cylforce.service.assembler import NEVER, FrameCounters, Inputs
 from cylforce.service.contact.interaction import Forces, Interaction
 from cylforce.service.pipeline import Pipe
+from cylforce.service.plausibility.monitor import Watch
 from cylforce.service.recognition import Recognition
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.step import Core, step
@@ -105,6 +106,23 @@ class _NoForces:
         return state, Forces(self._nothing, self._nothing)
 
 
+class _Trusting:
+    """In place of the monitor: no sensor is suspected."""
+
+    def __init__(self, state: Watch) -> None:
+        self._state = state
+
+    def begin(self) -> Watch:
+        return self._state
+
+    def interrupt(self, state: Watch) -> Watch:
+        return state
+
+    def step(self, state: Watch, *rest: object) -> Watch:
+        del rest
+        return state
+
+
 def _since(marks: NDArray[np.bool_]) -> Array:
     """How many rows ago (T, R) a mark was set; very many where none was."""
     t = np.arange(len(marks))[:, None]
@@ -119,6 +137,7 @@ def states(core: Core, values: Array, first: int = 1, kept: Memory = NOTHING_KEP
     recorded = Recorded(quick, values, first)
     parts = {"limits": core.limits, "assembler": recorded, "pipeline": recorded}
     parts |= {"recognizer": _Known(core.recognizer.begin()), "interactor": _NoForces(core.interactor.begin())}
+    parts |= {"monitor": _Trusting(core.monitor.begin())}
     quick.__dict__.update(parts)
     quick.model.__dict__["channels"] = recorded
     state = quick.begin(kept)

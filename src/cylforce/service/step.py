@@ -127,7 +127,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     drifting = core.adapter.columns(rows)
     left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
-    rocking, left = core.rocker.step(state.rocking, left, channels, state.weighing.lift, usable)
+    plain = left
+    rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
     tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
     weighing, load = core.weigher.step(
@@ -139,7 +140,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state._replace(watch=watch), load, rows, left, usable)
-    recognition = core.recognizer.step(state.recognition, rows, left, usable)
+    recognition = core.recognizer.step(state.recognition, rows, plain, usable)
     before = state.weighing.books.booking
     state = state._replace(pipe=pipe, sampled_us=t_us, moving=moving, weighing=weighing, drift=drift)
     state = state._replace(recognition=recognition, interaction=interaction, watch=watch, rocking=rocking)
@@ -189,7 +190,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
-        rocking=state.rocking._replace(pitches=None),
+        rocking=state.rocking.interrupted(),
         watch=core.monitor.interrupt(state.watch),
         estimate=_nothing(state, t_us, reason),
         unexplained=(),
@@ -225,8 +226,9 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
     outside their declared range."""
     if state.watch.suspicion.level is Level.REJECTED:
-        nothing = invalid_force(Reason.SENSORS_DISAGREE)
-        load, forces = invalid_load(Reason.SENSORS_DISAGREE), Forces(nothing, nothing)
+        reason = Reason.NOT_THIS_MACHINE if state.recognition.another else Reason.SENSORS_DISAGREE
+        nothing = invalid_force(reason)
+        load, forces = invalid_load(reason), Forces(nothing, nothing)
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
         forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))

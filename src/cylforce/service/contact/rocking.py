@@ -14,7 +14,8 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
-# s of tilt that are averaged; three such means give an acceleration; chosen: a tenth of a period of rocking on tyres
+# s after which is looked again, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth
+# of a period of rocking on tyres
 LAG_SECONDS = 0.1
 # m from the ground, about which a base turns, to the first pin: 1.7 to 2.1 on machines of 15 to 20 t
 PIN_HEIGHT = 2.0
@@ -24,13 +25,20 @@ WIDEST = 2.0  # m/s^2, standard error of an acceleration before anything is seen
 
 class Rocking(NamedTuple):
     """State: variances of the first pin's acceleration forwards and upwards [m^2/s^4] as the torques tell it, and
-    variance of the base's angular acceleration [rad^2/s^4] as the tilt tells it; the last pitches (K,) [rad], newest
-    last; None before the first one."""
+    variance of the base's angular acceleration [rad^2/s^4] as the tilt tells it; the last mean pitches [rad], newest
+    last, and of the running mean the sum and the number; what is added to the variance of each row (R,) [N^2 m^2]."""
 
     forward: float = 0.0
     upward: float = 0.0
     turning: float = 0.0
-    pitches: Array | None = None
+    pitches: tuple[float, ...] = ()
+    total: float = 0.0
+    number: int = 0
+    wider: Array | float = 0.0
+
+    def interrupted(self) -> "Rocking":
+        """After a gap in the samples."""
+        return self._replace(pitches=(), total=0.0, number=0)
 
 
 STILL = Rocking()
@@ -49,7 +57,7 @@ class Rocker:
 
     @cached_property
     def _share(self) -> float:
-        return 1.0 / (MEMORY_SECONDS * self.model.filters.rate_hz)
+        return self._lag / (MEMORY_SECONDS * self.model.filters.rate_hz)
 
     @cached_property
     def _noise(self) -> float:
@@ -61,10 +69,17 @@ class Rocker:
         self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array
     ) -> tuple[Rocking, Residual]:
         """The state, and the residual with wider variances, after one instant: `channels` (D,), the present `lift`
-        before it, `usable` (R,) rows. What a load leaves of the torques is asked once the lift is settled."""
+        before it, `usable` (R,) rows. Looked at every LAG_SECONDS; what a load leaves of the torques is asked once the
+        lift is settled."""
         if self.model.channels.inertial:
             return state, left
-        state = self._tilted(state, float(channels[-3]))
+        state = state._replace(total=state.total + float(channels[-3]), number=state.number + 1)
+        if state.number >= self._lag:
+            state = self._looked(state, left, channels, lift, usable)
+        return state, left._replace(variance=left.variance + state.wider)
+
+    def _looked(self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array) -> Rocking:
+        state = self._tilted(state)
         lever = self._levers(channels, lift.values)
         swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
         settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
@@ -72,14 +87,17 @@ class Rocker:
             seen = left._replace(variance=left.variance + swings * (lever**2).sum(axis=1))
             state = self._accelerated(state, seen, lever, lift.values)
         power = np.array([max(state.forward, swings), max(state.upward, swings)])
-        return state, left._replace(variance=left.variance + lever**2 @ power)
+        return state._replace(wider=lever**2 @ power)
 
-    def _tilted(self, state: Rocking, pitch: float) -> Rocking:
-        size = 3 * self._lag
-        pitches = np.full(size, pitch) if state.pitches is None else np.append(state.pitches[1:], pitch)
-        before, middle, after = pitches.reshape(3, -1).mean(axis=1).tolist()
+    def _tilted(self, state: Rocking) -> Rocking:
+        """With one mean pitch more."""
+        pitches = (*state.pitches, state.total / state.number)[-3:]
+        state = state._replace(pitches=pitches, total=0.0, number=0)
+        if len(pitches) < 3:
+            return state
+        before, middle, after = pitches
         turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
-        return state._replace(turning=state.turning + self._share * (turn**2 - state.turning), pitches=pitches)
+        return state._replace(turning=state.turning + self._share * (turn**2 - state.turning))
 
     def _levers(self, channels: Array, load: Array) -> Array:
         """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
