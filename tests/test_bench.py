@@ -1,7 +1,8 @@
 """The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
 
-A step is 2.0 to 2.1 yardsticks on an idle core as on a crowded one, where it takes twice as long. On the core on which
-a step takes 360 us, five percent of the core at 100 Hz are 2.85 yardsticks.
+A step was 2.5 yardsticks, and is 3.3 to 3.4 since it weighs the bars and cylinders of the linkages (0.5), compares the
+sensors with each other, watches who sends, and notices a base that rocks (0.3). On the core on which 2.85 yardsticks
+are five percent at 100 Hz, the limit of 3.7 is six and a half.
 """
 
 import json
@@ -34,4 +35,4 @@ def test_a_step_costs_little_against_fixed_work(tmp_path):
     assert sum(found["parts_us"].values()) == pytest.approx(found["step_us"])
     assert found["rate_hz"] == 100.0
     assert found["share_of_core"] == pytest.approx(found["step_us"] * 1e-4)
-    assert found["yardsticks"] < 2.85
+    assert found["yardsticks"] < 3.7

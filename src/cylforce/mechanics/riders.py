@@ -30,16 +30,30 @@ class Rider(NamedTuple):
 
 class Hinges(NamedTuple):
     """Of every link: `place` [m] and `velocity` [m/s] of its inner pin in chassis axes, its direction `turn`, its rate
-    `qd` [rad/s]."""
+    `qd` [rad/s]; the four-bars' rockers that were asked for so far, by their pins and lengths."""
 
     place: list[Vector]
     velocity: list[Vector]
     turn: list[Vector]
     qd: list[Number]
+    rockers: dict[FourBar, tuple[Rider, Rider]]
+
+
+_last: tuple[Machine, Motion, Hinges] | None = None  # several effects ask for the links of one motion, in turn
 
 
 def pins(machine: Machine, moving: Motion) -> Hinges:
     """The links along a motion."""
+    global _last  # noqa: PLW0603 - what was computed last, not a state
+    last = _last
+    if last is not None and last[1] is moving and last[0] is machine:
+        return last[2]
+    found = _pins(machine, moving)
+    _last = (machine, moving, found)
+    return found
+
+
+def _pins(machine: Machine, moving: Motion) -> Hinges:
     turned = np.exp(1j * moving.a)
     turn: list[Vector] = _joints(turned)
     qd: list[Number] = _joints(moving.qd)
@@ -47,7 +61,7 @@ def pins(machine: Machine, moving: Motion) -> Hinges:
     for length, e, rate in zip(machine.lengths[:-1].tolist(), turn, qd, strict=False):
         place.append(place[-1] + length * e)
         velocity.append(velocity[-1] + 1j * length * e * rate)
-    return Hinges(place, velocity, turn, qd)
+    return Hinges(place, velocity, turn, qd, {})
 
 
 def _joints(values: NDArray[Any]) -> list[Any]:
@@ -74,6 +88,12 @@ def rocker(at: Hinges, bars: FourBar) -> tuple[Rider, Rider]:
     The link stays as long as it is, so that bar . base' = sine spin: bar the vector from the link's pin to the rocker's
     end, base from the rocker's pin to the link's, sine = arm x bar, and spin the rocker's turning by a joint's angle.
     """
+    if bars not in at.rockers:
+        at.rockers[bars] = _rocker(at, bars)
+    return at.rockers[bars]
+
+
+def _rocker(at: Hinges, bars: FourBar) -> tuple[Rider, Rider]:
     pin, link = rider(at, bars.rocker_pin), rider(at, bars.link_pin)
     base, gradient, rate = link.place - pin.place, _less(link.gradient, pin.gradient), _less(link.rate, pin.rate)
     arm = _arm(bars, base)
