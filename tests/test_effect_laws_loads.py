@@ -12,6 +12,7 @@ from cylforce.effects.imposed import Imposed, changed_load, contact_force
 from cylforce.effects.incidents.payload_shift import PayloadShift
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.loads.carried import CarriedLoad, smooth
+from cylforce.effects.loads.cylinder_weight import CylinderWeight
 from cylforce.effects.loads.extra_mass import ExtraMass
 from cylforce.effects.loads.first_moment_change import FirstMomentChange
 from cylforce.effects.loads.hose_spring import HoseSpring
@@ -20,7 +21,7 @@ from cylforce.effects.loads.rigid import Rigid
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.effects.loads.slew import Slew, slew_parameters
 from cylforce.effects.loads.tip_force import TipForce, tip_torque
-from cylforce.mechanics.linkages import FourBar
+from cylforce.mechanics.linkages import FourBar, Triangle
 from cylforce.mechanics.machine import Cylinder, Link, Machine, base_parameters
 from cylforce.mechanics.motion import Attitude, motion
 
@@ -98,6 +99,28 @@ def test_the_rocker_of_a_parallelogram_weighs_as_if_it_hung_on_the_link():
     machine = Machine("one", (outer(),), (cylinder,), (), 1 + 0j, 1000.0, 1.0, 0.0)
     found = RockerWeight().halves(machine, at(machine, [radians(60)])).static
     assert 60.0 * found[0, 0] == pytest.approx(294.1995)
+
+
+def test_the_barrel_of_a_cylinder_weighs_along_its_line_and_turns_with_it():
+    """From (2, 0) on the inner link to (0, 4) on the level outer one, whose pin is at (5, 0): 5 m along (0.6, 0.8). A
+    radian of the outer joint moves the eye by (-4, 0), 3.2 m across the line, and turns it by 0.64. 100 kg m weigh
+    100 g 0.6 about the inner pin, 0.64 of it about the outer. A mass w/s at s = 1.5 m less the same at the foot resists
+    the inner joint with w (2 * 2 * 0.6 + s), and the outer with w 0.64 (2 * 0.6 + s); the outer's own rate, about
+    the foot, with w 0.64^2 s."""
+    cylinder = Cylinder("outer", Triangle((1, 2 + 0j), (2, 4j)), 0.01, 0.006, 3.0, 9.0)
+    machine = Machine("two", (INNER, outer()), (cylinder,), (), 1 + 0j, 1000.0, 1.0, 0.0)
+    found = CylinderWeight().halves(machine, at(machine, [0.0, 0.0]))
+    np.testing.assert_allclose(100.0 * found.static[:, 0], 60.0 * G * np.array([1.0, 0.64]))
+    inner = CylinderWeight().halves(machine, at(machine, [0.0, 0.0], [1.0, 1.0]))
+    np.testing.assert_allclose(100.0 * inner.momentum[:, 0], 100.0 * np.array([2.4 + 1.5, 0.64 * (1.2 + 1.5)]))
+    own = CylinderWeight().halves(machine, at(machine, [0.0, 0.0], [0.0, 1.0]))
+    assert 100.0 * own.momentum[1, 0] == pytest.approx(100.0 * 0.64**2 * 1.5)
+
+
+def test_a_cylinder_on_the_chassis_has_no_weight_of_its_own():
+    cylinder = Cylinder("inner", Triangle((0, 2 + 0j), (1, 4j)), 0.01, 0.006, 3.0, 9.0)
+    machine = Machine("two", (INNER, outer()), (cylinder,), (), 1 + 0j, 1000.0, 1.0, 0.0)
+    assert CylinderWeight().parameters(machine) == ()
 
 
 def centrifugal(machine, a, rate):

@@ -140,16 +140,23 @@ class Remote(PythonCan):
     def _open(self) -> None:
         self._bus = _can_remote().RemoteBus(f"ws://{self._address}")
         self._bus.socket.settimeout(1.0)  # between the bytes of one frame
+        self._reader = self._bus.socket.fileno()
 
     def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
-        if self._bus is not None:
-            loop.add_reader(self._bus.fileno(), self._drain)
+        if self._bus is None:
+            return
+        if self._bus.socket.fileno() < 0:  # the relay went while it was greeted
+            self._lost()
+        else:
+            loop.add_reader(self._reader, self._drain)
 
     def _shut(self) -> None:
         if self._bus is None:
             return
         if self._loop is not None:
-            self._loop.remove_reader(self._bus.socket)
+            self._loop.remove_reader(
+                self._reader
+            )  # by its number: the client closes the socket itself when the relay ends
         can.BusABC.shutdown(self._bus)  # RemoteBus.shutdown would wait for the relay's answer without a time limit
         self._bus.socket.close()
         self._bus = None
@@ -157,9 +164,11 @@ class Remote(PythonCan):
     def _drain(self) -> None:
         t_us = self._now()
         for _ in range(BURST):
-            if self._bus is None or not select.select([self._bus.socket], [], [], 0.0)[0]:
+            if self._bus is None:
                 return
             try:
+                if not select.select([self._bus.socket], [], [], 0.0)[0]:
+                    return
                 message = self._bus.recv(0.0)
             except Exception:  # noqa: BLE001 - when the relay ends, the client raises whatever its parser raises
                 self._lost()
@@ -169,11 +178,13 @@ class Remote(PythonCan):
 
     def send(self, can_id: int, data: bytes) -> bool:
         """See Bus.send."""
-        if self._bus is None or not select.select([], [self._bus.socket], [], 0.0)[1]:
+        if self._bus is None:
             return self._drop()
         try:
+            if not select.select([], [self._bus.socket], [], 0.0)[1]:
+                return self._drop()
             self._bus.send(_message(can_id, data))
-        except OSError:
+        except (OSError, ValueError):  # ValueError: the client has closed the socket
             self._lost()
             return self._drop()
         return self._sent(can_id, data)
