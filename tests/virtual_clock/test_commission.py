@@ -132,7 +132,8 @@ def done(tmp_path_factory):
             await machine
             bus.close()
             if process.returncode is None:
-                await asyncio.wait_for(process.wait(), 5.0)
+                process.kill()
+                await process.wait()
         return process.returncode, said.decode()
 
     code, told = asyncio.run(main())
