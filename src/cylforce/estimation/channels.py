@@ -150,14 +150,15 @@ class Channels:
         return Attitude(pitch, roll, turns, slew, specific)
 
     @cached_property
-    def _stops(self) -> tuple[Array, Array]:
+    def stops(self) -> tuple[Array, Array]:
+        """Shortest and longest length (C,) [m] at which a cylinder's force is believed."""
         margin = 0.005  # m from an end stop, which carries force that the pressures do not show; chosen
         low = np.array([c.length_low + margin for c in self.machine.cylinders])
         return low, np.array([c.length_high - margin for c in self.machine.cylinders])
 
     def usable(self, moving: Motion | Geometry) -> Array:
         """Per cylinder (..., C) whether its force can be believed there: no dead point, no end stop."""
-        low, high = self._stops
+        low, high = self.stops
         lever = np.abs(moving.lever).max(axis=-1)
         clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)
         return np.asarray(clear & (moving.length > low) & (moving.length < high))

@@ -62,11 +62,13 @@ class FastRegressor:
         return 1.0 / self.filters.rate_hz
 
     @cached_property
-    def _quick(self) -> Filter:
+    def quick(self) -> Filter:
+        """Low-pass of the forces."""
         return second_order(self.filters.force_hz, self.dt)
 
     @cached_property
-    def _slow(self) -> Filter:
+    def slow(self) -> Filter:
+        """Low-pass of the inertia."""
         return first_order(self.filters.inertia_hz, self.dt)
 
     @cached_property
@@ -77,19 +79,19 @@ class FastRegressor:
     @property
     def delay(self) -> float:
         """Delay [s] of a slow change of the cylinder forces."""
-        return self._quick.delay * self.dt
+        return self.quick.delay * self.dt
 
     def begin(self, momentum: Array, moving: Motion, forces: Array) -> Fast:
         """The state at rest with these columns (R, P) and cylinder `forces` (C,) [N]."""
         still, stopped = np.zeros((1, *momentum.shape)), np.zeros((1, *forces.shape))
-        return Fast(self._quick.steady(forces), momentum, still, still[0], moving.speed, stopped)
+        return Fast(self.quick.steady(forces), momentum, still, still[0], moving.speed, stopped)
 
     def step(self, state: Fast, momentum: Array, static: Array, moving: Motion, forces: Array) -> tuple[Fast, Instant]:
         """(New state, rows) after one sample: columns `momentum` (R, P) and `static` (R, P), unfiltered `forces`
         (C,) [N]."""
-        quick, force = self._quick.step(state.forces, forces)
-        slope, rate = self._slow.step(state.slope, (momentum - state.momentum) / self.dt)
-        slower, acceleration = self._slow.step(state.acceleration, (moving.speed - state.speed) / self.dt)
+        quick, force = self.quick.step(state.forces, forces)
+        slope, rate = self.slow.step(state.slope, (momentum - state.momentum) / self.dt)
+        slower, acceleration = self.slow.step(state.acceleration, (moving.speed - state.speed) / self.dt)
         lever = moving.lever[:, self._rows]
         turns = np.where(np.abs(acceleration) > STARTING, moving.speed * (moving.speed + AHEAD_S * acceleration), 0.0)
         rows = Rows(static + rate, force @ lever)

@@ -1,5 +1,6 @@
 """What the service remembers from event to event, and what an event brings."""
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 from cylforce.mechanics.installation import STANDARD
@@ -12,9 +13,11 @@ from cylforce.service.loading.cycle import NO_CYCLE, Cycle
 from cylforce.service.loading.truck import NO_TRUCK, Truck
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Watch
+from cylforce.service.publication import frames
 from cylforce.service.recognition import Recognition
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
+from cylforce.signals.layout import Pdo
 
 
 class Scale(NamedTuple):
@@ -77,12 +80,22 @@ class State(NamedTuple):
 
 class Output(NamedTuple):
     """What an event brought: `verdict` on a command (None: no command; 0: done; else an SDO abort code),
-    its `words`, what was decided and why; `estimate` and its PDOs `frames` (number, data), sent as they are."""
+    its `words`, what was decided and why; `estimate` and the `table` of the PDOs that carry it."""
 
     verdict: int | None = None
     estimate: Estimate | None = None
-    frames: tuple[tuple[int, bytes], ...] = ()
+    table: tuple[Pdo, ...] = ()
     words: str = ""
+
+    @property
+    def frames(self) -> tuple[tuple[int, bytes], ...]:
+        """(Number, data) of all PDOs, sent as they are."""
+        return self.due([pdo.number for pdo in self.table])
+
+    def due(self, numbers: Collection[int]) -> tuple[tuple[int, bytes], ...]:
+        """Those of these numbers: what is not sent is not encoded."""
+        table = tuple(pdo for pdo in self.table if pdo.number in numbers)
+        return frames(table, self.estimate) if self.estimate is not None and table else ()
 
 
 NOTHING = Output()

@@ -17,7 +17,7 @@ from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
-from cylforce.service.publication import GROSS, frames
+from cylforce.service.publication import GROSS
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
@@ -49,7 +49,7 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
         state = _tick(core.fitted[state.tool], state, event.t_us)
-        return state, Output(None, state.estimate, frames(core.service.publication, state.estimate))
+        return state, Output(None, state.estimate, core.service.publication)
     obeyed = None if event.can_id in core.assembler.decoders else _obey(core, state, event)
     if obeyed is not None:
         return obeyed
