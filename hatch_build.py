@@ -13,13 +13,13 @@ import sysconfig
 import zlib
 from pathlib import Path
 from shutil import copy
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 KERNEL = Path("src/cylforce/estimation/kernel")
-PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py")  # as in `kernel/choice.py`
+PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")  # as in `kernel/choice.py`
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 # cython: infer_types=True
 cimport cython
@@ -48,37 +48,38 @@ def source(folder: Path) -> str:
     return f"{HEAD}\nTEXT = {checksum}\n{text}"
 
 
-def compile_kernel(root: Path) -> Path:
-    """Compile the kernel and put it beside its source. Raises OSError or CalledProcessError where it cannot be
-    compiled."""
-    folder = root / KERNEL
+def compile_kernel(root: Path, into: Path) -> Path:
+    """Compile the kernel into a folder. Raises OSError or CalledProcessError where it cannot be compiled."""
     with TemporaryDirectory() as name:
-        made = Path(name) / "compiled.pyx"
-        made.write_text(source(folder), encoding="utf-8")
-        cython = [sys.executable, "-m", "cython", "--module-name", "cylforce.estimation.kernel.compiled", str(made)]
-        subprocess.run(cython, check=True)
-        built = made.with_suffix(str(sysconfig.get_config_var("EXT_SUFFIX")))
+        (Path(name) / "compiled.pyx").write_text(source(root / KERNEL), encoding="utf-8")
+        built = f"compiled{sysconfig.get_config_var('EXT_SUFFIX')}"
+        cython = [sys.executable, "-m", "cython", "--module-name", "cylforce.estimation.kernel.compiled"]
         compiler = str(sysconfig.get_config_var("CC") or "cc").split()
         options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", f"-I{sysconfig.get_path('include')}"]
-        subprocess.run([*compiler, *options, str(made.with_suffix(".c")), "-lm", "-o", str(built)], check=True)
-        for stale in folder.glob("compiled.*.so"):
-            stale.unlink()
-        return Path(copy(built, folder / built.name))
+        # names without folders: they stand in the result, which is to be the same wherever it is built
+        for command in ([*cython, "compiled.pyx"], [*compiler, *options, "compiled.c", "-lm", "-o", built]):
+            subprocess.run(command, check=True, cwd=name)
+        copy(Path(name) / built, into / f"{built}.new")
+    return (into / f"{built}.new").replace(into / built)
 
 
 class KernelHook(BuildHookInterface):
     """Hatchling's hook for wheels."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and make the wheel one for this processor; where that fails, say so and go on."""
+        """Compile, and make the wheel one for this processor; where that fails, say so and go on. An installation for
+        work on the source has the kernel there."""
+        root = Path(self.root)
+        into = root / KERNEL if version == "editable" else Path(mkdtemp())
         try:
-            built = compile_kernel(Path(self.root))
+            built = compile_kernel(root, into)
         except (OSError, subprocess.CalledProcessError) as error:
             self.app.display_warning(f"the kernel is not compiled, the interpreted one will run: {error}")
             return
         build_data["pure_python"], build_data["infer_tag"] = False, True
-        build_data["artifacts"].append(str(built.relative_to(self.root)))
+        if version != "editable":
+            build_data["force_include"][str(built)] = f"cylforce/estimation/kernel/{built.name}"
 
 
 if __name__ == "__main__":
-    compile_kernel(Path(__file__).parent)
+    compile_kernel(Path(__file__).parent, Path(__file__).parent / KERNEL)

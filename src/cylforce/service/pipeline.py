@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.estimation.fast import Instant
-from cylforce.estimation.kernel import making
-from cylforce.estimation.kernel.choice import chosen
+from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
@@ -35,7 +34,7 @@ class Pipeline:
     """The filters of a model, step by step."""
 
     model: Model
-    kernel: Any = field(default_factory=chosen)
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class

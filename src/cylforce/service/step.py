@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual, residual
+from cylforce.estimation.residual import Residual
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import unseen
@@ -125,8 +125,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         nothing = _nothing(state, t_us, Reason.STARTING)
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
     usable = pipe.waiting == 0
-    drifting = core.adapter.columns(rows)
-    left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    left, drifting = core.weigher.left(rows, state.drift)
     plain = left
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)

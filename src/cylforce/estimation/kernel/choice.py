@@ -8,12 +8,30 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import plan, rows
+from cylforce.estimation.kernel import plan, pushed, rows, solver, weighed
+from cylforce.estimation.kernel.solving import listed
 
-PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py")
+PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
-    KernelPlan=plan.KernelPlan, advance=rows.advance, state_size=rows.state_size, rows_size=rows.rows_size
+    KernelPlan=plan.KernelPlan,
+    KernelSolver=solver.KernelSolver,
+    advance=rows.advance,
+    state_size=rows.state_size,
+    rows_size=rows.rows_size,
+    **{
+        function.__name__: listed(function)
+        for function in (
+            weighed.explain,
+            weighed.gate,
+            weighed.take,
+            weighed.conclude,
+            pushed.push,
+            pushed.soil,
+            pushed.learn,
+            pushed.gather,
+        )
+    },
 )
 
 
