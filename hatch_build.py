@@ -19,7 +19,15 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 KERNEL = Path("src/cylforce/estimation/kernel")
-PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")  # as in `kernel/choice.py`
+PARTS = (
+    "plan.py",
+    "bodies.py",
+    "columns.py",
+    "rows.py",
+    "solver.py",
+    "weighed.py",
+    "pushed.py",
+)  # as in `kernel/choice.py`
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 # cython: infer_types=True
 cimport cython

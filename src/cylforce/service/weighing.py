@@ -207,7 +207,9 @@ class Weigher:
         self.kernel.take(self._solver, own, work, changing, root.factor.ravel(), root.right, gram.ravel(), new)
         whole = np.frombuffer(new)
         root = Root(whole[:16].reshape(4, 4), whole[16:20])
-        moving = lift.moving + any(good and not steps for good, steps in zip(usable.tolist(), work[7 * rows :], strict=True))
+        moving = lift.moving + any(
+            good and not steps for good, steps in zip(usable.tolist(), work[7 * rows :], strict=True)
+        )
         covariance, gram = whole[24:40].reshape(4, 4), whole[40:].reshape(4, size)
         now = Lift(root, whole[20:24], covariance, gram, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed)
         return self._watched(now, drift)
