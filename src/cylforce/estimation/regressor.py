@@ -135,13 +135,6 @@ class FilteredRegressor:
         (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
-    def begin(self, moving: Motion) -> Array:
-        """State (3, R, P+1) of the filters before the first sample."""
-        momentum, static = self.inputs(moving)
-        state = self._begun(static)
-        state[..., :-1] += self.slope.rest(momentum)
-        return state
-
     def _begun(self, static: Array) -> Array:
         """State of the filter `_mean` before the first sample, as if the input had been zero until then. A first group
         of four samples contains only a part of a step since then: 0, 1/3 and 2/3 of it for the first three outputs."""
@@ -152,19 +145,6 @@ class FilteredRegressor:
         """The state of `mean` before a first input of 1."""
         b = self.mean.b
         return tuple(step * sum(b) / 3.0 - sum(b[: step + 1]) for step in range(3))
-
-    def step(self, state: Array, moving: Motion) -> tuple[Array, Rows]:
-        """(New state, rows) after one sample of the motion."""
-        return self.advance(state, *self.inputs(moving))
-
-    def advance(self, state: Array, momentum: Array, static: Array) -> tuple[Array, Rows]:
-        """(New state, rows) after the `inputs` of one sample."""
-        first, *_, last = self.slope.b  # the others are zero
-        begun = state.copy()
-        begun[0, ..., :-1] += first * momentum
-        new, rows = self.mean.step(begun, static)
-        new[-1, ..., :-1] += last * momentum
-        return new, Rows(rows[..., :-1], rows[..., -1])
 
     def run(self, moving: Motion) -> Rows:
         """The rows of a recording, whose leading axis is time."""

@@ -25,6 +25,7 @@ from cylforce.estimation.residual import (
 )
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Books, Weighed, noted, parted, spilled, unseen
+from cylforce.service.loading.lift import Lift, Weight
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
@@ -41,36 +42,6 @@ REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptie
 LATER_S = (
     0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
 )
-
-
-class Lift(NamedTuple):
-    """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
-    `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
-    covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
-    for which each row has been at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for
-    a spill; `mixed`: whether the filters still hold what was before the lift."""
-
-    root: Root
-    values: Array
-    covariance: Array
-    gram: Array
-    taken: int
-    refused: int
-    moving: int
-    rested: Array
-    marks: Array
-    mixed: bool
-
-
-class Weight(NamedTuple):
-    """Mass [kg] with standard error [kg]; centre x + i z [m] of the load in the last link's frame with the standard
-    errors (x, z) [m]; `drifted` [kg m]: standard error of the first moment by a drift that is not known yet."""
-
-    mass: float
-    standard_error: float
-    centre: complex
-    centre_error: tuple[float, float]
-    drifted: float
 
 
 class Weighing(NamedTuple):

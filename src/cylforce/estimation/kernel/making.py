@@ -59,8 +59,8 @@ def counts(values: Iterable[int]) -> Counts:
 
 
 def plan(model: Model, kind: Any) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
-    """The plan (`kind`: class `KernelPlan` of the kernel) of a model. Raises TypeError for an effect that the kernel does
-    not know."""
+    """The plan (`kind`: class `KernelPlan` of the kernel) of a model. Raises TypeError for an effect whose law the
+    kernel does not know."""
     return kind(*_arguments(model))
 
 

@@ -24,8 +24,9 @@ def push(
 ) -> None:
     """Of the rows of an instant, columns (R, K), torque (R,), rate of change (R, K), of reversing cylinders (C,) and
     levers (C, R), the load in the bucket (4,), the torque of the drift (R,), and the errors before, inertia (R, R),
-    reversing (C,), variance (R,), one after the other: `new`, the same errors after it; `found`: torque left (R,), variance of friction
-    whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the load (R, 4)."""
+    reversing (C,), variance (R,), one after the other: `new`, the same errors after it; `found`: torque left (R,),
+    variance of friction whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the
+    load (R, 4)."""
     gains = 2 * s.r + 6
     leave(s, columns, torque, drift, found)
     own_columns(s, columns)
@@ -102,18 +103,13 @@ def doubt(s: KernelSolver, found: Numbers, new: Numbers) -> None:
 @inner
 def solve(s: KernelSolver, columns: Numbers, usable: Numbers, found: Numbers) -> None:
     """Force at the tool by weighted least squares with its prior, from the usable rows: with L L' = `square`, rows
-    L^-1 [tool | left]; then the same of their normal matrix."""
-    gains = 2 * s.r + 6
+    L^-1 [tool | left], then the same of their normal matrix; `own` holds the rows and the inverse."""
+    t, tools, o = s.t, s.own, s.t * s.r
     factor(s.square, s.r, usable)
-    t, tools = s.t, s.own
     for i in range(t):
         for r in range(s.r):
-            s.other[r] = columns[r * s.k + s.tip + i]
-        forward(s.square, s.r, usable, s.other)
-        for r in range(s.r):
-            tools[i * s.r + r] = s.other[r]
-    o = t * s.r
-    for i in range(t):
+            tools[i * s.r + r] = columns[r * s.k + s.tip + i]
+        forward(s.square, s.r, usable, tools, i * s.r)
         for j in range(i + 1):
             total = s.prior[i * t + j]
             for r in range(s.r):
@@ -121,22 +117,25 @@ def solve(s: KernelSolver, columns: Numbers, usable: Numbers, found: Numbers) ->
             s.spread[i * t + j] = total
     invert(s.spread, t, tools, o)
     for i in range(t):
-        for r in range(s.r):
-            s.other[r] = tools[i * s.r + r]
-        backward(s.square, s.r, usable, s.other)
-        for r in range(s.r):
-            tools[i * s.r + r] = s.other[r]
+        backward(s.square, s.r, usable, tools, i * s.r)
+    for i in range(2):
+        for j in range(2):
+            found[2 * s.r + 2 + 2 * i + j] = tools[o + i * t + j]
+    gain(s, tools, o, found)
+
+
+@inner
+def gain(s: KernelSolver, tools: Numbers, o: Count, found: Numbers) -> None:
+    """Force per unit of each row's torque, and the force."""
     for i in range(2):
         total = 0.0
         for r in range(s.r):
-            gain = 0.0
-            for j in range(t):
-                gain += tools[o + i * t + j] * tools[j * s.r + r]
-            found[gains + i * s.r + r] = gain
-            total += gain * found[r]
+            each = 0.0
+            for j in range(s.t):
+                each += tools[o + i * s.t + j] * tools[j * s.r + r]
+            found[2 * s.r + 6 + i * s.r + r] = each
+            total += each * found[r]
         found[2 * s.r + i] = total
-        for j in range(2):
-            found[2 * s.r + 2 + 2 * i + j] = tools[o + i * t + j]
 
 
 @inner
@@ -153,25 +152,23 @@ def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
 
 
 @inner
-def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers) -> None:
-    """x <- L^-1 x of the usable rows; 0 in the others."""
+def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
+    """x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
     for i in range(size):
-        total = x[i]
+        total = x[o + i]
         for k in range(i):
-            if usable[k] != 0.0:
-                total -= matrix[i * size + k] * x[k]
-        x[i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+            total -= matrix[i * size + k] * x[o + k] if usable[k] != 0.0 else 0.0
+        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
 
 
 @inner
-def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers) -> None:
+def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
     """x <- L'^-1 x of the usable rows."""
     for i in range(size - 1, -1, -1):
-        total = x[i]
+        total = x[o + i]
         for k in range(i + 1, size):
-            if usable[k] != 0.0:
-                total -= matrix[k * size + i] * x[k]
-        x[i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+            total -= matrix[k * size + i] * x[o + k] if usable[k] != 0.0 else 0.0
+        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
 
 
 @inner

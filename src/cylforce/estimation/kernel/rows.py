@@ -1,5 +1,5 @@
-"""From the channels of one sample to filtered rows: what `Channels`, `FilteredRegressor` and `FastRegressor` do along a
-recording, one fixed step at a time.
+"""From the channels of one sample to filtered rows: what `Channels` and `FilteredRegressor` do along a recording, one
+fixed step at a time; and the rows of the instant (`fast.py`).
 
 The state of the filters is one array: channels (D), their low-pass (2, D) and its last outputs (3, D); low-pass of the
 columns (3, R K) and torques (3, R); for each row the steps that it waits (R); speed of the cylinders (C); for the
@@ -10,8 +10,8 @@ from cylforce.estimation.kernel.columns import columns
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 
-AHEAD_S: Number = 0.06  # as in `fast`
-STARTING: Number = 0.03
+AHEAD_S: Number = 0.06  # s by which a reversal of a cylinder is looked for, the delay of its measured speed; measured
+STARTING: Number = 0.03  # m/s^2 of a cylinder, below which a change of sign is noise at rest; chosen
 
 
 def state_size(p: KernelPlan) -> Count:
@@ -55,7 +55,7 @@ def smooth(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers) -> None:
 
 @inner
 def weighing_rows(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
-    """S (d/dt L momentum + L static) of all columns and S L of the torques (`FilteredRegressor.advance`)."""
+    """S (d/dt L momentum + L static) of all columns and S L of the torques (`FilteredRegressor`)."""
     size = p.r * p.k
     s = 6 * p.d
     for i in range(p.used_size):
@@ -107,7 +107,7 @@ def wait(p: KernelPlan, old: Numbers, new: Numbers) -> None:
 
 @inner
 def instant_forces(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
-    """Torques, levers and reversing cylinders of the instant (`FastRegressor.step`)."""
+    """Torques, levers and reversing cylinders of the instant: forces after their own low-pass."""
     s = 6 * p.d + 3 * p.r * p.k + 4 * p.r  # speed, then the low-pass of the forces
     a = s + 3 * p.c + 3 * p.r * p.k  # that of the acceleration
     torque, lever = 2 * p.r * p.k + p.r, 3 * p.r * p.k + 2 * p.r + p.c

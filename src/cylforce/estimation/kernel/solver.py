@@ -8,8 +8,8 @@ from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers
 
 @record
 class KernelSolver:
-    """R rows of K columns, of which the first P are those of the tares; C cylinders; D drifting parameters, T unknowns at
-    the tool.
+    """R rows of K columns, of which the first P are those of the tares; C cylinders; D drifting parameters, T unknowns
+    at the tool.
 
     `changing` (D,): columns of the drift; `at_rest`, `tip`: first columns of friction at rest and of the tool;
     `load_at` (M, 2) and `load` (M,): numbers that are not zero of the (P, 4) table from a load to parameters; `values`

@@ -34,9 +34,9 @@ NO_LIMITS = Limits()
 def solver(
     model: Model,
     tares: Tares,
-    kernel: Any,
+    kernel: Any,  # noqa: ANN401 - of either form
     limits: Limits = NO_LIMITS,
-    prior: Array | None = None,  # noqa: ANN401
+    prior: Array | None = None,
 ) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
     """The solver; `prior` (T, T): information on force and moment at the tool."""
     rows, size, tools = len(model.machine.rows), len(model.parameters), 3 if prior is None else len(prior)

@@ -83,8 +83,8 @@ def gate(
 ) -> Count:
     """Whether an instant fits the lift: columns (R, P), `left` (3, R): torque, variance, friction at rest; `usable`
     rows; of the lift values (4,), covariance (4, 4), gram (4, P + D), steps at rest `rested` (R,); of the drift values
-    `known`, covariance `unsure`, columns `drifting` (R, D). `work` (8, R): columns of the load (R, 4), torque with the drift, variance, rows to be
-    taken in, new steps at rest."""
+    `known`, covariance `unsure`, columns `drifting` (R, D). `work` (8, R): columns of the load (R, 4), torque with
+    the drift, variance, rows to be taken in, new steps at rest."""
     loaded(s, columns, work)
     shift(s, values, covariance, gram, known)
     total, number = 0.0, 0

@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import MIN_SECONDS, Residual
-from cylforce.service.weighing import Lift
+from cylforce.service.loading.lift import Lift
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
