@@ -146,7 +146,8 @@ class Weigher:
     def left(self, rows: Rows, drift: Drift) -> tuple[Residual, Array]:
         """The torque that tares and drift do not explain, and the columns (R, D) of the drift."""
         found, r = room((3 + drift.values.size) * len(rows.torque)), len(rows.torque)
-        self.kernel.explain(self._solver, rows.columns.ravel(), rows.torque, drift.values, found)
+        torque = np.ascontiguousarray(rows.torque)
+        self.kernel.explain(self._solver, rows.columns.ravel(), torque, drift.values, found)
         whole = np.frombuffer(found)
         own = rows.columns[:, : len(self.model.parameters)]
         return Residual(whole[:r], whole[r : 2 * r], whole[2 * r : 3 * r], own), whole[3 * r :].reshape(r, -1)
