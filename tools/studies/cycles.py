@@ -84,8 +84,9 @@ def worked(core: Core, values: Array, restarts: list[int]) -> Shift:
     away = round(1e6 * DOWN_S) // core.period_us
     for end in (*restarts, len(values)):
         if end - begin > core.model.settle_steps:
+            told = 0  # a start counts anew
             for state in states(core, values[begin:end], begin + 1, kept):
-                _note(done, state, core)
+                told = _note(done, state, core, told)
                 now = state.memory
                 if changed(kept, now) or is_new(now.booking, kept.booking):
                     kept, kept_us = now, state.estimate.t_us
@@ -96,18 +97,20 @@ def worked(core: Core, values: Array, restarts: list[int]) -> Shift:
     return done._replace(restarts=done.restarts[:-1])
 
 
-def _note(done: Shift, state: State, core: Core) -> None:
+def _note(done: Shift, state: State, core: Core, told: int) -> int:
+    """Notes one instant; `told`: losses that this start had told before. How many it has told now."""
     t, books = state.estimate.t_us * 1e-6, state.weighing.books
     booking = books.booking
     if booking is not None:
         same = bool(done.bookings) and done.bookings[-1].number == booking.number
         done.bookings[len(done.bookings) - same :] = [booking]
-    if books.missed.number > len(done.told):
+    if books.missed.number > told:
         done.told.append((t, books.missed.interrupted))
     mass = state.estimate.load.mass
     error = 100.0 * mass.standard_error / core.service.machine.rated_payload
     known = f"{mass.reason.name} (+- {error:.1f} %)" if mass.status is Status.DEGRADED else mass.reason.name
     done.weights.append((t, known))
+    return books.missed.number
 
 
 def buckets(notes: list[dict[str, Any]], done: Shift, rated: float) -> Iterator[Bucket]:

@@ -134,7 +134,8 @@ class Core:
             drift.values.size,
         ):
             hanging = None  # it was weighed with other tares
-        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking, candidate=hanging))
+        books = weighing.books._replace(booking=kept.booking, candidate=hanging, remembered=hanging is not None)
+        weighing = weighing._replace(books=books)
         watch = self.monitor.begin()
         state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
         return state._replace(tool=kept.tool)
