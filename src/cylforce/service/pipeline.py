@@ -67,7 +67,8 @@ class Pipeline:
             pipe, *_ = self.advance(pipe, first + (here - first) * (k / periods), 1)
         state, rows = self._sizes
         new, out = array("d", bytes(state)), array("d", bytes(rows))
-        self.kernel.advance(self._plan, pipe.kept, array("d", here.tobytes()), new, out, pipe.steps == 0)
+        old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
+        self.kernel.advance(self._plan, old, array("d", here.tobytes()), new, out, pipe.steps == 0)
         return self._places.state(new, pipe.steps + 1), *self._places.rows(out, new)
 
 

@@ -14,8 +14,8 @@ from cylforce.estimation.kernel.solving import listed
 PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
-    KernelPlan=plan.KernelPlan,
-    KernelSolver=solver.KernelSolver,
+    KernelPlan=listed(plan.KernelPlan),
+    KernelSolver=listed(solver.KernelSolver),
     advance=rows.advance,
     state_size=rows.state_size,
     rows_size=rows.rows_size,

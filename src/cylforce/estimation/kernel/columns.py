@@ -29,27 +29,26 @@ def rigid(p: KernelPlan, g: Number, h: Number) -> None:
     """`Rigid`, g + i h the specific force: for c = X + i Z of link k, in joint j, Re(c conj(.)) of
     own_k + sum l_i exp(i (q_k - q_i)) qd_k and of (g + i h) exp(i q_k) - i qd_k own_k + sum i qd_i l_i exp(...) qd_k,
     sums over i = j ... k-1, own_k = sum_{i<k} l_i exp(i (q_k - q_i)) qd_i."""
+    level, lengths, qd, momentum, static = p.level, p.lengths, p.qd, p.momentum, p.static
     for k in range(p.n):
-        t, u, rate = p.level[2 * k], p.level[2 * k + 1], p.qd[k]
+        t, u, rate = level[2 * k], level[2 * k + 1], qd[k]
         own_x, own_z = 0.0, 0.0
         for i in range(k):
-            own_x += p.lengths[i] * (t * p.level[2 * i] + u * p.level[2 * i + 1]) * p.qd[i]
-            own_z += p.lengths[i] * (u * p.level[2 * i] - t * p.level[2 * i + 1]) * p.qd[i]
+            own_x += lengths[i] * (t * level[2 * i] + u * level[2 * i + 1]) * qd[i]
+            own_z += lengths[i] * (u * level[2 * i] - t * level[2 * i + 1]) * qd[i]
         px, pz = own_x, own_z
         sx, sz = g * t - h * u + rate * own_z, g * u + h * t - rate * own_x
-        column = 3 * k
         for j in range(k, -1, -1):
             if j < k:
-                x = p.lengths[j] * (t * p.level[2 * j] + u * p.level[2 * j + 1]) * rate
-                z = p.lengths[j] * (u * p.level[2 * j] - t * p.level[2 * j + 1]) * rate
+                x = lengths[j] * (t * level[2 * j] + u * level[2 * j + 1]) * rate
+                z = lengths[j] * (u * level[2 * j] - t * level[2 * j + 1]) * rate
                 px, pz = px + x, pz + z
-                sx, sz = sx - p.qd[j] * z, sz + p.qd[j] * x
-            put(p, p.momentum, j, p.rigid[column], rate)
-            put(p, p.momentum, j, p.rigid[column + 1], px)
-            put(p, p.momentum, j, p.rigid[column + 2], -pz)
-            put(p, p.static, j, p.rigid[column], 0.0)
-            put(p, p.static, j, p.rigid[column + 1], sx)
-            put(p, p.static, j, p.rigid[column + 2], -sz)
+                sx, sz = sx - qd[j] * z, sz + qd[j] * x
+            if p.row[j] >= 0:
+                o = p.row[j] * p.k
+                inertia, first, second = o + p.rigid[3 * k], o + p.rigid[3 * k + 1], o + p.rigid[3 * k + 2]
+                momentum[inertia], momentum[first], momentum[second] = rate, px, -pz
+                static[inertia], static[first], static[second] = 0.0, sx, -sz
 
 
 @inner
@@ -158,19 +157,19 @@ def law(kind: Count, a: Number, b: Number, speed: Number, force: Number, rate: N
 @inner
 def forces(p: KernelPlan) -> None:
     """`Friction`, `AtRest`, `Delay` and `PressureZero`: the law's force times the lever; and the measured torques."""
+    static, levers, lever, pushes = p.static, p.levers, p.lever, p.pushes
     for i in range(p.law_size):
-        kind = p.laws[2 * i]
+        kind, first = p.laws[2 * i], p.laws[2 * i + 1]
+        a, b = p.shapes[2 * i], p.shapes[2 * i + 1]
         for c in range(p.c):
-            f = law(kind, p.shapes[2 * i], p.shapes[2 * i + 1], p.speed[c], p.middle[p.n + c], p.rate[p.n + c])
-            for j in range(p.n):
-                lever = p.lever[c * p.n + j]
-                put(p, p.static, j, p.laws[2 * i + 1] + c, f * (abs(lever) if kind == AT_REST else lever))
-    for j in range(p.n):
-        if p.row[j] >= 0:
-            total = 0.0
-            for c in range(p.c):
-                total += p.middle[p.n + c] * p.lever[c * p.n + j]
-            p.torque[p.row[j]] = total
+            pushes[c] = law(kind, a, b, p.speed[c], p.middle[p.n + c], p.rate[p.n + c])
+        for m in range(p.lever_size):
+            x = lever[levers[3 * m]]
+            static[levers[3 * m + 1] + first] = pushes[levers[3 * m + 2]] * (abs(x) if kind == AT_REST else x)
+    for r in range(p.r):
+        p.torque[r] = 0.0
+    for m in range(p.lever_size):
+        p.torque[levers[3 * m + 1] // p.k] += p.middle[p.n + levers[3 * m + 2]] * lever[levers[3 * m]]
 
 
 @inner

@@ -83,7 +83,7 @@ def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Number
         table.rocker,
         table.weight,
     ]
-    whole += [table.laws, used, moved, [0] * c]
+    whole += [table.laws, _levers(machine, k), used, moved, [0] * c]
     parts: list[Sequence[float]] = [
         machine.lengths.tolist(),
         _pairs(machine.arms),
@@ -92,7 +92,7 @@ def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Number
         _stops(model),
         table.shapes,
     ]
-    room = [d, d, n, n, 2 * n, 2 * n, 4 * n, 6 * (4 + 4 * n), c * n, c, r * k, r * k, r + 1]
+    room = [d, d, n, n, 2 * n, 2 * n, 4 * n, 6 * (4 + 4 * n), c * n, c, c, r * k, r * k, r + 1]
     parts += [*_filters(model), *([0.0] * size for size in room)]
     return sizes, physics, [counts(x) for x in whole], [numbers(x) for x in parts]
 
@@ -152,6 +152,15 @@ class _Table:
 
 def _rows(machine: Machine) -> list[int]:
     return [machine.rows.index(j) if j in machine.rows else -1 for j in range(machine.size)]
+
+
+def _levers(machine: Machine, columns: int) -> list[int]:
+    found = []
+    for row, joint in enumerate(machine.rows):
+        for c, span in enumerate(machine.spans):
+            if joint in span:
+                found += [c * machine.size + joint, row * columns + c, c]
+    return found
 
 
 def _acting(model: Model) -> list[int]:

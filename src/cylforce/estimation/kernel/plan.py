@@ -15,7 +15,8 @@ class KernelPlan:
     rocker and link [m], side, eye x, z, half the shortest length [m]; `stops` (C, 2): usable lengths [m].
 
     Numbers of columns: `rigid` (N, 3), `slewed` (N, 2) or empty, `tip` of three, `rocker` and `weight` (C,), -1: none.
-    `laws` (L, 2): kind and first column; `shapes` (L, 2): numbers of the law. `used`: places of a (R, K) table that can
+    `laws` (L, 2): kind and first column; `shapes` (L, 2): numbers of the law; `levers` (A, 3): of each that is not
+    always zero its place among (C, N), row K + cylinder, and the cylinder. `used`: places of a (R, K) table that can
     differ from zero, `moved`: those with momentum; `waits`: steps for which a bad lever spoils a row."""
 
     n: Count
@@ -26,6 +27,7 @@ class KernelPlan:
     law_size: Count
     used_size: Count
     moved_size: Count
+    lever_size: Count
     waits: Count
     rate_slew: Count
     inertial: Count
@@ -43,6 +45,7 @@ class KernelPlan:
     rocker: Counts
     weight: Counts
     laws: Counts
+    levers: Counts
     used: Counts
     moved: Counts
     lengths: Numbers
@@ -69,6 +72,7 @@ class KernelPlan:
     riders: Numbers
     lever: Numbers
     speed: Numbers
+    pushes: Numbers
     good: Counts
     momentum: Numbers
     static: Numbers
@@ -80,10 +84,10 @@ class KernelPlan:
         self.law_size, self.waits, self.rate_slew, self.inertial, self.tip = (sizes[i] for i in range(5, 10))
         self.gravity, self.axis, self.base_x, self.base_z, self.dt = (physics[i] for i in range(5))
         self.row, self.acting, self.bodies, self.rigid, self.slewed = counts[:5]
-        self.rocker, self.weight, self.laws, self.used, self.moved, self.good = counts[5:]
-        self.used_size, self.moved_size = len(self.used), len(self.moved)
+        self.rocker, self.weight, self.laws, self.levers, self.used, self.moved, self.good = counts[5:]
+        self.used_size, self.moved_size, self.lever_size = len(self.used), len(self.moved), len(self.levers) // 3
         self.lengths, self.arm, self.pins, self.bars, self.stops, self.shapes = numbers[:6]
         self.channel, self.mean, self.begun, self.slope, self.rest = numbers[6:11]
         self.quick, self.settled, self.slow, self.middle, self.rate = numbers[11:16]
         self.q, self.qd, self.turn, self.level, self.hinge, self.riders = numbers[16:22]
-        self.lever, self.speed, self.momentum, self.static, self.torque = numbers[22:]
+        self.lever, self.speed, self.pushes, self.momentum, self.static, self.torque = numbers[22:]

@@ -5,7 +5,7 @@ from math import sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver
-from cylforce.estimation.kernel.weighed import loaded, quadratic
+from cylforce.estimation.kernel.weighed import add, loaded, quadratic
 
 
 def push(
@@ -28,8 +28,8 @@ def push(
     variance of friction whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the
     load (R, 4)."""
     gains = 2 * s.r + 6
-    leave(s, columns, torque, drift, found)
     own_columns(s, columns)
+    leave(s, torque, drift, found)
     loaded(s, s.own, s.other)
     for i in range(4 * s.r):
         found[gains + 2 * s.r + i] = s.other[i]
@@ -47,32 +47,40 @@ def push(
 
 
 @inner
-def leave(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
+def leave(s: KernelSolver, torque: Numbers, drift: Numbers, found: Numbers) -> None:
     """Torque (R,) that tares and drift leave."""
+    own, values, at = s.own, s.values, s.at
     for r in range(s.r):
-        o = r * s.k
-        left = torque[r]
-        for i in range(s.p):
-            left -= columns[o + i] * s.values[i]
+        o, left = r * s.p, torque[r]
+        for m in range(s.many[r]):
+            left -= own[o + at[o + m]] * values[at[o + m]]
         found[r] = s.scale * (left - drift[r])
 
 
 @inner
 def own_columns(s: KernelSolver, columns: Numbers) -> None:
-    """The columns of the tares (R, P), one row after the other, in `own`."""
+    """The columns of the tares (R, P), one row after the other, in `own`; which are not zero, in `at` (R, P), the first
+    `many` (R,)."""
+    own, at, size = s.own, s.at, s.p
     for r in range(s.r):
-        for i in range(s.p):
-            s.own[r * s.p + i] = columns[r * s.k + i]
+        o, number = r * size, 0
+        for i in range(size):
+            x = columns[r * s.k + i]
+            own[o + i] = x
+            if x != 0.0:
+                at[o + number] = i
+                number += 1
+        s.many[r] = number
 
 
 @inner
 def be_late(s: KernelSolver, change: Numbers, load: Numbers, before: Numbers, new: Numbers) -> None:
     """Covariance (R, R) of the late torque of inertia of machine and load."""
-    late = s.spread
+    late, values = s.spread, s.values
     for r in range(s.r):
-        total = 0.0
+        o, total = r * s.k, 0.0
         for i in range(s.p):
-            total += change[r * s.k + i] * s.values[i]
+            total += change[o + i] * values[i]
         for i in range(s.loads):
             total += change[r * s.k + s.load_at[2 * i]] * s.load[i] * load[s.load_at[2 * i + 1]]
         late[r] = s.late * total
@@ -85,19 +93,25 @@ def be_late(s: KernelSolver, change: Numbers, load: Numbers, before: Numbers, ne
 def doubt(s: KernelSolver, found: Numbers, new: Numbers) -> None:
     """Covariance (R, R) of the torque that is left, in `square`: own errors of the instant and those of the tares."""
     for q in range(s.r):
-        for i in range(s.p):
-            total = 0.0
-            for j in range(s.p):
-                total += s.covariance[i * s.p + j] * s.own[q * s.p + j]
-            s.other[i] = total
-        for r in range(q, s.r):
-            total = new[r * s.r + q]
-            for i in range(s.p):
-                total += s.own[r * s.p + i] * s.other[i]
-            if r == q:
-                size = s.relative * found[r]
-                total += found[s.r + r] + new[s.r * s.r + s.c + r] + size * size
-            s.square[r * s.r + q] = total
+        each = s.relative * found[q]
+        total = quadratic(s, s.covariance, s.p, s.own, q * s.p) + each * each
+        s.square[q * s.r + q] = total + found[s.r + q] + new[s.r * s.r + s.c + q] + new[q * s.r + q]
+        for r in range(q + 1, s.r):
+            s.square[r * s.r + q] = new[r * s.r + q] + common(s, r, q)
+
+
+@inner
+def common(s: KernelSolver, r: Count, q: Count) -> Number:
+    """Covariance of the torques of two rows by errors of the tares."""
+    own, at, covariance = s.own, s.at, s.covariance
+    one, two, total = r * s.p, q * s.p, 0.0
+    for m in range(s.many[r]):
+        row, each = at[one + m] * s.p, 0.0
+        for n in range(s.many[q]):
+            j = at[two + n]
+            each += covariance[row + j] * own[two + j]
+        total += own[one + at[one + m]] * each
+    return total
 
 
 @inner
@@ -249,7 +263,7 @@ def gather(
     for r in range(s.r):
         if telling[r] != 0.0:
             x = s.other
-            unsure = quadratic(s.covariance, s.p, s.own, r * s.p)
+            unsure = quadratic(s, s.covariance, s.p, s.own, r * s.p)
             weight = 1.0 / sqrt((left[s.r + r] + left[2 * s.r + r] + unsure) * memory)
             for i in range(4):
                 x[i] = s.spread[4 * r + i] * weight
@@ -258,5 +272,4 @@ def gather(
             x[size - 1] = left[r] * weight
             for i in range(size):
                 if x[i] != 0.0:
-                    for j in range(size):
-                        new[i * size + j] += x[i] * x[j]
+                    add(new, i * size, x[i], x, 0, size)

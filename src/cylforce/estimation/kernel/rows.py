@@ -27,8 +27,8 @@ def rows_size(p: KernelPlan) -> Count:
 
 
 def advance(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
-    """State `new` and rows `out` (both zero before) after the state `old` and the channels `here` (D,); `first`: the
-    filters of columns and forces begin with this step."""
+    """State `new` and rows `out` (both zero before) after the state `old` and the channels `here` (D,). `first`: the
+    filters of columns and forces begin with this step, and `old` gets their state before it."""
     smooth(p, old, here, new)
     columns(p)
     weighing_rows(p, old, new, out, first)
@@ -56,40 +56,44 @@ def smooth(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers) -> None:
 @inner
 def weighing_rows(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
     """S (d/dt L momentum + L static) of all columns and S L of the torques (`FilteredRegressor`)."""
-    size = p.r * p.k
-    s = 6 * p.d
-    for i in range(p.used_size):
-        e = p.used[i]
-        low_pass(p, old, new, out, s + e, size, e, p.static[e], p.momentum[e], first)
-    s += 3 * size
+    size, s = p.r * p.k, 6 * p.d
+    if first:
+        for i in range(p.used_size):
+            begin(p, old, s + p.used[i], size, p.static[p.used[i]], p.momentum[p.used[i]])
+        for r in range(p.r):
+            begin(p, old, s + 3 * size + r, p.r, p.torque[r], 0.0)
+    low_passes(p, old, new, out)
+    o = s + 3 * size
     for r in range(p.r):
-        low_pass(p, old, new, out, s + r, p.r, size + r, p.torque[r], 0.0, first)
+        x = p.torque[r]
+        y = old[o + r] + p.mean[0] * x
+        out[size + r] = y
+        new[o + r] = p.mean[1] * x + old[o + p.r + r] - p.mean[4] * y
+        new[o + p.r + r] = p.mean[2] * x + old[o + 2 * p.r + r] - p.mean[5] * y
+        new[o + 2 * p.r + r] = p.mean[3] * x - p.mean[6] * y
 
 
 @inner
-def low_pass(
-    p: KernelPlan,
-    old: Numbers,
-    new: Numbers,
-    out: Numbers,
-    s: Count,
-    apart: Count,
-    e: Count,
-    static: Number,
-    momentum: Number,
-    first: Count,
-) -> None:
-    """One column: third order, state at `s`, `s + apart` and `s + 2 apart`, output at `e`."""
-    a, b, c = old[s], old[s + apart], old[s + 2 * apart]
-    if first:
-        a = p.begun[0] * static + p.rest[0] * momentum
-        b = p.begun[1] * static + p.rest[1] * momentum
-        c = p.begun[2] * static + p.rest[2] * momentum
-    y = a + p.slope[0] * momentum + p.mean[0] * static
-    out[e] = y
-    new[s] = p.mean[1] * static + b - p.mean[4] * y
-    new[s + apart] = p.mean[2] * static + c - p.mean[5] * y
-    new[s + 2 * apart] = p.mean[3] * static - p.mean[6] * y + p.slope[1] * momentum
+def begin(p: KernelPlan, old: Numbers, s: Count, apart: Count, static: Number, momentum: Number) -> None:
+    """State before the first sample, at `s`, `s + apart` and `s + 2 apart`: the momentum settled, the rest at zero."""
+    for i in range(3):
+        old[s + i * apart] = p.begun[i] * static + p.rest[i] * momentum
+
+
+@inner
+def low_passes(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
+    """The low-pass of third order of every column that can differ from zero."""
+    b0, b1, b2, b3, a1, a2, a3 = p.mean[0], p.mean[1], p.mean[2], p.mean[3], p.mean[4], p.mean[5], p.mean[6]
+    rise, fall, size, s = p.slope[0], p.slope[1], p.r * p.k, 6 * p.d
+    used, static, momentum = p.used, p.static, p.momentum
+    for i in range(p.used_size):
+        e = used[i]
+        o, x, m = s + e, static[e], momentum[e]
+        y = old[o] + rise * m + b0 * x
+        out[e] = y
+        new[o] = b1 * x + old[o + size] - a1 * y
+        new[o + size] = b2 * x + old[o + 2 * size] - a2 * y
+        new[o + 2 * size] = b3 * x - a3 * y + fall * m
 
 
 @inner
@@ -133,24 +137,25 @@ def instant_forces(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out
 @inner
 def instant_columns(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
     """Columns of the instant: static ones and the rate of momentum after its own low-pass; how fast that changes."""
-    size = p.r * p.k
+    size, dt = p.r * p.k, p.dt
     s = 6 * p.d + 3 * size + 4 * p.r + 3 * p.c  # last momentum, low-pass of its rate, last rate
     now, change = size + p.r, 2 * size + 2 * p.r
+    b0, b1, a1 = p.slow[0], p.slow[1], p.slow[2]
+    used, moved, static, momentum = p.used, p.moved, p.static, p.momentum
     for i in range(p.used_size):
-        out[now + p.used[i]] = p.static[p.used[i]]
+        out[now + used[i]] = static[used[i]]
     for i in range(p.moved_size):
-        e = p.moved[i]
-        m = p.momentum[e]
-        before, slow, last = old[s + e], old[s + size + e], old[s + 2 * size + e]
+        e = moved[i]
+        o, m = s + e, momentum[e]
         if first:
-            before, slow, last = m, 0.0, 0.0
-        x = (m - before) / p.dt
-        rate = slow + p.slow[0] * x
-        new[s + e] = m
-        new[s + size + e] = p.slow[1] * x - p.slow[2] * rate
-        new[s + 2 * size + e] = rate
+            old[o], old[o + size], old[o + 2 * size] = m, 0.0, 0.0
+        x = (m - old[o]) / dt
+        rate = old[o + size] + b0 * x
+        new[o] = m
+        new[o + size] = b1 * x - a1 * rate
+        new[o + 2 * size] = rate
         out[now + e] += rate
-        out[change + e] = (rate - last) / p.dt
+        out[change + e] = (rate - old[o + 2 * size]) / dt
 
 
 @inner

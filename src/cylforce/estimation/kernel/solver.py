@@ -42,6 +42,9 @@ class KernelSolver:
     learning: Number
     changing: Counts
     load_at: Counts
+    places: Counts
+    at: Counts
+    many: Counts
     load: Numbers
     values: Numbers
     covariance: Numbers
@@ -52,6 +55,7 @@ class KernelSolver:
     own: Numbers
     square: Numbers
     other: Numbers
+    some: Numbers
 
     def __init__(self, sizes: Counts, limits: Numbers, counts: list[Any], numbers: list[Any]) -> None:
         """Everything in the order of the fields."""
@@ -59,7 +63,7 @@ class KernelSolver:
         self.scale, self.scale_error, self.relative, self.gate, self.break_away = (limits[i] for i in range(5))
         self.cold, self.drifted, self.memory, self.patience = (limits[i] for i in range(5, 9))
         self.keep, self.late, self.largest, self.learning = (limits[i] for i in range(9, 13))
-        self.changing, self.load_at = counts
+        self.changing, self.load_at, self.places, self.at, self.many = counts
         self.load, self.values, self.covariance, self.row_error, self.dry, self.prior, self.spread = numbers[:7]
-        self.own, self.square, self.other = numbers[7:]
+        self.own, self.square, self.other, self.some = numbers[7:]
         self.loads, self.dry_size = len(self.load), len(self.dry)

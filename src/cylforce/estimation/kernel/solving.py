@@ -49,12 +49,16 @@ def solver(
     parts = [model.load[tuple(places.T)], tares.values, tares.covariance, errors, dry]
     parts.append(np.zeros((tools, tools)) if prior is None else prior)
     most = max(rows, 4)
-    room = [4 * most, rows * size + 2 * tools * most, most * most, max(size, drifts + 5, 4 * most)]
+    room = [4 * most, rows * size + 2 * tools * most, most * most, max(size, drifts + 5, 4 * most), size + drifts]
     parts += [np.zeros(each) for each in room]
     return kernel.KernelSolver(
         counts(sizes),
         numbers([tares.scale, tares.scale_error, RELATIVE, *limits]),
-        [counts(model.changing.tolist()), counts(places.ravel().tolist())],
+        [
+            counts(model.changing.tolist()),
+            counts(places.ravel().tolist()),
+            *(counts([0] * each) for each in (size + drifts, rows * size, rows)),
+        ],
         [numbers(np.ravel(part).tolist()) for part in parts],
     )
 
@@ -65,9 +69,17 @@ def room(size: int) -> Numbers:
 
 
 def listed(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The interpreted function, for arrays: it takes their numbers as a list, which is read several times faster."""
+    """The interpreted function, for arrays: it takes their numbers as lists, which are read several times faster.
+    Where it writes, it is given arrays that it keeps."""
 
     def called(*arguments: Any) -> Any:  # noqa: ANN401 - what the function takes and gives
-        return function(*[a.tolist() if isinstance(a, np.ndarray) else a for a in arguments])
+        return function(*[plain(each) for each in arguments])
 
     return called
+
+
+def plain(values: Any) -> Any:  # noqa: ANN401 - an argument of the kernel
+    """NumPy's array as a list; a list of the kernel's own arrays as lists."""
+    if isinstance(values, np.ndarray):
+        return values.tolist()
+    return [each.tolist() for each in values] if isinstance(values, list) else values

@@ -10,13 +10,14 @@ from cylforce.estimation.kernel.solver import KernelSolver
 def explain(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
     """Of rows (R, K) with `torque` (R,), the values of the drift (D,): `found` (3 + D, R) is the torque left, its
     variance, that of friction at rest, and the columns of the drift (R, D)."""
+    values, changing = s.values, s.changing
     for r in range(s.r):
         o = r * s.k
         left = torque[r]
         for i in range(s.p):
-            left -= columns[o + i] * s.values[i]
+            left -= columns[o + i] * values[i]
         for i in range(s.d):
-            x = columns[o + s.changing[i]]
+            x = columns[o + changing[i]]
             found[3 * s.r + r * s.d + i] = x
             left -= x * drift[i]
         left *= s.scale
@@ -29,15 +30,18 @@ def explain(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, 
 
 
 @inner
-def quadratic(matrix: Numbers, size: Count, x: Numbers, o: Count) -> Number:
-    """x' C x of a symmetric matrix (size, size) and the vector that begins at `o`."""
-    total = 0.0
+def quadratic(s: KernelSolver, matrix: Numbers, size: Count, x: Numbers, o: Count) -> Number:
+    """x' C x of a symmetric matrix (size, size) and the vector that begins at `o`, whose zeros are passed over."""
+    places, some, number, total = s.places, s.some, 0, 0.0
     for i in range(size):
-        if x[o + i] != 0.0:
-            half = 0.0
-            for j in range(i):
-                half += matrix[i * size + j] * x[o + j]
-            total += x[o + i] * (matrix[i * size + i] * x[o + i] + 2.0 * half)
+        each = x[o + i]
+        if each != 0.0:
+            half, row = 0.0, i * size
+            for k in range(number):
+                half += matrix[row + places[k]] * some[k]
+            total += each * (matrix[row + i] * each + 2.0 * half)
+            places[number], some[number] = i, each
+            number += 1
     return total
 
 
@@ -95,8 +99,8 @@ def gate(
             by += drifting[r * s.d + i] * known[i]
         for i in range(4):
             expected += work[4 * r + i] * s.spread[i]
-        doubt = quadratic(covariance, 4, work, 4 * r)
-        doubt += min(s.cold * s.cold * quadratic(unsure, s.d, drifting, r * s.d), s.drifted * variance)
+        doubt = quadratic(s, covariance, 4, work, 4 * r)
+        doubt += min(s.cold * s.cold * quadratic(s, unsure, s.d, drifting, r * s.d), s.drifted * variance)
         doubt += variance + s.break_away * s.break_away * rest
         still = rest > variance
         steps = rested[r] + 1.0 if still else 0.0
@@ -137,12 +141,18 @@ def take(
                 s.spread[i] = work[4 * r + i] * weight
                 each = work[4 * r + i] / variance
                 if each != 0.0:
-                    for j in range(s.p):
-                        new[40 + i * size + j] += each * columns[r * s.p + j]
-                    for j in range(s.d):
-                        new[40 + i * size + s.p + j] += each * drifting[r * s.d + j]
+                    add(new, 40 + i * size, each, columns, r * s.p, s.p)
+                    add(new, 40 + i * size + s.p, each, drifting, r * s.d, s.d)
             rotate(s, new, work[4 * s.r + r] * weight)
     solve_triangle(s, new)
+
+
+@inner
+def add(into: Numbers, at: Count, times: Number, x: Numbers, o: Count, size: Count) -> None:
+    """`times` the vector that begins at `o` to that which begins at `at`."""
+    for j in range(size):
+        if x[o + j] != 0.0:
+            into[at + j] += times * x[o + j]
 
 
 @inner
@@ -183,6 +193,17 @@ def solve_triangle(s: KernelSolver, new: Numbers) -> None:
             new[24 + 4 * i + j] = total
 
 
+@inner
+def sensitivity(
+    covariance: Numbers, o: Count, gram: Numbers, size: Count, start: Count, into: Numbers, at: Count
+) -> None:
+    """A row of covariance (4, 4), from `o` on, times the columns of gram (4, size) from `start` on."""
+    a, b, c, d = covariance[o], covariance[o + 1], covariance[o + 2], covariance[o + 3]
+    for j in range(start, size):
+        total = a * gram[j] + b * gram[size + j]
+        into[at + j - start] = total + c * gram[2 * size + j] + d * gram[3 * size + j]
+
+
 def conclude(
     s: KernelSolver,
     values: Numbers,
@@ -195,23 +216,16 @@ def conclude(
     """Of a lift, values (4,), covariance (4, 4), gram (4, P + D), and a drift, values and covariance: `found` is the
     mass, its standard error by noise, tares, drift and scale, the load's centre x, z, their standard errors, and that
     of the first moment by the drift; then the mass' sensitivity (P + D,) to tares and drift."""
-    size = s.p + s.d
+    size, d, other = s.p + s.d, s.d, s.other
     shift(s, values, covariance, gram, drift)
+    sensitivity(covariance, 0, gram, size, 0, found, 7)
     moment = 0.0
-    for i in range(3):
-        for j in range(size if i == 0 else s.d):
-            at, total = j if i == 0 else s.p + j, 0.0
-            for k in range(4):
-                total += covariance[4 * i + k] * gram[k * size + at]
-            if i == 0:
-                found[7 + at] = total
-            else:
-                s.other[at - s.p] = total
-        if i > 0:
-            moment += quadratic(unsure, s.d, s.other, 0)
+    for i in range(1, 3):
+        sensitivity(covariance, 4 * i, gram, size, s.p, other, 0)
+        moment += quadratic(s, unsure, d, other, 0)
     mass = s.spread[0]
     wrong = mass * s.scale_error
-    common = quadratic(s.covariance, s.p, found, 7) + quadratic(unsure, s.d, found, 7 + s.p)
+    common = quadratic(s, s.covariance, s.p, found, 7) + quadratic(s, unsure, s.d, found, 7 + s.p)
     found[0], found[1] = mass, sqrt(max(covariance[0] + common + wrong * wrong, 0.0))
     scale = mass if abs(mass) > 1.0 else 1.0
     for i in range(2):
