@@ -183,7 +183,7 @@ def identify_peak(loaded: Loaded, segments: Sequence[np.ndarray]) -> int:
         tracemalloc.stop()
 
 
-def table(found: dict[str, Measured]) -> Table:
+def parts_table(found: dict[str, Measured]) -> Table:
     """Parts by row, machine files by column."""
     text = Table(title="One step, in microseconds")
     text.add_column("")
@@ -208,17 +208,31 @@ def share(measured: Measured) -> float:
     return measured.step_us * measured.rate_hz * 1e-6
 
 
+def compare(config: Path, rounds: int, output: Path | None) -> None:
+    """`--against`: the table of one machine file."""
+    import against  # it needs the rivals
+
+    found = against.measure(config, rounds)
+    Console(highlight=False).print(against.table(found))
+    if output:
+        output.write_text(json.dumps(against.ratios(found)._asdict(), indent=1) + "\n")
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("configs", nargs="*", type=Path, metavar="MACHINE.toml", help="default: those in config/")
     parser.add_argument("--rounds", type=int, default=5, help="of which the median is taken")
     parser.add_argument("--memory", action="store_true", help="identify from an hour, too")
+    parser.add_argument("--against", action="store_true", help="beside filterpy, padasip, canopen, a loop of C")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there, too")
     options = parser.parse_args()
+    if options.against:
+        compare(options.configs[0] if options.configs else ROOT / "config" / CONFIGS[0], options.rounds, options.json)
+        return
     configs = options.configs or [ROOT / "config" / name for name in CONFIGS]
     found = {config.stem: measure(config, options.rounds, options.memory) for config in configs}
-    Console(highlight=False).print(table(found))
+    Console(highlight=False).print(parts_table(found))
     if options.json:
         figures = {name: m._asdict() | {"share_of_core": share(m)} for name, m in found.items()}
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
