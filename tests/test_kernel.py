@@ -218,13 +218,14 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     model, tares, *_ = solving(kernel, rng)
     size, all_columns, cylinders = len(model.parameters), len(model.filtered.regressor.names), 3
     made = solver(model, tares, kernel, prior=np.diag([1e-4, 1e-4, 1e-3]))
-    columns, torque, drift = rng.normal(size=(3, all_columns)), 10.0 * rng.normal(size=3), rng.normal(size=3)
+    columns, torque = rng.normal(size=(3, all_columns)), 10.0 * rng.normal(size=3)
+    drift = rng.normal(size=len(model.changing))
     unrest = np.concatenate([np.eye(3).ravel(), np.zeros(cylinders), rng.uniform(1.0, 2.0, 3)])
     new, found, nothing = room(unrest.size), room(30), np.zeros(cylinders)
     flat = (columns.ravel(), torque, np.zeros(columns.size), nothing, np.ones(9), good.astype(float), np.zeros(4))
     kernel.push(made, *flat, drift, unrest, new, found)
     own, tool = columns[good, :size], columns[good][:, model.tool]
-    left = tares.scale * (torque - columns[:, :size] @ tares.values - drift)
+    left = tares.scale * (torque - columns[:, :size] @ tares.values - columns[:, model.changing] @ drift)
     errors = np.diag(1.0 + unrest[-3:] + (0.01 * left) ** 2)[np.ix_(good, good)]
     weighted = np.linalg.solve(errors + own @ tares.covariance @ own.T, tool).T
     spread = np.linalg.inv(weighted @ tool + np.diag([1e-4, 1e-4, 1e-3]))

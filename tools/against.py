@@ -1,7 +1,7 @@
 """`tools/bench --against`: a step beside well-known pieces of work, in turn in one run: the whole step, with its
-frames, the log and the encoding of what is due, over an update of filterpy's Kalman filter (14 states, 2 outputs); the kernel
-alone; decoding beside python-can and canopen. Processor time, of small groups in turn, so that what slows the core for
-one slows it for the other."""
+frames, the log and the encoding of what is due, over an update of filterpy's Kalman filter (14 states, 2 outputs);
+the kernel alone; decoding beside python-can and canopen. Processor time, of small groups in turn, so that what slows
+the core for one slows it for the other."""
 
 import contextlib
 import io

@@ -41,8 +41,10 @@ class ForceSensor:
         component whose standard error exceeds BLIND is INVALID; there is no direction unless the force is larger than
         CLEAR standard errors across it, nor
         without `contact`; NO_CONTACT is then the reason."""
-        (xx, xz), (_, zz) = (spread + self.tares.scale_error**2 * np.multiply.outer(found, found)).tolist()
+        (xx, xz), (_, zz) = spread.tolist()
         x, z = found.tolist()
+        scale = self.tares.scale_error**2
+        xx, xz, zz = xx + scale * (x * x), xz + scale * (x * z), zz + scale * (z * z)
         size = hypot(x, z)
         cos, sin = (x / size, z / size) if size > 0.0 else (1.0, 0.0)
         along_error = sqrt(abs(cos * cos * xx + 2.0 * cos * sin * xz + sin * sin * zz))

@@ -49,11 +49,11 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
         state = _tick(core.fitted[state.tool], state, event.t_us)
-        return state, Output(None, state.estimate, core.service.publication)
+        return state, Output(None, state.estimate, core.encoders)
     obeyed = None if event.can_id in core.assembler.decoders else _obey(core, state, event)
     if obeyed is not None:
         return obeyed
-    return State(core.assembler.receive(state.inputs, event, state.moving), *state[1:]), NOTHING
+    return State._make((core.assembler.receive(state.inputs, event, state.moving), *state[1:])), NOTHING
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -133,17 +133,25 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     weighing, load = core.weigher.step(
         state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt
     )
-    drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
-    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
+    interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, weighed, t_us)
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
     watch, weighing = _watched(core, state, seen, weighing)
-    drift = _drift(core, state._replace(watch=watch), load, rows, left, usable)
+    drift = _drift(core, state.drift, watch, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, plain, usable)
     before = state.weighing.books.booking
-    state = state._replace(pipe=pipe, sampled_us=t_us, moving=moving, weighing=weighing, drift=drift)
-    state = state._replace(recognition=recognition, interaction=interaction, watch=watch, rocking=rocking)
-    state = state._replace(unexplained=tuple(left.torque.tolist()))
+    state = state._replace(
+        pipe=pipe,
+        sampled_us=t_us,
+        moving=moving,
+        weighing=weighing,
+        drift=drift,
+        recognition=recognition,
+        interaction=interaction,
+        watch=watch,
+        rocking=rocking,
+        unexplained=tuple(left.torque.tolist()),
+    )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 
@@ -209,11 +217,10 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     return watch, weighing._replace(books=unseen(weighing.books))
 
 
-def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
+def _drift(core: Core, drift: Drift, watch: Watch, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
     the sensors agree."""
-    drift = state.drift
-    if not core.adapts or state.watch.suspicion.level is not Level.FINE:
+    if not core.adapts or watch.suspicion.level is not Level.FINE:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)

@@ -23,13 +23,13 @@ def push(
     found: Numbers,
 ) -> None:
     """Of the rows of an instant, columns (R, K), torque (R,), rate of change (R, K), of reversing cylinders (C,) and
-    levers (C, R), the load in the bucket (4,), the torque of the drift (R,), and the errors before, inertia (R, R),
+    levers (C, R), the load in the bucket (4,), the values of the drift (D,), and the errors before, inertia (R, R),
     reversing (C,), variance (R,), one after the other: `new`, the same errors after it; `found`: torque left (R,),
     variance of friction whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the
     load (R, 4)."""
     gains = 2 * s.r + 6
     own_columns(s, columns)
-    leave(s, torque, drift, found)
+    leave(s, columns, torque, drift, found)
     loaded(s, s.own, s.other)
     for i in range(4 * s.r):
         found[gains + 2 * s.r + i] = s.other[i]
@@ -47,14 +47,16 @@ def push(
 
 
 @inner
-def leave(s: KernelSolver, torque: Numbers, drift: Numbers, found: Numbers) -> None:
+def leave(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
     """Torque (R,) that tares and drift leave."""
     own, values, at = s.own, s.values, s.at
     for r in range(s.r):
         o, left = r * s.p, torque[r]
         for m in range(s.many[r]):
             left -= own[o + at[o + m]] * values[at[o + m]]
-        found[r] = s.scale * (left - drift[r])
+        for i in range(s.d):
+            left -= columns[r * s.k + s.changing[i]] * drift[i]
+        found[r] = s.scale * left
 
 
 @inner

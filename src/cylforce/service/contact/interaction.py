@@ -80,8 +80,8 @@ class Interactor:
         weighed: tuple[Weighing, Load],
         t_us: int,
     ) -> tuple[Interaction, Forces]:
-        """The state and the forces after one instant: its rows, the torque of the adapted friction and zeros `drift`
-        (R,) [N m], `usable` (R,) rows, weighing and load of the same step, time [us]."""
+        """The state and the forces after one instant: its rows, the adapted friction and zeros `drift` (D,),
+        `usable` (R,) rows, weighing and load of the same step, time [us]."""
         if not any(usable.tolist()):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)

@@ -74,7 +74,7 @@ class Noise:
 
     def solve(self, state: Unrest, instant: Instant, usable: Array, load: Array, drift: Array) -> tuple[Unrest, Solved]:
         """The state, and the force that explains the torque of the rows marked in `usable` (R,), after one instant with
-        a `load` (4,) in the bucket and the torque `drift` (R,) [N m] of the adapted friction and zeros."""
+        a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros."""
         r = self._rows
         new, found = room(state.kept.size), room(8 * r + 6)
         self.kernel.push(
