@@ -113,7 +113,7 @@ def _raw(
     scale: float,
     offset: float,
     integers: tuple[int, int] | None,
-    missing: int | float,
+    missing: float,
     value: float,
 ) -> int | float:
     if not low <= value <= high or not isfinite(value):
