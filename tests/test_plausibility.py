@@ -55,6 +55,16 @@ def test_a_hose_has_burst_when_the_pressure_falls_at_once(steps, burst):
     assert pressure(90e5 * falling, ways=(1.0,))[1] is burst
 
 
+@pytest.mark.parametrize(("bar", "below"), [(-3.0, True), (-1.5, False)])
+def test_no_pressure_stays_below_vacuum(bar, below):
+    """A sensor's zero may be off by a bar, so that vacuum shows as two."""
+    watching = Watching(rig())
+    values, state = readings(STEPS, head=noisy(np.full(STEPS, bar * BAR)), rod=1e6), watching.begin()
+    for row in values:
+        state = watching.step(state, row, np.zeros(1))
+    assert (bool(state.below[0]), bool(state.burst[0])) == (below, False)
+
+
 def test_a_pressure_that_dips_is_no_burst():
     course = np.full(STEPS, 90e5)
     course[100:103] = 0.0
@@ -191,6 +201,24 @@ def test_the_boom_is_named(machine, spoilt):
 def test_what_is_suspected_is_stored_with_the_state(spoilt):
     state, *_ = spoilt
     assert unpacked(State, packed(state)).watch.suspicion == state.watch.suspicion
+
+
+def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_otherwise(machine):
+    core, *_ = machine
+    watch = core.monitor.begin()
+
+    def seen(watch, kilograms, status=Status.OK):
+        gross = Quantity(kilograms, 10.0, status, Reason.NONE)
+        return watch._replace(light=core.monitor._light(watch, gross))
+
+    watch = seen(watch, -29.0)
+    assert not watch.light
+    light = seen(watch, -31.0)
+    for after in (light, seen(light, 500.0), seen(light, 0.0, Status.DEGRADED)):
+        doubt = core.monitor._suspicion(after)
+        assert (doubt.level, doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
+        assert doubt.follows
+    assert core.monitor._suspicion(seen(light, -29.0)) == NOTHING_SUSPECTED
 
 
 @pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])

@@ -43,8 +43,9 @@ class Course(NamedTuple):
         return self._replace(t_s=self.t_s[rows], values=self.values[rows], errors=self.errors[rows], ok=self.ok[rows])
 
 
-def followed(core: Core, events: Iterable[Event], state: State | None = None) -> Course:
-    """The service over events, from a state on."""
+def followed(core: Core, events: Iterable[Event], state: State | None = None, *, whole: bool = True) -> Course:
+    """The service over events, from a state on; unless `whole`, until a signal is rejected for good, after which
+    nothing is shown any more."""
     state = core.begin() if state is None else state
     times: list[float] = []
     rows: list[tuple[Quantity, ...]] = []
@@ -63,9 +64,21 @@ def followed(core: Core, events: Iterable[Event], state: State | None = None) ->
         if (now.level, now.cause) != (known.level, known.cause):
             suspicions.append((times[-1], now))
             known = now
+        if now.latched and not whole:
+            break
     table = np.array([[(q.value, q.standard_error, q.status is Status.OK) for q in row] for row in rows])
     ok = table[..., 2] > 0.5
     return Course(np.array(times), table[..., 0], table[..., 1], ok, suspicions, list(bookings.values()), state)
+
+
+def ended(course: Course, t_s: Array) -> Course:
+    """A course with the ticks `t_s` (T,) [s] of the rest, at which nothing was shown."""
+    size = len(t_s) - len(course.t_s)
+    if size <= 0:
+        return course
+    nothing, no = np.full((size, 3), np.nan), np.zeros((size, 3), dtype=bool)
+    values, errors = (np.concatenate([x, nothing]) for x in (course.values, course.errors))
+    return course._replace(t_s=t_s, values=values, errors=errors, ok=np.concatenate([course.ok, no]))
 
 
 class Wrong(NamedTuple):

@@ -137,7 +137,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
-    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
+    gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
+    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state._replace(watch=watch), load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, plain, usable)
@@ -214,7 +215,7 @@ def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usa
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
     the sensors agree."""
     drift = state.drift
-    if not core.adapts or state.watch.suspicion.level is not Level.FINE:
+    if not core.adapts or not state.watch.suspicion.follows:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)
