@@ -9,13 +9,15 @@ from scipy.stats import chi2
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CONSTANT, GROUP, GROUPS, Watching
-from cylforce.service.plausibility.driven import FARTHEST, Driving
+from cylforce.service.plausibility.driven import Driving
 from cylforce.service.plausibility.offsets import VOTES, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
+from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.state import State
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid
+from cylforce.signals.kinds import Kind
 from faulting.edits import BAR, Fault, edited, named
 from rig import readings, rig
 from scenarios import EXCAVATOR, cycles, identified, through, with_value
@@ -97,7 +99,7 @@ def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
     state = driving.begin()
     for _ in range(20):
         state = driving.step(state, force, velocity, np.array([1e4]))
-    assert (state.path > FARTHEST) is driven
+    assert (state.level is Level.REJECTED) is driven
 
 
 def test_a_machine_that_drives_is_pushed_by_the_heap():
@@ -106,7 +108,40 @@ def test_a_machine_that_drives_is_pushed_by_the_heap():
         state = driving.begin()
         for _ in range(20):
             state = driving.step(state, force, velocity, np.array([1e4]))
-        assert (state.path > FARTHEST) is driven
+        assert (state.level is Level.REJECTED) is driven
+
+
+def slews(rate):
+    """The last three channels, of which the last one is the slew rate or angle."""
+    return np.array([[0.0, rate(k)] for k in range(3)])
+
+
+@pytest.mark.parametrize(
+    ("kind", "course"), [(Kind.SLEW_RATE, lambda _: -0.45), (Kind.SLEW_ANGLE, lambda k: 2.0 - 0.0045 * k)]
+)
+def test_nothing_is_swept_through_the_ground(kind, course):
+    """Nearly half a radian a second: the third second that no load explains is one too many; one that a load explains ends
+    it, rest and reversing do not."""
+    signal = replace(rig().signals[0], kind=kind)
+    sweeping = Sweeping(replace(rig(), signals=(signal,)), 0.2, 100.0)
+
+    def second(state, explained):
+        for _ in range(5):
+            state = sweeping.step(state, slews(course))
+        return sweeping.ended(state, explained=explained)
+
+    state, levels = Swept(), []
+    for explained in (False, None, False, False, True, *[False] * 7):
+        state = second(state, explained)
+        levels.append(state.level)
+    assert state.fast
+    found = [0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 1, 2]
+    assert levels == [Level(k) for k in found]
+
+
+def test_without_a_slew_sensor_nothing_is_swept():
+    sweeping = Sweeping(replace(rig(), signals=()), 0.2, 100.0)
+    assert sweeping.step(Swept(), slews(lambda _: 5.0)) == Swept()
 
 
 def test_a_force_without_a_value_drives_nothing():

@@ -72,7 +72,7 @@ def scenario(case: Case, order: Order, fault: Fault, seed: int) -> Found:
     beside = order.course.since(begin, begin + end - fault.begin)
     course = ended(followed(case.core, events(case, values, rows), state, whole=False).since(begin), beside.t_s)
     size = min(len(course.t_s), len(beside.t_s))
-    return Found(case.name, fault, wrong(course.first(size), beside.first(size), machine.rated_payload))
+    return Found(case.name, fault, wrong(course.first(size), beside.first(size)))
 
 
 def alarms(order: Order) -> int:
@@ -123,6 +123,8 @@ def summary(found: list[Found]) -> dict[str, Any]:
         "wrong_bookings": sum(w.wrong_bookings for w in each),
         "bookings": sum(len(w.bookings) for w in each),
         "wrong_ok_share": float(np.mean([w.share for w in each])) if each else 0.0,
+        "wrong_weight_share": float(np.mean([w.weight_share for w in each])) if each else 0.0,
+        "wrong_for_longer_share": float(np.mean([w.longer for w in each])) if each else 0.0,
         "detected_share": float(np.mean([np.isfinite(w.doubted_s) for w in each])) if each else 0.0,
     }
 
@@ -130,7 +132,17 @@ def summary(found: list[Found]) -> dict[str, Any]:
 def table(found: list[Found]) -> Table:
     """By kind of fault."""
     shown = Table(title="faults in the middle of work")
-    for name in ("fault", "scenarios", "doubted", "median s", "wrong and OK", "longest s", "bookings wrong"):
+    for name in (
+        "fault",
+        "scenarios",
+        "doubted",
+        "median s",
+        "wrong and OK",
+        "of it weight",
+        "for over 1 s",
+        "longest s",
+        "bookings wrong",
+    ):
         shown.add_column(name, justify="left" if name == "fault" else "right")
     for kind in KINDS:
         own = [f.wrong for f in found if f.fault.kind == kind]
@@ -141,7 +153,10 @@ def table(found: list[Found]) -> Table:
                 str(len(own)),
                 f"{len(seen)}",
                 f"{np.median(seen):.0f}" if seen else "-",
-                f"{100 * np.mean([w.share for w in own]):.1f} %",
+                *(
+                    f"{100 * np.mean(x):.1f} %"
+                    for x in zip(*((w.share, w.weight_share, w.longer) for w in own), strict=True)
+                ),
                 f"{max(w.longest_s for w in own):.1f}",
                 f"{sum(w.wrong_bookings for w in own)} of {sum(len(w.bookings) for w in own)}",
             )

@@ -224,15 +224,17 @@ def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usa
 
 def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -> Estimate:
     """The published estimate: load, load less zero (gross), less tare (net), and forces. OK becomes DEGRADED for
-    LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
-    outside their declared range."""
+    LONG_FRAME_US after a frame longer than its mapping, while another machine is seen, and of a force while something
+    seems to touch the tool that is swung; gross and net are INVALID outside their declared range."""
     if state.watch.suspicion.level is Level.REJECTED:
         reason = Reason.NOT_THIS_MACHINE if state.recognition.another else Reason.SENSORS_DISAGREE
         nothing = invalid_force(reason)
         load, forces = invalid_load(reason), Forces(nothing, nothing)
+    elif state.interaction.contact.touching and state.watch.swept.fast:
+        forces = _less_sure(forces, Reason.SLEWING)
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
-        forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
+        forces = _less_sure(forces, reason)
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
@@ -240,6 +242,10 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
     return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+
+
+def _less_sure(forces: Forces, reason: Reason) -> Forces:
+    return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:

@@ -18,11 +18,12 @@ from cylforce.estimation.residual import SMALLEST
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
 from cylforce.service.pipeline import Pipe
-from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering
+from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
 from cylforce.service.plausibility.changing import Changes, Watching
-from cylforce.service.plausibility.driven import FARTHEST, Driven, Driving
+from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.offsets import Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.signals.estimate import Array, Quantity, Status
 from cylforce.signals.kinds import Kind
 
@@ -32,14 +33,15 @@ BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be;
 
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
-    driven; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last; what is
-    suspected."""
+    driven and swept; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last;
+    what is suspected."""
 
     gathering: Gathering
     blocks: Block
     offset: Offset
     changes: Changes
     driven: Driven
+    swept: Swept = Swept()
     leapt: tuple[int, ...] = ()
     light: bool = False
     suspicion: SensorDoubt = NOTHING_SUSPECTED
@@ -86,6 +88,11 @@ class Monitor:
     def _driving(self) -> Driving:
         return Driving(self.model.machine, self.rated_force, EVERY / self.model.filters.rate_hz)
 
+    @cached_property
+    def _sweeping(self) -> Sweeping:
+        rate_hz = self.model.filters.rate_hz
+        return Sweeping(self.model.machine, EVERY / rate_hz, rate_hz)
+
     def begin(self) -> Watch:
         """Nothing was seen, nothing is suspected."""
         blocks, changes = self._voting.begin(), self._watching.begin()
@@ -94,7 +101,8 @@ class Monitor:
     def interrupt(self, state: Watch) -> Watch:
         """The measurement stopped: what was gathered in part is dropped, what is suspected stays."""
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
-        return state._replace(gathering=gathering, changes=changes, driven=self._driving.begin())
+        swept = self._sweeping.ended(state.swept, explained=None)
+        return state._replace(gathering=gathering, changes=changes, driven=self._driving.begin(), swept=swept)
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
@@ -112,7 +120,12 @@ class Monitor:
         driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
         middle = smooth.mean(axis=0)
         gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
+        swept = self._sweeping.step(state.swept, smooth)
         state = state._replace(gathering=gathering, driven=driven, light=self._light(state, seen.gross))
+        if gathering.samples:
+            return state._replace(swept=swept)
+        hangs = None if block is None else explained(block, self.model.machine.rated_payload)
+        state = state._replace(swept=self._sweeping.ended(swept, explained=hangs))
         if block is None:
             return state
         blocks = self._voting.added(state.blocks, block)
@@ -125,10 +138,10 @@ class Monitor:
         return gross.value < -BELOW * gross.standard_error
 
     def _suspicion(self, state: Watch) -> SensorDoubt:
-        """The most specific objection."""
+        """The surest objection, of several the most specific one."""
         if state.suspicion.latched:
             return state.suspicion
-        return next(self._objections(state), NOTHING_SUSPECTED)
+        return max(self._objections(state), key=lambda doubt: doubt.level, default=NOTHING_SUSPECTED)
 
     def _objections(self, state: Watch) -> Iterator[SensorDoubt]:
         changes, off = state.changes, self._off(state.offset)
@@ -137,12 +150,14 @@ class Monitor:
                 yield self._marked(marked, cause)
         if state.leapt:
             yield SensorDoubt(Level.REJECTED, SensorFault.LEAPT, state.leapt)
-        if state.driven.path > FARTHEST:
-            yield SensorDoubt(Level.REJECTED, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
+        if state.driven.level is not Level.FINE:
+            yield SensorDoubt(state.driven.level, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
         if changes.constant.any():
             yield self._marked(changes.constant, SensorFault.STUCK)
         if off.level is not Level.FINE:
             yield off
+        if state.swept.level is not Level.FINE:
+            yield SensorDoubt(state.swept.level, SensorFault.EXCHANGED, tuple(self._watching.signals))
         if state.light:
             yield SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, tuple(self._watching.signals))
 
