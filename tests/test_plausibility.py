@@ -10,7 +10,8 @@ from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import Driving
-from cylforce.service.plausibility.offsets import VOTES, Voting
+from cylforce.service.plausibility.monitor import UNSURE
+from cylforce.service.plausibility.offsets import VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.state import State
@@ -120,7 +121,7 @@ def slews(rate):
     ("kind", "course"), [(Kind.SLEW_RATE, lambda _: -0.45), (Kind.SLEW_ANGLE, lambda k: 2.0 - 0.0045 * k)]
 )
 def test_nothing_is_swept_through_the_ground(kind, course):
-    """Nearly half a radian a second: the third second that no load explains is one too many; one that a load explains ends
+    """Nearly half a radian a second: the third second that no load explains is one too many; one that a load does ends
     it, rest and reversing do not."""
     signal = replace(rig().signals[0], kind=kind)
     sweeping = Sweeping(replace(rig(), signals=(signal,)), 0.2, 100.0)
@@ -236,6 +237,19 @@ def test_the_boom_is_named(machine, spoilt):
 def test_what_is_suspected_is_stored_with_the_state(spoilt):
     state, *_ = spoilt
     assert unpacked(State, packed(state)).watch.suspicion == state.watch.suspicion
+
+
+def test_with_some_evidence_that_a_signal_is_off_no_weight_is_ok_and_no_booking_made(machine, monkeypatch):
+    core, events, masses = machine
+    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 1.01 * UNSURE))
+    begun = core.begin()
+    some = begun.watch.offset._replace(evidence=1.01 * UNSURE)
+    state, estimates, _ = through(core, events, begun._replace(watch=begun.watch._replace(offset=some)))
+    assert {e.gross.status for e in estimates} == {Status.DEGRADED, Status.INVALID}
+    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert state.estimate.force.x.status is Status.OK
+    assert state.estimate.booking is None
+    assert state.weighing.books.missed.number == len(masses) - 1
 
 
 def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_otherwise(machine):

@@ -144,4 +144,4 @@ def _first(course: Course, level: Level) -> float:
 def lengths(marks: NDArray[np.bool_]) -> list[int]:
     """Lengths of the rows of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(np.int64), [0]])))
-    return (edges[1::2] - edges[::2]).tolist()
+    return [int(n) for n in edges[1::2] - edges[::2]]

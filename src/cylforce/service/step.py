@@ -204,11 +204,14 @@ def _nothing(state: State, t_us: int, reason: Reason) -> Estimate:
 
 
 def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tuple[Watch, Weighing]:
-    """Whether the sensors agree after this instant; while they do not, nothing is booked."""
-    watch = core.monitor.step(state.watch, seen)
-    if watch.suspicion.level is Level.FINE:
-        return watch, weighing
-    return watch, weighing._replace(books=unseen(weighing.books))
+    """Whether the sensors agree after this instant; while they do not, nothing is booked; while that is not sure,
+    bookings wait."""
+    watch, books = core.monitor.step(state.watch, seen), weighing.books
+    if watch.suspicion.level is not Level.FINE:
+        books = unseen(books)
+    unsure = core.monitor.unsure(watch)
+    books = books if books.withheld is unsure else books._replace(withheld=unsure)
+    return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
 def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
@@ -232,6 +235,8 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
         load, forces = invalid_load(reason), Forces(nothing, nothing)
     elif state.interaction.contact.touching and state.watch.swept.fast:
         forces = _less_sure(forces, Reason.SLEWING)
+    if core.monitor.unsure(state.watch):
+        load = Load(*(degraded(q, Reason.SENSORS_DISAGREE) for q in load))
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
         forces = _less_sure(forces, reason)

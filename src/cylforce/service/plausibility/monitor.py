@@ -28,6 +28,7 @@ from cylforce.signals.estimate import Array, Quantity, Status
 from cylforce.signals.kinds import Kind
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+UNSURE = 6.635  # evidence that a signal is off, from which on a weight is not OK: chi-squared, exceeded by 1 %
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 1.8
 
 
@@ -114,6 +115,11 @@ class Monitor:
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
+
+    def unsure(self, state: Watch) -> bool:
+        """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
+        would be wrong."""
+        return state.offset.evidence > UNSURE
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
