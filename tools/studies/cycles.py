@@ -92,7 +92,7 @@ def worked(core: Core, values: Array, restarts: list[int]) -> Shift:
                     kept, kept_us = now, state.estimate.t_us
         begin = end + away
         if begin * core.period_us - kept_us > SHORTEST_CYCLE_US:
-            kept = kept._replace(hanging=None)
+            kept = kept.emptied()
         done.restarts.append(end * 1e-6 * core.period_us)
     return done._replace(restarts=done.restarts[:-1])
 
