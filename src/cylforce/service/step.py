@@ -209,8 +209,7 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     watch, books = core.monitor.step(state.watch, seen), weighing.books
     if watch.suspicion.level is not Level.FINE:
         books = unseen(books)
-    unsure = core.monitor.unsure(watch)
-    books = books if books.withheld is unsure else books._replace(withheld=unsure)
+    books = books if books.withheld is watch.unsure else books._replace(withheld=watch.unsure)
     return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
@@ -235,7 +234,7 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
         load, forces = invalid_load(reason), Forces(nothing, nothing)
     elif state.interaction.contact.touching and state.watch.swept.fast:
         forces = _less_sure(forces, Reason.SLEWING)
-    if core.monitor.unsure(state.watch):
+    if state.watch.unsure:
         load = Load(*(degraded(q, Reason.SENSORS_DISAGREE) for q in load))
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))

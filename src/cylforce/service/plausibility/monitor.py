@@ -47,6 +47,12 @@ class Watch(NamedTuple):
     light: bool = False
     suspicion: SensorDoubt = NOTHING_SUSPECTED
 
+    @property
+    def unsure(self) -> bool:
+        """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
+        would be wrong."""
+        return self.offset.evidence > UNSURE
+
 
 class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
@@ -115,11 +121,6 @@ class Monitor:
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
-
-    def unsure(self, state: Watch) -> bool:
-        """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
-        would be wrong."""
-        return state.offset.evidence > UNSURE
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
