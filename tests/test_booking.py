@@ -71,6 +71,16 @@ def test_gross_what_remained_and_what_left():
     assert (refined.number, refined.t_us, refined.carry_back) == (1, first.t_us, 14.0)
 
 
+def test_while_it_is_not_sure_that_the_sensors_agree_a_booking_waits():
+    """It is made when that is sure again; if the next load comes before, it is told as missed."""
+    books = parted(after(Books(), weight(900.0), weight(905.0)))._replace(withheld=True)
+    waits = after(books, weight(12.0), weight(14.0))
+    assert waits.booking is None
+    assert after(waits._replace(withheld=False), weight(15.0)).booking.mass == 900.0
+    later = after(parted(waits._replace(withheld=False)), weight(500.0), weight(500.0))
+    assert (later.booking, later.missed.number, later.missed.mass) == (None, 1, 900.0)
+
+
 def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
     books = after(Books(), weight(900.0, moving=300), weight(900.0, moving=330))
     books = after(spilled(books), weight(860.0, moving=50), weight(860.0, moving=80), weight(300.0, moving=90))

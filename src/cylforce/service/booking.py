@@ -50,7 +50,8 @@ class Books(NamedTuple):
     """State of the booking: the newest weight of the present lift, which becomes the `candidate` of a loaded bucket, or
     the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last,
     while the bucket returns (`dumped`); the last booking; the last load that is not booked; whether the candidate is
-    `remembered` from before an interruption: no load has hung since, so that it may be gone."""
+    `remembered` from before an interruption: no load has hung since, so that it may be gone; whether bookings are
+    `withheld`, because it is not sure that the sensors agree."""
 
     newest: Weighed | None = None
     candidate: Weighed | None = None
@@ -58,6 +59,7 @@ class Books(NamedTuple):
     booking: Booking | None = None
     missed: Missed = NONE_MISSED
     remembered: bool = False
+    withheld: bool = False
 
 
 def corrected(weight: Weighed, drift: Drift) -> float:
@@ -93,7 +95,7 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
         better = _better(books.candidate, settled, tares, drift)
         return _passed(books, settled, tares, drift)._replace(candidate=better, dumped=None, remembered=False)
     lifted = books.candidate or books.dumped
-    if lifted is None or not _known(lifted, settled, enough, tares, drift):
+    if lifted is None or books.withheld or not _known(lifted, settled, enough, tares, drift):
         return books._replace(candidate=books.candidate and books.candidate._replace(moving=GONE))
     return _returned(books, lifted, settled, t_us, tares, drift)
 
