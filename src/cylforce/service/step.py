@@ -125,23 +125,19 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         nothing = _nothing(state, t_us, Reason.STARTING)
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
     usable = pipe.waiting == 0
-    left, drifting = core.weigher.left(rows, state.drift)
-    plain = left
+    plain, drifting = core.weigher.left(rows, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
     tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
-    weighing, load = core.weigher.step(
-        state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt
-    )
-    weighed = (weighing, load)
-    interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, weighed, t_us)
+    lifted = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt)
+    interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us)
+    weighing, load = lifted
     gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state.drift, watch, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, plain, usable)
-    before = state.weighing.books.booking
-    state = state._replace(
+    now = state._replace(
         pipe=pipe,
         sampled_us=t_us,
         moving=moving,
@@ -153,7 +149,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         rocking=rocking,
         unexplained=tuple(left.torque.tolist()),
     )
-    return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
+    estimate = _estimate(core, now, load, forces, t_us)
+    return _booked(now._replace(estimate=estimate), state.weighing.books.booking)
 
 
 def _curled(core: Core, channels: Array) -> bool:
