@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 import tomllib
 import zipfile
 from email.parser import Parser
@@ -68,17 +69,20 @@ def done(call, *words):
 
 
 def test_the_wheel_holds_the_package_and_what_is_shipped(wheel):
-    """Every file of src/cylforce at its place, and those of config/ and systemd/, byte by byte; nothing else."""
+    """Every file of src/cylforce at its place, and those of config/ and systemd/, byte by byte; besides them the
+    compiled kernel, which makes the wheel one for this processor; nothing else."""
     sources = ROOT / "src/cylforce"
     wanted = {
         f"cylforce/{path.relative_to(sources)}": path
         for path in sources.rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".so"
     }
     wanted |= {f"cylforce/shipped/{path.parent.name}/{path.name}": path for path in SHIPPED.values()}
     with zipfile.ZipFile(wheel) as file:
         found = {name for name in file.namelist() if ".dist-info/" not in name}
-        assert found == wanted.keys()
+        assert found - wanted.keys() == {f"cylforce/estimation/kernel/compiled{sysconfig.get_config_var('EXT_SUFFIX')}"}
+        assert wanted.keys() <= found
+        assert wheel.stem.endswith(f"-{sysconfig.get_platform().replace('-', '_')}")
         for name, path in wanted.items():
             assert file.read(name) == path.read_bytes(), name
 

@@ -24,10 +24,10 @@ from cylforce.estimation.channels import Channels
 from cylforce.files.recording import Events, open_recording
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
-from cylforce.service import step as stepping
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Interactor
 from cylforce.service.pipeline import Pipeline
+from cylforce.service.state import Output
 from cylforce.service.step import Core, step
 from cylforce.service.weighing import Weigher
 from cylforce.settings.machine_file import Loaded, load
@@ -40,9 +40,9 @@ PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "decode": ((Assembler, "receive"),),
     "sample": ((Assembler, "sample"),),
     "regressor": ((Channels, "read"), (Pipeline, "advance")),
-    "recursion": ((stepping, "residual"), (Weigher, "step")),
+    "recursion": ((Weigher, "left"), (Weigher, "step")),
     "force": ((Interactor, "step"),),
-    "encode": ((stepping, "frames"),),
+    "encode": ((Output, "due"),),
 }
 WORDS = {
     "decode": "frames to signals",
@@ -100,16 +100,24 @@ def recorded_events(loaded: Loaded, log: Path) -> Iterator[Event]:
 def step_us(core: Core, events: Sequence[Event], now: Clock = time.process_time) -> tuple[float, float]:
     """Time of a step with its frames, and of the yardstick, one after every few steps: what slows the core for one (its
     clock, neighbours in its caches) slows it for the other."""
-    state, yard, ticks = core.begin(), 0.0, 0
+    state, yard, ticks, every = core.begin(), 0.0, 0, periods(core)
     start = now()
     for event in events:
-        state, _ = step(core, state, event)
-        ticks += isinstance(event, Tick)
+        state, out = step(core, state, event)
+        if isinstance(event, Tick):
+            ticks += 1
+            out.due([number for number, steps in every.items() if ticks % steps == 0])
         if isinstance(event, Tick) and ticks % STEPS_A_YARDSTICK == 0:
             before = now()
             yardstick()
             yard += now() - before
     return (now() - start - yard) / ticks * 1e6, yard / (ticks // STEPS_A_YARDSTICK) * 1e6
+
+
+def periods(core: Core) -> dict[int, int]:
+    """Steps from one sending of each of our PDOs to the next, by number."""
+    rate = core.service.filters.rate_hz
+    return {pdo.number: max(1, round(pdo.period_s * rate)) for pdo in core.service.publication}
 
 
 def yardstick() -> None:
@@ -175,7 +183,7 @@ def identify_peak(loaded: Loaded, segments: Sequence[np.ndarray]) -> int:
         tracemalloc.stop()
 
 
-def table(found: dict[str, Measured]) -> Table:
+def parts_table(found: dict[str, Measured]) -> Table:
     """Parts by row, machine files by column."""
     text = Table(title="One step, in microseconds")
     text.add_column("")
@@ -200,17 +208,31 @@ def share(measured: Measured) -> float:
     return measured.step_us * measured.rate_hz * 1e-6
 
 
+def compare(config: Path, rounds: int, output: Path | None) -> None:
+    """`--against`: the table of one machine file."""
+    import against  # it needs the rivals
+
+    found = against.measure(config, rounds)
+    Console(highlight=False).print(against.table(found))
+    if output:
+        output.write_text(json.dumps(against.ratios(found)._asdict(), indent=1) + "\n")
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("configs", nargs="*", type=Path, metavar="MACHINE.toml", help="default: those in config/")
     parser.add_argument("--rounds", type=int, default=5, help="of which the median is taken")
     parser.add_argument("--memory", action="store_true", help="identify from an hour, too")
+    parser.add_argument("--against", action="store_true", help="beside filterpy, padasip, canopen, a loop of C")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there, too")
     options = parser.parse_args()
+    if options.against:
+        compare(options.configs[0] if options.configs else ROOT / "config" / CONFIGS[0], options.rounds, options.json)
+        return
     configs = options.configs or [ROOT / "config" / name for name in CONFIGS]
     found = {config.stem: measure(config, options.rounds, options.memory) for config in configs}
-    Console(highlight=False).print(table(found))
+    Console(highlight=False).print(parts_table(found))
     if options.json:
         figures = {name: m._asdict() | {"share_of_core": share(m)} for name, m in found.items()}
         options.json.write_text(json.dumps(figures, indent=1) + "\n")

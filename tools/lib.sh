@@ -69,14 +69,23 @@ use_venv() {
   venv_is_usable || { make_venv; echo "$root" >"$venv/made-for"; }
   local pip=("$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check -c "$root/requirements.lock")
   # Some dependencies come as source only; without isolation their build needs setuptools and wheel here.
-  "${pip[@]}" hatchling setuptools wheel
+  "${pip[@]}" cython hatchling setuptools wheel
   "${pip[@]}" --no-build-isolation -e "$root${extra:+[$extra]}"
   echo "$stamp" >"$venv/installed-${extra:-base}"
   say "installed in $((SECONDS - start)) s"
   activate_venv
 }
 
+# The kernel of a step, compiled from the sources as they are now; without a compiler it is interpreted.
+fresh_kernel() {
+  local kernel=$root/src/cylforce/estimation/kernel built
+  built=$(find "$kernel" -name 'compiled.*.so' | head -n 1)
+  [ -n "$built" ] && [ -z "$(find "$kernel" "$root/hatch_build.py" -name '*.py' -newer "$built" -print -quit)" ] && return
+  "$venv/bin/python" "$root/hatch_build.py" || say 'the kernel is not compiled (cython and a C compiler are needed): it is interpreted'
+}
+
 activate_venv() {
+  fresh_kernel
   exec 9>&-
   export VIRTUAL_ENV=$venv PATH=$venv/bin:$PATH
 }

@@ -2,6 +2,7 @@
 samples at once, neither bytes nor forces are, and it is not asked whose machine it is. A fifth of the time of a replay,
 the same bookings (a test compares them)."""
 
+from array import array
 from collections.abc import Iterator
 from typing import Any, cast
 
@@ -43,7 +44,7 @@ class Recorded:
             return Inputs((), FrameCounters(), NEVER)
         rows, cylinders = self._waiting.shape[1], self._speed.shape[1]
         none = np.zeros(0)
-        return Pipe(channels, none, none, None, 0, np.zeros(rows, dtype=np.int64), np.zeros(cylinders))
+        return Pipe(channels, none, 0, np.zeros(rows), np.zeros(cylinders), array("d"))
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """As the assembler: the recorded one."""

@@ -73,30 +73,54 @@ class Channels:
         """Channels (..., D) from SI values of all signals (..., S); 0 for what is not measured."""
         # one sample as numbers: arithmetic with arrays of one element takes many times as long
         each: Signals = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
-        pitch = self._value(each, Kind.PITCH, 0, 0.0)
+        pitch, roll, slew = (self._value(each, k, 0.0) for k in self._house)
         theta = self._angles(each, pitch)
         force = [self._force(each, c) for c in range(len(self.machine.cylinders))]
-        roll = self._value(each, Kind.ROLL, 0, 0.0)
-        slew = self._value(each, Kind.SLEW_RATE, 0, self._value(each, Kind.SLEW_ANGLE, 0, 0.0))
-        base = [self._value(each, kind, 0, 0.0) for kind in INERTIAL] if self.inertial else []
-        channels = np.empty((*values.shape[:-1], len(theta) + len(force) + len(base) + 3))
-        for k, channel in enumerate((*theta, *force, *base, pitch, roll, slew)):
+        found = (*theta, *force, *(each[k] for k in self._base), pitch, roll, slew)
+        if values.ndim == 1:
+            return np.array(found, dtype=np.float64)
+        channels = np.empty((*values.shape[:-1], len(found)))
+        for k, channel in enumerate(found):
             channels[..., k] = channel
         return channels
 
-    def _value(self, values: Signals, kind: Kind, index: int, default: Array | float) -> Array | float:
-        k = self._where.get((kind, index))
+    @cached_property
+    def _house(self) -> tuple[int | None, int | None, int | None]:
+        """Numbers of the signals of pitch, roll, and slew rate or angle."""
+        at = self._where.get
+        slew = at((Kind.SLEW_RATE, 0), at((Kind.SLEW_ANGLE, 0)))
+        return at((Kind.PITCH, 0)), at((Kind.ROLL, 0)), slew
+
+    @cached_property
+    def _base(self) -> tuple[int, ...]:
+        """Numbers of the signals of the base's inertial sensor."""
+        return tuple(self._where[kind, 0] for kind in INERTIAL) if self.inertial else ()
+
+    @cached_property
+    def _turned(self) -> tuple[tuple[int | None, int | None], ...]:
+        """For each joint the numbers of the signals of its encoder and of its link's inclinometer."""
+        at, joints = self._where.get, range(self.machine.size)
+        return tuple((at((Kind.JOINT_ANGLE, j)), at((Kind.LINK_INCLINATION, j))) for j in joints)
+
+    @cached_property
+    def _pushed(self) -> tuple[tuple[int | None, int | None, int | None], ...]:
+        """For each cylinder the numbers of the signals of its force pin, head and rod side."""
+        kinds, cylinders = (Kind.FORCE_PIN, Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), range(len(self.machine.cylinders))
+        pin, head, rod = ([self._where.get((kind, c)) for c in cylinders] for kind in kinds)
+        return tuple(zip(pin, head, rod, strict=True))
+
+    def _value(self, values: Signals, k: int | None, default: Array | float) -> Array | float:
         return default if k is None else values[k]
 
     def _angles(self, values: Signals, pitch: Array | float) -> list[Array | float]:
         """Joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths."""
         theta: list[Array | float] = []
         inner = pitch  # inclination of the next link inwards
-        for j in range(self.machine.size):
-            if (Kind.JOINT_ANGLE, j) in self._where:
-                angle = values[self._where[Kind.JOINT_ANGLE, j]]
-            elif (Kind.LINK_INCLINATION, j) in self._where:
-                angle = values[self._where[Kind.LINK_INCLINATION, j]] - inner
+        for j, (encoder, inclined) in enumerate(self._turned):
+            if encoder is not None:
+                angle = values[encoder]
+            elif inclined is not None:
+                angle = values[inclined] - inner
             else:
                 c = self._by_length[j]
                 angle = self.machine.joint_angle(c, values[self._where[Kind.CYLINDER_LENGTH, c]])
@@ -104,21 +128,26 @@ class Channels:
             inner = inner + angle
         return theta
 
+    @cached_property
+    def _unwraps(self) -> bool:
+        return (Kind.SLEW_ANGLE, 0) in self._where
+
     def follow(self, before: Array, channels: Array) -> Array:
         """The channels (D,) with the slew angle unwrapped to lie within half a turn of the one in `before` (D,): an
         encoder that passes the end of its range has not turned back."""
-        if (Kind.SLEW_ANGLE, 0) not in self._where:
+        if not self._unwraps:
             return channels
         return np.append(channels[:-1], np.unwrap([before[-1], channels[-1]])[1])
 
     def _force(self, values: Signals, c: int) -> Array | float:
-        if (Kind.FORCE_PIN, c) in self._where:
-            return values[self._where[Kind.FORCE_PIN, c]]
-        if (Kind.HEAD_PRESSURE, c) not in self._where:
+        pin, head, rod = self._pushed[c]
+        if pin is not None:
+            return values[pin]
+        if head is None:
             return 0.0
-        head = values[self._where[Kind.HEAD_PRESSURE, c]]
-        rod = self._value(values, Kind.ROD_PRESSURE, c, self.machine.cylinders[c].rod_pressure)
-        return self.machine.cylinder_force(c, head, rod)
+        return self.machine.cylinder_force(
+            c, values[head], self._value(values, rod, self.machine.cylinders[c].rod_pressure)
+        )
 
     def between(self, four: Array) -> Moved:
         """Motion in the middle of four samples of smoothed channels (4, ..., D): values from their mean, rates from
@@ -150,14 +179,15 @@ class Channels:
         return Attitude(pitch, roll, turns, slew, specific)
 
     @cached_property
-    def _stops(self) -> tuple[Array, Array]:
+    def stops(self) -> tuple[Array, Array]:
+        """Shortest and longest length (C,) [m] at which a cylinder's force is believed."""
         margin = 0.005  # m from an end stop, which carries force that the pressures do not show; chosen
         low = np.array([c.length_low + margin for c in self.machine.cylinders])
         return low, np.array([c.length_high - margin for c in self.machine.cylinders])
 
     def usable(self, moving: Motion | Geometry) -> Array:
         """Per cylinder (..., C) whether its force can be believed there: no dead point, no end stop."""
-        low, high = self._stops
+        low, high = self.stops
         lever = np.abs(moving.lever).max(axis=-1)
         clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)
         return np.asarray(clear & (moving.length > low) & (moving.length < high))

@@ -21,7 +21,7 @@ from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.delay import Delay
 from cylforce.effects.sensors.pressure_zero import PressureZero
 from cylforce.estimation.channels import Channels
-from cylforce.estimation.fast import FastRegressor
+from cylforce.estimation.fast import FastFilters
 from cylforce.estimation.priors.bars import of_bars, with_bars
 from cylforce.estimation.priors.depth import slewing
 from cylforce.estimation.priors.prior import Prior
@@ -127,9 +127,9 @@ class Model:
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
     @cached_property
-    def fast(self) -> FastRegressor:
-        """The same columns at this instant, for the force at the tool."""
-        return FastRegressor(self.machine, self.filters)
+    def fast(self) -> FastFilters:
+        """Filters of the same columns at this instant, for the force at the tool."""
+        return FastFilters(self.filters)
 
     @cached_property
     def channels(self) -> Channels:

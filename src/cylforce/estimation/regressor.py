@@ -114,56 +114,43 @@ class FilteredRegressor:
     smoothing_hz: float
 
     @cached_property
-    def _mean(self) -> Filter:
+    def mean(self) -> Filter:
+        """The filter of static columns and torque."""
         low = poles(first_order(self.regressor_hz, self.dt), second_order(self.smoothing_hz, self.dt))
         return Filter(tuple(low.b[0] * share / 8.0 for share in (1.0, 3.0, 3.0, 1.0)), low.a)
 
     @cached_property
-    def _slope(self) -> Filter:
-        gain = 8.0 * self._mean.b[0] / (3.0 * self.dt)
-        return Filter((gain, 0.0, 0.0, -gain), self._mean.a)
+    def slope(self) -> Filter:
+        """The filter of momentum."""
+        gain = 8.0 * self.mean.b[0] / (3.0 * self.dt)
+        return Filter((gain, 0.0, 0.0, -gain), self.mean.a)
 
     @property
     def delay(self) -> float:
         """Delay of the rows behind the motion [s], for slow signals."""
-        return self._mean.delay * self.dt
+        return self.mean.delay * self.dt
 
     def inputs(self, moving: Motion) -> tuple[Array, Array]:
         """Momentum columns (..., R, P), and static columns with the torque as the last one (..., R, P+1)."""
         (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
-    def begin(self, moving: Motion) -> Array:
-        """State (3, R, P+1) of the filters before the first sample."""
-        momentum, static = self.inputs(moving)
-        state = self._begun(static)
-        state[..., :-1] += self._slope.rest(momentum)
-        return state
-
     def _begun(self, static: Array) -> Array:
         """State of the filter `_mean` before the first sample, as if the input had been zero until then. A first group
         of four samples contains only a part of a step since then: 0, 1/3 and 2/3 of it for the first three outputs."""
-        extra = [step * sum(self._mean.b) / 3.0 - sum(self._mean.b[: step + 1]) for step in range(3)]
-        return np.stack([share * static for share in extra])
+        return np.stack([share * static for share in self.shares])
 
-    def step(self, state: Array, moving: Motion) -> tuple[Array, Rows]:
-        """(New state, rows) after one sample of the motion."""
-        return self.advance(state, *self.inputs(moving))
-
-    def advance(self, state: Array, momentum: Array, static: Array) -> tuple[Array, Rows]:
-        """(New state, rows) after the `inputs` of one sample."""
-        first, *_, last = self._slope.b  # the others are zero
-        begun = state.copy()
-        begun[0, ..., :-1] += first * momentum
-        new, rows = self._mean.step(begun, static)
-        new[-1, ..., :-1] += last * momentum
-        return new, Rows(rows[..., :-1], rows[..., -1])
+    @cached_property
+    def shares(self) -> tuple[float, ...]:
+        """The state of `mean` before a first input of 1."""
+        b = self.mean.b
+        return tuple(step * sum(b) / 3.0 - sum(b[: step + 1]) for step in range(3))
 
     def run(self, moving: Motion) -> Rows:
         """The rows of a recording, whose leading axis is time."""
         momentum, static = self.inputs(moving)
-        rows = self._mean.run(self._begun(static[0]), static)[1]
-        moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
+        rows = self.mean.run(self._begun(static[0]), static)[1]
+        moved = self.slope.run(self.slope.rest(momentum[0]), momentum)[1]
         return Rows(rows[..., :-1] + moved, rows[..., -1])
 
     def left(self, moving: Motion, values: Array) -> Array:
@@ -173,5 +160,5 @@ class FilteredRegressor:
 
     def filtered(self, momentum: Array, static: Array) -> Array:
         """S (d/dt L momentum + L static) of a recording, `momentum` and `static` (T, ...)."""
-        moved = self._slope.run(self._slope.rest(momentum[0]), momentum)[1]
-        return np.asarray(self._mean.run(self._begun(static[0]), static)[1] + moved)
+        moved = self.slope.run(self.slope.rest(momentum[0]), momentum)[1]
+        return np.asarray(self.mean.run(self._begun(static[0]), static)[1] + moved)

@@ -20,7 +20,7 @@ from cylforce.files.recording import Events, open_pieces, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.records.export import iso
 from cylforce.service.publication import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY, published
-from cylforce.service.state import State
+from cylforce.service.state import NOTHING, State
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Reason, Status
@@ -102,19 +102,19 @@ def stream_through(
 def replay(core: Core, events: Iterable[Event | Sent], state: State, take: Take) -> Played:
     """The scan of `step` over events from `state` on; frames that the daemon sent are compared bit by bit."""
     bookings: list[Booking] = []
-    expected: dict[int, bytes] = {}
+    last = NOTHING
     compared = different = 0
-    identifiers = {pdo.number: pdo.can_id for pdo in core.service.publication}
-    ours = frozenset(identifiers.values())
+    ours = {pdo.can_id: pdo.number for pdo in core.service.publication}
     for event in events:
         if isinstance(event, Sent):
             if event.can_id in ours:
                 compared += 1
-                different += expected.get(event.can_id) != event.data
+                number = ours[event.can_id]
+                different += last.due([number]) != ((number, event.data),)
             continue
         state, out = step(core, state, event)
         if out.estimate is not None:
-            expected = {identifiers[number]: data for number, data in out.frames}
+            last = out
             take(out.estimate)
             booking = out.estimate.booking
             if booking is not None:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -89,9 +89,17 @@ class Assembler:
         return 1e6 * self.service.health.hold_s
 
     @cached_property
-    def _fastest(self) -> tuple[float, ...]:
-        """Per signal the fastest plausible change [SI/s]."""
-        return tuple(FASTEST.get(s.kind, inf) for s in self.service.machine.signals)
+    def _plausible(self) -> tuple[tuple[float, float, float], ...]:
+        """Per signal the fastest plausible change [SI/s], the period [s], and what noise and digits change [SI]."""
+        return tuple(
+            (FASTEST.get(s.kind, inf), s.period_s, 6.0 * s.standard_error + 2.0 * quantum)
+            for s, quantum in zip(self.service.machine.signals, self._quantum, strict=True)
+        )
+
+    @cached_property
+    def _late_us(self) -> tuple[float, ...]:
+        """Per signal the age from which on it is late."""
+        return tuple(1.5e6 * s.period_s for s in self.service.machine.signals)
 
     def begin(self) -> Inputs:
         """The state before any frame."""
@@ -101,28 +109,24 @@ class Assembler:
     def receive(self, inputs: Inputs, frame: Frame, moving: tuple[bool, ...]) -> Inputs:
         """The state after a frame: length and range are checked, unknown identifiers are counted. `moving`, per signal:
         whether the machine moves so that an equal value from this sensor means that it is frozen."""
-        inputs = inputs._replace(watched=self.supervisor.received(inputs.watched, frame))
+        watched = self.supervisor.received(inputs.watched, frame)
         found = self.decoders.get(frame.can_id)
         if found is None:
-            return inputs._replace(counters=inputs.counters._replace(unknown=inputs.counters.unknown + 1))
-        if len(frame.data) < found.struct.size:
-            return self._short(inputs, found)
+            counters = inputs.counters._replace(unknown=inputs.counters.unknown + 1)
+            return Inputs(inputs.channels, counters, inputs.long_t_us, watched)
+        size, t_us = found.struct.size, frame.t_us
+        if len(frame.data) < size:
+            return self._short(inputs._replace(watched=watched), found)
         channels = list(inputs.channels)
         raw = found.struct.unpack_from(frame.data)
         for slot in found.slots:
-            value = raw[slot.item] * slot.scale + slot.offset
-            usable = raw[slot.item] != found.missing[slot.item]
-            channels[slot.signal] = self._judge(
-                channels[slot.signal],
-                slot,
-                value if usable else float("nan"),
-                frame.t_us,
-                moving[slot.signal],
-            )
-        if len(frame.data) == found.struct.size:
-            return inputs._replace(channels=tuple(channels))
+            number = raw[slot.item]
+            value = number * slot.scale + slot.offset if number != found.missing[slot.item] else nan
+            channels[slot.signal] = self._judge(channels[slot.signal], slot, value, t_us, moving[slot.signal])
+        if len(frame.data) == size:
+            return Inputs(tuple(channels), inputs.counters, inputs.long_t_us, watched)
         counters = inputs.counters._replace(long=inputs.counters.long + 1)
-        return inputs._replace(channels=tuple(channels), counters=counters, long_t_us=frame.t_us)
+        return Inputs(tuple(channels), counters, t_us, watched)
 
     def _short(self, inputs: Inputs, found: Decoder) -> Inputs:
         channels = list(inputs.channels)
@@ -155,7 +159,7 @@ class Assembler:
         """By how much a value is off because the signal has leapt by more than is plausible: FASTEST times the time
         between two values, and the noise; 0: it is not. Time during which values were not yet accepted does not count,
         because the joint need not have moved then. After a leap it moves on, until it leaps back."""
-        if self._fastest[k] == inf:
+        if self._plausible[k][0] == inf:
             return 0.0
         if old.jumps:
             by = value - old.last
@@ -167,12 +171,12 @@ class Assembler:
 
     def _room(self, k: int, seconds: float) -> float:
         """By how much a signal may change in a time [s], but at least one of its periods."""
-        signal = self.service.machine.signals[k]
-        return self._fastest[k] * max(seconds, signal.period_s) + 6.0 * signal.standard_error + 2.0 * self._quantum[k]
+        fastest, period_s, noise = self._plausible[k]
+        return fastest * max(seconds, period_s) + noise
 
     def leapt(self, inputs: Inputs) -> tuple[int, ...]:
         """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""
-        return tuple(k for k, c in enumerate(inputs.channels) if c.leapt and abs(c.leapt) > self._room(k, 0.0))
+        return tuple([k for k, c in enumerate(inputs.channels) if c.leapt and abs(c.leapt) > self._room(k, 0.0)])
 
     def _noisy(self, k: int) -> bool:
         """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
@@ -190,17 +194,15 @@ class Assembler:
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
         the signal is invalid."""
-        hold_us = self._hold_us
-        reasons: list[Reason] = []
-        late = Reason.NONE
-        for channel, signal in zip(inputs.channels, self.service.machine.signals, strict=True):
-            age = t_us - channel.t_us
-            if abs(age) > hold_us:  # a negative age: the clock was set back meanwhile
-                reasons.append(Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason)
-                continue
-            reasons.append(Reason.NONE)
-            if channel.reason is not Reason.NONE or age > 1.5e6 * signal.period_s:
-                late = Reason.SIGNAL_STALE if channel.reason is Reason.NONE else channel.reason
+        hold_us, none = self._hold_us, Reason.NONE
+        reasons = [none] * len(inputs.channels)
+        late = none
+        for k, (channel, late_us) in enumerate(zip(inputs.channels, self._late_us, strict=True)):
+            age, reason = t_us - channel.t_us, channel.reason
+            if not -hold_us <= age <= hold_us:  # a negative age: the clock was set back meanwhile
+                reasons[k] = Reason.SIGNAL_STALE if reason is none else reason
+            elif reason is not none or age > late_us:
+                late = Reason.SIGNAL_STALE if reason is none else reason
         for k, reason in self.supervisor.reasons(inputs.watched, t_us).items():
             reasons[k] = max(reasons[k], reason)
         values = np.array([c.value for c in inputs.channels])

@@ -13,7 +13,7 @@ from cylforce.service.contact.interaction import Interactor
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.plausibility.monitor import Monitor
-from cylforce.service.publication import MAGNITUDE
+from cylforce.service.publication import MAGNITUDE, Encoder, encoders
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.weighing import Weigher
@@ -88,6 +88,11 @@ class Core:
     def limits(self) -> dict[str, tuple[float, float]]:
         """The declared range of every published value."""
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
+
+    @cached_property
+    def encoders(self) -> tuple[Encoder, ...]:
+        """What encodes our TPDOs."""
+        return encoders(self.service.publication)
 
     @cached_property
     def tilts(self) -> tuple[int, ...]:

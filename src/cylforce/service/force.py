@@ -2,13 +2,12 @@
 (mechanics/README.md, section 8)."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import atan2, hypot, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.model import Tares
+from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array, Force, Quantity, Reason, Status, invalid
 from cylforce.signals.units import STANDARD_GRAVITY
 
@@ -17,12 +16,12 @@ POOR = 0.05  # times the rated force: a component with a larger standard error i
 CLEAR = 3.0  # standard errors across it by which a force must be larger to have a direction; chosen
 
 
-class Solved(NamedTuple):
-    """Force `found` (2,) [N] with `spread` (2, 2) [N^2], and `gain` (2, R) [N per N m]: found = gain @ torque."""
-
-    found: Array
-    spread: Array
-    gain: Array
+def prior(machine: Machine, rated_force: float) -> Array:
+    """Information (T, T) on the force at the tool before it is measured: forces of the rated force, a moment of that of
+    a full payload."""
+    moment = machine.rated_payload * STANDARD_GRAVITY * machine.payload_reach
+    known = np.array([rated_force, rated_force, moment])
+    return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)
 
 
 @dataclass(frozen=True)
@@ -34,37 +33,18 @@ class ForceSensor:
     Therefore a singular pose or a missing row needs no special case: a direction that the pose does not show keeps this
     large standard error."""
 
-    model: Model
     tares: Tares
     rated_force: float
-
-    @cached_property
-    def _prior(self) -> Array:
-        machine = self.model.machine
-        moment = machine.rated_payload * STANDARD_GRAVITY * machine.payload_reach
-        known = np.array([self.rated_force, self.rated_force, moment])
-        return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)
-
-    def solve(self, columns: Array, torque: Array, noise: Array, usable: Array) -> Solved:
-        """The force that explains `torque` (R,) [N m] with covariance `noise` (R, R) and that of the tares, from all
-        `columns` (R, P) of the rows marked in `usable` (R,)."""
-        tool, own = columns[:, self.model.tool][:, : len(self._prior)], columns[:, : len(self.tares.values)]
-        if not all(usable.tolist()):
-            tool, own, noise = tool[usable], own[usable], noise[usable][:, usable]
-        noise = noise + own @ self.tares.covariance @ own.T
-        weighted = np.linalg.solve(noise, tool).T
-        spread = np.asarray(np.linalg.inv(weighted @ tool + self._prior), dtype=np.float64)
-        gain = np.zeros((2, len(usable)))
-        gain[:, usable] = (spread @ weighted)[:2]
-        return Solved(gain @ torque, spread[:2, :2], gain)
 
     def force(self, found: Array, spread: Array, contact: bool) -> Force:
         """The published force for `found` (2,) [N] with covariance `spread` (2, 2) [N^2] without that of the scale. A
         component whose standard error exceeds BLIND is INVALID; there is no direction unless the force is larger than
         CLEAR standard errors across it, nor
         without `contact`; NO_CONTACT is then the reason."""
-        (xx, xz), (_, zz) = (spread + self.tares.scale_error**2 * np.multiply.outer(found, found)).tolist()
+        (xx, xz), (_, zz) = spread.tolist()
         x, z = found.tolist()
+        scale = self.tares.scale_error**2
+        xx, xz, zz = xx + scale * (x * x), xz + scale * (x * z), zz + scale * (z * z)
         size = hypot(x, z)
         cos, sin = (x / size, z / size) if size > 0.0 else (1.0, 0.0)
         along_error = sqrt(abs(cos * cos * xx + 2.0 * cos * sin * xz + sin * sin * zz))

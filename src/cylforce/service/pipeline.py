@@ -1,32 +1,32 @@
 """From samples to filtered rows, one fixed step at a time; the same numbers as `observation.observe` from a
-recording."""
+recording. The arithmetic is the kernel's (estimation/kernel/README.md)."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from array import array
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.channels import Moved
-from cylforce.estimation.fast import Fast, Instant
+from cylforce.estimation.fast import Instant
+from cylforce.estimation.kernel import choice, making
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
 from cylforce.signals.estimate import Array
 
 
 class Pipe(NamedTuple):
-    """State of the filters: last channels `raw` (D,), state of the low-pass and its last three outputs `smooth` (3, D),
-    state `filters` of the regressor's filters (None before the first step), number of `steps`; `waiting` (R,): steps
-    for which each row is not used, because its filters still contain an unusable lever; cylinder `speed` (C,) [m/s];
-    state `fast` of the filters of the force (None before the first step)."""
+    """State of the filters: last channels `raw` (D,), last three outputs `smooth` (3, D) of their low-pass, number of
+    `steps`; `waiting` (R,): steps for which each row is not used, because its filters still contain an unusable lever;
+    cylinder `speed` (C,) [m/s]; all of them and the state of every filter as the kernel keeps it, `kept`."""
 
     raw: Array
-    smooth_state: Array
     smooth: Array
-    filters: Array | None
     steps: int
     waiting: Array
     speed: Array
-    fast: Fast | None = None
+    kept: Numbers
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,30 @@ class Pipeline:
     """The filters of a model, step by step."""
 
     model: Model
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
+
+    @cached_property
+    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return making.plan(self.model, self.kernel.KernelPlan)
+
+    @cached_property
+    def _sizes(self) -> tuple[int, int]:
+        """Bytes of a state and of the rows of a step."""
+        return 8 * self.kernel.state_size(self._plan), 8 * self.kernel.rows_size(self._plan)
+
+    @cached_property
+    def _places(self) -> "_Places":
+        machine = self.model.machine
+        channels = machine.size + len(machine.cylinders) + (6 if self.model.channels.inertial else 3)
+        columns = len(self.model.filtered.regressor.names)
+        return _Places(channels, len(machine.rows), columns, len(machine.cylinders))
 
     def begin(self, channels: Array) -> Pipe:
         """The state after the first channels (D,) at the start or after a gap, settled at them."""
         state, smooth = self.model.channels.smooth.step(self.model.channels.smooth.steady(channels), channels)
-        rows, cylinders = len(self.model.machine.rows), len(self.model.machine.cylinders)
-        return Pipe(
-            channels, state, np.stack([smooth] * 3), None, 0, np.zeros(rows, dtype=np.int64), np.zeros(cylinders)
-        )
+        kept = np.zeros(self._sizes[0] // 8)
+        kept[: 6 * len(channels)] = np.concatenate([channels, *state, smooth, smooth, smooth])
+        return self._places.state(array("d", kept.tobytes()), 0)
 
     def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows, Instant]:
         """The state, the rows and those of the instant `periods` >= 1 steps later, at `channels` (D,); missing steps
@@ -49,24 +65,48 @@ class Pipeline:
         first, here = pipe.raw, self.model.channels.follow(pipe.raw, channels)
         for k in range(1, periods):
             pipe, *_ = self.advance(pipe, first + (here - first) * (k / periods), 1)
-        smooth_state, smooth = self.model.channels.smooth.step(pipe.smooth_state, here)
-        four = np.concatenate([pipe.smooth, smooth[None]])
-        moved = self.model.channels.between(four)
-        filters = self.model.filtered.begin(moved.motion) if pipe.filters is None else pipe.filters
-        momentum, static = self.model.filtered.inputs(moved.motion)
-        filters, rows = self.model.filtered.advance(filters, momentum, static)
-        fast, instant = self._instant(pipe.fast, momentum, static, moved, here)
-        waiting = np.where(self._rows_usable(moved), np.maximum(pipe.waiting - 1, 0), self.model.settle_steps)
-        new = Pipe(here, smooth_state, four[1:], filters, pipe.steps + 1, waiting, moved.motion.speed, fast)
-        return new, rows, instant
+        state, rows = self._sizes
+        new, out = array("d", bytes(state)), array("d", bytes(rows))
+        old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
+        self.kernel.advance(self._plan, old, array("d", here.tobytes()), new, out, pipe.steps == 0)
+        return self._places.state(new, pipe.steps + 1), *self._places.rows(out, new)
 
-    def _instant(
-        self, fast: Fast | None, momentum: Array, static: Array, moved: Moved, channels: Array
-    ) -> tuple[Fast, Instant]:
-        forces = channels[self.model.channels.forces]
-        fast = self.model.fast.begin(momentum, moved.motion, forces) if fast is None else fast
-        return self.model.fast.step(fast, momentum, static[..., :-1], moved.motion, forces)
 
-    def _rows_usable(self, moved: Moved) -> Array:
-        usable = moved.usable.tolist()
-        return np.array([all(usable[c] for c in acting) for acting in self.model.acting])
+class _Places(NamedTuple):
+    """Where the kernel's results stand: D channels, R rows, K columns, C cylinders."""
+
+    d: int
+    r: int
+    k: int
+    c: int
+
+    def state(self, kept: Numbers, steps: int) -> Pipe:
+        """The parts of a state."""
+        whole, d = np.frombuffer(kept), self.d
+        waiting = 6 * d + 3 * self.r * (self.k + 1)
+        speed = waiting + self.r
+        return Pipe(
+            whole[:d],
+            whole[3 * d : 6 * d].reshape(3, d),
+            steps,
+            whole[waiting:speed],
+            whole[speed : speed + self.c],
+            kept,
+        )
+
+    def rows(self, out: Numbers, kept: Numbers) -> tuple[Rows, Instant]:
+        """The rows of the weighing and those of the instant."""
+        whole, r, size = np.frombuffer(out), self.r, self.r * self.k
+        now, change, lever = size + r, 2 * (size + r), 3 * size + 2 * r + self.c
+        shape = (r, self.k)
+        x, z, forwards, upwards = out[-4:]
+        speed = 6 * self.d + 3 * r * (self.k + 1) + r
+        return Rows(whole[:size].reshape(shape), whole[size:now]), Instant(
+            Rows(whole[now : now + size].reshape(shape), whole[now + size : change]),
+            whole[change : change + size].reshape(shape),
+            whole[lever - self.c : lever],
+            whole[lever:-4].reshape(self.c, r),
+            np.frombuffer(kept)[speed : speed + self.c],
+            complex(x, z),
+            complex(forwards, upwards),
+        )

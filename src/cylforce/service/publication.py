@@ -1,10 +1,15 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from math import pi, sin, sqrt, tan
+from functools import partial
+from math import nan, pi, sin, sqrt, tan
+from operator import attrgetter
+from typing import NamedTuple
 
 from cylforce.mechanics.installation import Filters
-from cylforce.signals.codec import encode
+from cylforce.signals.codec import Layout, layout, packed
+from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Estimate, Quantity
 from cylforce.signals.layout import Field, Pdo
 from cylforce.signals.units import DEGREE
@@ -134,43 +139,63 @@ def _event() -> tuple[Field, ...]:
 
 
 def published(estimate: Estimate) -> dict[str, float]:
-    """SI values of an estimate by name, NaN where there is none; a standard error is at least one step of its published
-    integer, so that it is never sent as zero."""
-    force, soil, booking = estimate.force, estimate.soil, estimate.booking
-    return {
-        GROSS: estimate.gross.value,
-        NET: estimate.net.value,
-        **dict(zip(FORCES, (q.value for q in force.quantities), strict=True)),
-        GROSS_ERROR: max(estimate.gross.standard_error, _KG),
-        X_ERROR: max(force.x.standard_error, _N),
-        Z_ERROR: max(force.z.standard_error, _N),
-        DIRECTION_ERROR: max(force.direction.standard_error, _DEG),
-        PAYLOAD_QUALITY: float(quality(estimate.gross)),
-        FORCE_QUALITY: float(max((quality(q) for q in force.quantities[:3]), key=lambda byte: byte & 3)),
-        BOOKED_COUNT: float(booking.number % 65535) if booking else 0.0,
-        BOOKED: booking.mass if booking else float("nan"),
-        **dict(zip(SOIL, (q.value for q in soil.quantities), strict=True)),
-        **dict(zip(QUALITY.values(), (float(quality(q)) for q in (*force.quantities, *soil.quantities)), strict=True)),
-        **_published_event(estimate),
-        SOIL_X_ERROR: max(soil.x.standard_error, _N),
-        SOIL_Z_ERROR: max(soil.z.standard_error, _N),
-    }
+    """SI values of an estimate by name, NaN where there is none."""
+    return {name: value(estimate) for name, value in VALUES.items()}
 
 
-def _published_event(estimate: Estimate) -> dict[str, float]:
+Value = Callable[[Estimate], float]
+
+
+def _force_values(names: tuple[str, ...], errors: tuple[str, ...], force: str) -> dict[str, Value]:
+    """Components of a force, their qualities, and standard errors: at least one step of the published integer, so that
+    none is ever sent as zero."""
+    parts = [_component(f"{force}.{part}") for part in ("x", "z", "magnitude", "direction")]
+    found: dict[str, Value] = {}
+    for name, part in zip(names, parts, strict=True):
+        found |= {name: part.value, QUALITY[name]: part.quality}
+    for name, k, least in zip(errors, (0, 1, 3), (_N, _N, _DEG), strict=False):
+        found[name] = partial(parts[k].error, least)
+    return found
+
+
+class _Component(NamedTuple):
+    value: Value
+    quality: Value
+    error: Callable[[float, Estimate], float]
+
+
+def _component(path: str) -> _Component:
+    of: Callable[[Estimate], Quantity] = attrgetter(path)
+    return _Component(
+        attrgetter(f"{path}.value"),
+        lambda estimate: float(quality(of(estimate))),
+        lambda least, estimate: max(of(estimate).standard_error, least),
+    )
+
+
+def _last_event(e: Estimate) -> ContactEvent:
     """The last event; before the first one: count and kind 0, nothing else."""
-    if not estimate.events:
-        nan = float("nan")
-        return {EVENT_COUNT: 0.0, EVENT_KIND: 0.0, EVENT_CONFIDENCE: nan, EVENT_X: nan, EVENT_Z: nan, EVENT_AGE: nan}
-    event = estimate.events[-1]
-    return {
-        EVENT_COUNT: float(event.number % 65535),
-        EVENT_KIND: float(event.kind),
-        EVENT_CONFIDENCE: event.confidence,
-        EVENT_X: event.x,
-        EVENT_Z: event.z,
-        EVENT_AGE: 1e-6 * (estimate.t_us - event.t_us),
-    }
+    return e.events[-1] if e.events else _NO_EVENT
+
+
+_NO_EVENT = ContactEvent(0, 0, EventKind.NONE, nan, nan, nan)
+VALUES: dict[str, Value] = {
+    GROSS: lambda e: e.gross.value,
+    NET: lambda e: e.net.value,
+    GROSS_ERROR: lambda e: max(e.gross.standard_error, _KG),
+    **_force_values(FORCES, (X_ERROR, Z_ERROR, DIRECTION_ERROR), "force"),
+    PAYLOAD_QUALITY: lambda e: float(quality(e.gross)),
+    FORCE_QUALITY: lambda e: float(max((quality(q) for q in e.force.quantities[:3]), key=lambda byte: byte & 3)),
+    BOOKED_COUNT: lambda e: float(e.booking.number % 65535) if e.booking else 0.0,
+    BOOKED: lambda e: e.booking.mass if e.booking else nan,
+    **_force_values(SOIL, (SOIL_X_ERROR, SOIL_Z_ERROR), "soil"),
+    EVENT_COUNT: lambda e: float(_last_event(e).number % 65535),
+    EVENT_KIND: lambda e: float(_last_event(e).kind),
+    EVENT_CONFIDENCE: lambda e: _last_event(e).confidence,
+    EVENT_X: lambda e: _last_event(e).x,
+    EVENT_Z: lambda e: _last_event(e).z,
+    EVENT_AGE: lambda e: 1e-6 * (e.t_us - e.events[-1].t_us) if e.events else nan,
+}
 
 
 def quality(q: Quantity) -> int:
@@ -178,7 +203,23 @@ def quality(q: Quantity) -> int:
     return int(q.status) | int(q.reason) << 2
 
 
+class Encoder(NamedTuple):
+    """A TPDO of ours as it is encoded: its number, its layout, and what gives each field's value."""
+
+    number: int
+    layout: Layout
+    values: tuple[Value, ...]
+
+    def data(self, estimate: Estimate) -> bytes:
+        """Its bytes for an estimate."""
+        return packed(self.layout, [value(estimate) for value in self.values])
+
+
+def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
+    """The encoders of all TPDOs of a table."""
+    return tuple(Encoder(p.number, layout(p), tuple(VALUES[str(f.signal)] for f in p.fields)) for p in table)
+
+
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
     """(TPDO number, data) of all TPDOs in `table` for an estimate."""
-    values = published(estimate) if table else {}
-    return tuple((pdo.number, encode(pdo, values)) for pdo in table)
+    return tuple((each.number, each.data(estimate)) for each in encoders(table))

@@ -5,12 +5,14 @@ Torque that is left is compared, in blocks of two seconds of motion, with what a
 and pressure zeros that have changed since (the same in all blocks), can explain. Blocks that look like contact start
 the comparison anew, so that only motion clear of the ground is judged. Limits: `tools/studies/recognition.py`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.solving import room, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual, correlated, load_spread
@@ -48,6 +50,11 @@ class Recognizer:
 
     model: Model
     tares: Tares
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
+
+    @cached_property
+    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return solver(self.model, self.tares, self.kernel)
 
     @cached_property
     def _spread(self) -> Array:
@@ -93,14 +100,19 @@ class Recognizer:
         return _left(state.sum) / state.weight
 
     def _gathered(self, state: Recognition, rows: Rows, left: Residual, telling: Array) -> Recognition:
-        changing = rows.columns[:, self.model.changing]
-        left = left.only(telling)
-        changing = changing if len(left.torque) == telling.size else changing[telling]
-        columns = left.columns
-        unsure = ((columns @ self.tares.covariance) * columns).sum(axis=1)
-        each = np.concatenate([columns @ self.model.load, changing * self._spread, left.torque[:, None]], axis=1)
-        each /= np.sqrt(left.variance + left.rest + unsure)[:, None]
-        return state._replace(gram=state.gram + each.T @ each / self._memory, rows=state.rows + len(columns))
+        new = room(state.gram.size)
+        self.kernel.gather(
+            self._solver,
+            rows.columns.ravel(),
+            np.concatenate((left.torque, left.variance, left.rest)),
+            telling.astype(np.float64),
+            self._spread,
+            self._memory,
+            state.gram.ravel(),
+            new,
+        )
+        gram = np.frombuffer(new).reshape(state.gram.shape)
+        return state._replace(gram=gram, rows=state.rows + sum(telling.tolist()))
 
     def _judged(self, state: Recognition) -> Recognition:
         """With the block that has ended."""

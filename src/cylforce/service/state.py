@@ -1,5 +1,6 @@
 """What the service remembers from event to event, and what an event brings."""
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 from cylforce.mechanics.installation import STANDARD
@@ -12,6 +13,7 @@ from cylforce.service.loading.cycle import NO_CYCLE, Cycle
 from cylforce.service.loading.truck import NO_TRUCK, Truck
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Watch
+from cylforce.service.publication import Encoder
 from cylforce.service.recognition import Recognition
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
@@ -83,12 +85,22 @@ class State(NamedTuple):
 
 class Output(NamedTuple):
     """What an event brought: `verdict` on a command (None: no command; 0: done; else an SDO abort code),
-    its `words`, what was decided and why; `estimate` and its PDOs `frames` (number, data), sent as they are."""
+    its `words`, what was decided and why; `estimate` and the `table` of the PDOs that carry it, which encodes them."""
 
     verdict: int | None = None
     estimate: Estimate | None = None
-    frames: tuple[tuple[int, bytes], ...] = ()
+    table: tuple[Encoder, ...] = ()
     words: str = ""
+
+    @property
+    def frames(self) -> tuple[tuple[int, bytes], ...]:
+        """(Number, data) of all PDOs, sent as they are."""
+        return self.due([each.number for each in self.table])
+
+    def due(self, numbers: Collection[int]) -> tuple[tuple[int, bytes], ...]:
+        """Those of these numbers: what is not sent is not encoded."""
+        now = self.estimate
+        return () if now is None else tuple([(e.number, e.data(now)) for e in self.table if e.number in numbers])
 
 
 NOTHING = Output()

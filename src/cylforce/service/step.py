@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual, residual
+from cylforce.estimation.residual import Residual
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import unseen
@@ -17,7 +17,7 @@ from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
-from cylforce.service.publication import GROSS, frames
+from cylforce.service.publication import GROSS
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
@@ -49,11 +49,11 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
         state = _tick(core.fitted[state.tool], state, event.t_us)
-        return state, Output(None, state.estimate, frames(core.service.publication, state.estimate))
+        return state, Output(None, state.estimate, core.encoders)
     obeyed = None if event.can_id in core.assembler.decoders else _obey(core, state, event)
     if obeyed is not None:
         return obeyed
-    return State(core.assembler.receive(state.inputs, event, state.moving), *state[1:]), NOTHING
+    return State._make((core.assembler.receive(state.inputs, event, state.moving), *state[1:])), NOTHING
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -125,8 +125,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         nothing = _nothing(state, t_us, Reason.STARTING)
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
     usable = pipe.waiting == 0
-    drifting = core.adapter.columns(rows)
-    left = residual(core.model, core.tares, rows, drifting @ state.drift.values)
+    left, drifting = core.weigher.left(rows, state.drift)
     plain = left
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
@@ -134,18 +133,26 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     weighing, load = core.weigher.step(
         state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt
     )
-    drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
-    interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
+    interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, weighed, t_us)
     gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
     watch, weighing = _watched(core, state, seen, weighing)
-    drift = _drift(core, state._replace(watch=watch), load, rows, left, usable)
+    drift = _drift(core, state.drift, watch, load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, plain, usable)
     before = state.weighing.books.booking
-    state = state._replace(pipe=pipe, sampled_us=t_us, moving=moving, weighing=weighing, drift=drift)
-    state = state._replace(recognition=recognition, interaction=interaction, watch=watch, rocking=rocking)
-    state = state._replace(unexplained=tuple(left.torque.tolist()))
+    state = state._replace(
+        pipe=pipe,
+        sampled_us=t_us,
+        moving=moving,
+        weighing=weighing,
+        drift=drift,
+        recognition=recognition,
+        interaction=interaction,
+        watch=watch,
+        rocking=rocking,
+        unexplained=tuple(left.torque.tolist()),
+    )
     return _booked(state._replace(estimate=_estimate(core, state, load, forces, t_us)), before)
 
 
@@ -213,11 +220,10 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
-def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
+def _drift(core: Core, drift: Drift, watch: Watch, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
     the sensors agree."""
-    drift = state.drift
-    if not core.adapts or not state.watch.suspicion.follows:
+    if not core.adapts or not watch.suspicion.follows:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)

@@ -1,15 +1,19 @@
 """Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
 tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import Limits, room, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import Root, forget, known, solution, update
+from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import (
     GOOD_ENOUGH,
     MIN_SECONDS,
@@ -20,7 +24,8 @@ from cylforce.estimation.residual import (
     load_spread,
 )
 from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.booking import Books, Weighed, error, noted, parted, spilled, unseen
+from cylforce.service.booking import Books, Weighed, noted, parted, spilled, unseen
+from cylforce.service.loading.lift import Lift, Weight
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
@@ -39,40 +44,6 @@ LATER_S = (
 )
 
 
-def _mean(values: Array) -> float:
-    return float(values.sum()) / values.size
-
-
-class Lift(NamedTuple):
-    """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
-    `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
-    covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
-    for which each row has been at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for
-    a spill; `mixed`: whether the filters still hold what was before the lift."""
-
-    root: Root
-    values: Array
-    covariance: Array
-    gram: Array
-    taken: int
-    refused: int
-    moving: int
-    rested: Array
-    marks: Array
-    mixed: bool
-
-
-class Weight(NamedTuple):
-    """Mass [kg] with standard error [kg]; centre x + i z [m] of the load in the last link's frame with the standard
-    errors (x, z) [m]; `drifted` [kg m]: standard error of the first moment by a drift that is not known yet."""
-
-    mass: float
-    standard_error: float
-    centre: complex
-    centre_error: tuple[float, float]
-    drifted: float
-
-
 class Weighing(NamedTuple):
     """State of the weighing: the present lift, what is to be booked or was booked last, when something was measured
     last [us] (None: not yet), and whether the tool is the one that was chosen."""
@@ -89,6 +60,13 @@ class Weigher:
 
     model: Model
     tares: Tares
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
+
+    @cached_property
+    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        patience = REST_SECONDS * self.model.filters.rate_hz
+        limits = Limits(GATE, BREAK_AWAY, COLD, DRIFTED, self._memory, patience)
+        return solver(self.model, self.tares, self.kernel, limits)
 
     @cached_property
     def _memory(self) -> float:
@@ -165,32 +143,47 @@ class Weigher:
         """Whether the bucket is known to be empty and in the air: a load without a value is no empty bucket."""
         return abs(load.mass.value) < EMPTY * self.model.machine.rated_payload
 
+    def left(self, rows: Rows, drift: Drift) -> tuple[Residual, Array]:
+        """The torque that tares and drift do not explain, and the columns (R, D) of the drift."""
+        found, r = room((3 + drift.values.size) * len(rows.torque)), len(rows.torque)
+        torque = np.ascontiguousarray(rows.torque)
+        self.kernel.explain(self._solver, rows.columns.ravel(), torque, drift.values, found)
+        whole = np.frombuffer(found)
+        own = rows.columns[:, : len(self.model.parameters)]
+        return Residual(whole[:r], whole[r : 2 * r], whole[2 * r : 3 * r], own), whole[3 * r :].reshape(r, -1)
+
     def _advance(self, lift: Lift, left: Residual, usable: Array, drift: Drift, drifting: Array) -> Lift:
-        columns = left.columns @ self.model.load
-        known_drift = self.tares.scale * (drifting @ drift.values)
-        expected = columns @ self._load(lift, drift)
-        unsure = ((columns @ lift.covariance) * columns).sum(axis=1)
-        drifted = ((drifting @ drift.covariance) * drifting).sum(axis=1)
-        unsure = unsure + np.minimum(COLD**2 * drifted, DRIFTED * left.variance)
-        variance = unsure + left.variance + BREAK_AWAY**2 * left.rest
-        torque = left.torque + known_drift
-        innovation = (left.torque - expected) ** 2 / variance
-        if not any(usable.tolist()) or _mean(innovation[usable]) > GATE:
+        own, changing, rows = left.columns.ravel(), drifting.ravel(), len(left.torque)
+        work = room(8 * rows)
+        fits = self.kernel.gate(
+            self._solver,
+            own,
+            np.concatenate((left.torque, left.variance, left.rest)),
+            usable.astype(np.float64),
+            lift.values,
+            lift.covariance.ravel(),
+            lift.gram.ravel(),
+            lift.rested,
+            drift.values,
+            drift.covariance.ravel(),
+            changing,
+            work,
+        )
+        if not fits:
             return lift._replace(refused=lift.refused + 1)
-        at_rest, patience = left.rest > left.variance, REST_SECONDS * self.model.filters.rate_hz
-        rested = np.where(at_rest, lift.rested + 1, 0)
-        informative = np.logical_and(usable, rested <= patience)
-        variance, used = self._memory * left.variance + patience * left.rest, columns
-        others = np.concatenate([left.columns, drifting], axis=1)
-        if not all(informative.tolist()):
-            variance, used, torque, others = (x[informative] for x in (variance, used, torque, others))
-        root, gram = self._faded(lift, used)
-        root = update(root, used, torque, variance)
-        gram = gram + (used / variance[:, None]).T @ others
-        moving = lift.moving + any(np.logical_and(usable, ~at_rest).tolist())
+        rested = np.frombuffer(work)[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
-        now = Lift(root, *solution(root), gram, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed)
+        root, gram = self._faded(lift, work)
+        new, size = room(40 + gram.size), gram.shape[1]
+        self.kernel.take(self._solver, own, work, changing, root.factor.ravel(), root.right, gram.ravel(), new)
+        whole = np.frombuffer(new)
+        root = Root(whole[:16].reshape(4, 4), whole[16:20])
+        moving = lift.moving + any(
+            good and not steps for good, steps in zip(usable.tolist(), work[7 * rows :], strict=True)
+        )
+        covariance, gram = whole[24:40].reshape(4, 4), whole[40:].reshape(4, size)
+        now = Lift(root, whole[20:24], covariance, gram, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed)
         return self._watched(now, drift)
 
     def _watched(self, lift: Lift, drift: Drift) -> Lift:
@@ -206,18 +199,18 @@ class Weigher:
             return self._again
         return lift._replace(marks=np.stack([lift.marks[1], now]))
 
-    def _load(self, lift: Lift, drift: Drift) -> Array:
-        """The load (4,) with the drift as it is known now."""
-        size = len(self.model.parameters)
-        return lift.values - lift.covariance @ (lift.gram[:, size:] @ drift.values)
-
-    def _faded(self, lift: Lift, columns: Array) -> tuple[Root, Array]:
-        """Root and gram of the lift before it takes in rows with `columns` (K, 4): in long lifts a small share of the
-        old information in these directions is forgotten. The estimate and its dependence on the tares do not change."""
-        if lift.taken < self._long or not len(columns):
+    def _faded(self, lift: Lift, work: Numbers) -> tuple[Root, Array]:
+        """Root and gram of the lift before it takes in the rows of `work`: in long lifts a small share of the
+        old information in their directions is forgotten. The estimate and its dependence on the tares do not change."""
+        if lift.taken < self._long:
+            return lift.root, lift.gram
+        rows = np.frombuffer(work).reshape(8, -1)
+        columns = rows[:4].reshape(-1, 4)[rows[6] > 0.0]
+        if not len(columns):
             return lift.root, lift.gram
         root = forget(lift.root, columns, 1.0 - 1.0 / self._long)
-        return root, root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
+        gram = root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
+        return update(root, columns[:0], columns[:0, 0], columns[:0, 0]), gram  # a triangle again
 
     def _weighed(self, lift: Lift) -> Weighed:
         gain = lift.covariance[0] @ lift.gram
@@ -226,15 +219,11 @@ class Weigher:
 
     def _conclude(self, lift: Lift, drift: Drift) -> Weight:
         """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
-        load, wrong = self._load(lift, drift), error(self._weighed(lift), self.tares, drift)
-        mass = float(load[0])
-        scale = mass if abs(mass) > 1.0 else 1.0
-        centre = complex(load[1], load[2]) / scale
-        along = np.array([[-centre.real, 1.0, 0.0, 0.0], [-centre.imag, 0.0, 1.0, 0.0]]) / scale
-        error_x, error_z = np.sqrt(((along @ lift.covariance) * along).sum(axis=1))
-        moments = lift.covariance[1:3] @ lift.gram[:, len(self.model.parameters) :]
-        drifted = sqrt(((moments @ drift.covariance) * moments).sum())
-        return Weight(mass, wrong, centre, (float(error_x), float(error_z)), drifted)
+        found, gram = room(7 + lift.gram.shape[1]), lift.gram.ravel()
+        parts = (lift.values, lift.covariance.ravel(), gram, drift.values, drift.covariance.ravel())
+        self.kernel.conclude(self._solver, *parts, found)
+        mass, wrong, x, z, error_x, error_z, drifted = found[:7]
+        return Weight(mass, wrong, complex(x, z), (error_x, error_z), drifted)
 
     def _plausible(self, weight: Weight) -> bool:
         """Whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass near

@@ -1,6 +1,6 @@
 """PDO data to SI values and back, by `struct` formats compiled once from the table of PDO layouts."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from math import isfinite, nan
 from struct import Struct
@@ -70,17 +70,58 @@ def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
 def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
     """Data of a PDO from SI values by name; a value that is missing, not finite or outside the field's range is sent as
     "no value"."""
-    return _struct(pdo).pack(*[_raw(f, values.get(f.signal, nan) if f.signal else 0.0) for f in pdo.fields])
+    found = [values.get(f.signal, nan) if f.signal else 0.0 for f in pdo.fields]
+    return _struct(pdo).pack(*[_raw(*_raw_field(f), value) for f, value in zip(pdo.fields, found, strict=True)])
 
 
-def _raw(field: Field, value: float) -> int | float:
-    if not field.low <= value <= field.high or not isfinite(value):
-        return not_available(field.code)
-    if field.code == "f":
-        return (value - field.offset) / field.scale
-    low, high = _RAW_RANGES[field.code]
-    raw = round((value - field.offset) / field.scale)
-    return raw if low <= raw <= high else not_available(field.code)
+class Raw(NamedTuple):
+    """How a field becomes a number on the bus: range and step of its SI values, range of the integers that carry a
+    value (None for a float), and what means "no value"."""
+
+    low: float
+    high: float
+    scale: float
+    offset: float
+    integers: tuple[int, int] | None
+    missing: int | float
+
+
+class Layout(NamedTuple):
+    """A PDO's `struct` and fields, for encoding."""
+
+    struct: Struct
+    fields: tuple[Raw, ...]
+
+
+def layout(pdo: Pdo) -> Layout:
+    """How a PDO is encoded."""
+    return Layout(_struct(pdo), tuple(Raw(*_raw_field(field)) for field in pdo.fields))
+
+
+def _raw_field(f: Field) -> tuple[float, float, float, float, tuple[int, int] | None, int | float]:
+    return f.low, f.high, f.scale, f.offset, _RAW_RANGES.get(f.code), not_available(f.code)
+
+
+def packed(of: Layout, values: Sequence[float]) -> bytes:
+    """Data from the SI values of all fields, in their order."""
+    return of.struct.pack(*[_raw(*field, value) for field, value in zip(of.fields, values, strict=True)])
+
+
+def _raw(
+    low: float,
+    high: float,
+    scale: float,
+    offset: float,
+    integers: tuple[int, int] | None,
+    missing: float,
+    value: float,
+) -> int | float:
+    if not low <= value <= high or not isfinite(value):
+        return missing
+    if integers is None:
+        return (value - offset) / scale
+    raw = round((value - offset) / scale)
+    return raw if integers[0] <= raw <= integers[1] else missing
 
 
 def _raw_range(code: str) -> tuple[int, int]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import JsonValue
 
 from cylforce.estimation.attachment import with_tool
+from cylforce.estimation.kernel.choice import choice
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.segments import gapless
 from cylforce.files.atomic import RecordingError, Tell, warn
@@ -98,8 +99,10 @@ def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
 
 def make_core(loaded: Loaded, identified: Path | None, tell: Tell = warn) -> Core:
     """The core of a machine file with its identified tares, or with the data sheet's; what the identified file warns of
-    is repeated."""
+    is repeated, and why a compiled kernel was not taken."""
     service = loaded.service
+    if choice().refused:
+        tell(choice().refused)
     if identified is None:
         attached = {name: model_of(_fitted(loaded, name)).data_sheet for name in service.tools[1:]}
         return Core(service, model_of(loaded).data_sheet, attached)

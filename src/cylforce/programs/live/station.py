@@ -140,9 +140,9 @@ class Station(Generic[S]):
         self.before_tick(tick.t_us)
         self._keep(tick)
         self.state, out = self._step(self.state, tick)
-        for number, data in out.frames:
-            if self.counts.steps % self._every[number] == 0:
-                self.node.publish(number, data)
+        now = [number for number, every in self._every.items() if self.counts.steps % every == 0]
+        for number, data in out.due(now):
+            self.node.publish(number, data)
         self.node.produce_sync()
         self.network.poll(tick.t_us)
         self._say_overruns(late, tick.t_us)

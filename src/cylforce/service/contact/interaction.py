@@ -13,8 +13,8 @@ from cylforce.estimation.residual import SMALLEST
 from cylforce.service.contact.carried import Carrier, KnownLoad
 from cylforce.service.contact.events import Moment, Touch, Watcher
 from cylforce.service.contact.hanging_mass import without_mass
-from cylforce.service.contact.noise import Noise, Unrest
-from cylforce.service.force import ForceSensor, Solved
+from cylforce.service.contact.noise import Noise, Solved, Unrest
+from cylforce.service.force import ForceSensor
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
 from cylforce.signals.units import STANDARD_GRAVITY
@@ -47,11 +47,11 @@ class Interactor:
 
     @cached_property
     def _sensor(self) -> ForceSensor:
-        return ForceSensor(self.model, self.tares, self.rated_force)
+        return ForceSensor(self.tares, self.rated_force)
 
     @cached_property
     def _noise(self) -> Noise:
-        return Noise(self.model, self.tares)
+        return Noise(self.model, self.tares, self.rated_force)
 
     @cached_property
     def _carrier(self) -> Carrier:
@@ -67,10 +67,9 @@ class Interactor:
 
     def interrupt(self, state: Interaction) -> Interaction:
         """The state after an interruption of the measurement: errors and events remain."""
-        unrest = state.unrest._replace(
-            inertia=self._noise.begin().inertia, reversing=np.zeros_like(state.unrest.reversing)
+        return Interaction(
+            self._noise.interrupted(state.unrest), self._carrier.begin(), self._watcher.interrupt(state.contact)
         )
-        return Interaction(unrest, self._carrier.begin(), self._watcher.interrupt(state.contact))
 
     def step(
         self,
@@ -81,30 +80,25 @@ class Interactor:
         weighed: tuple[Weighing, Load],
         t_us: int,
     ) -> tuple[Interaction, Forces]:
-        """The state and the forces after one instant: its rows, the torque of the adapted friction and zeros `drift`
-        (R,) [N m], `usable` (R,) rows, weighing and load of the same step, time [us]."""
+        """The state and the forces after one instant: its rows, the adapted friction and zeros `drift` (D,),
+        `usable` (R,) rows, weighing and load of the same step, time [us]."""
         if not any(usable.tolist()):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
-        own = instant.rows.columns[:, : len(self.tares.values)]
-        left = self.tares.scale * (instant.rows.torque - own @ self.tares.values - drift)
-        unrest = self._noise.step(state.unrest, instant, self.tares.values + self.model.load @ carried.values)
-        noise = self._noise.covariance(unrest, instant, left)
-        solved = self._sensor.solve(instant.rows.columns, left, noise, usable)
-        contact = self._watcher.step(state.contact, Moment(t_us, *solved[:2], instant.place, instant.velocity))
-        load = own @ self.model.load
+        unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift)
+        seen = Moment(t_us, solved.found, solved.spread, instant.place, instant.velocity)
+        contact = self._watcher.step(state.contact, seen)
         if carried.known and not contact.touching:
             moving = np.logical_and(usable, self._moves(instant))
-            unrest = self._noise.learn(unrest, instant, left - load @ carried.values, moving)
-        forces = self._forces(solved, load, carried, contact.touching)
-        return Interaction(unrest, carried, contact), forces
+            unrest = self._noise.learn(unrest, solved, carried.values, moving)
+        return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching)
 
-    def _forces(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Forces:
+    def _forces(self, solved: Solved, carried: KnownLoad, touching: bool) -> Forces:
         """Both forces. The resultant is that of no contact while nothing touches the tool or hangs in it."""
         hanging = carried.values[0] if carried.known else self._alone(solved)[1] / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
-        return Forces(self._sensor.force(*solved[:2], acts), self._soil(solved, load, carried, touching))
+        return Forces(self._sensor.force(*solved[:2], acts), self._soil(solved, carried, touching))
 
     def _alone(self, solved: Solved) -> tuple[Array, float]:
         """The force (2,) without the mass that explains most of it, and the weight of that mass [N]."""
@@ -120,11 +114,10 @@ class Interactor:
         fast = (np.abs(instant.speed) > STILL).tolist()
         return np.array([any(fast[c] for c in acting) for acting in self.model.acting])
 
-    def _soil(self, solved: Solved, load: Array, carried: KnownLoad, touching: bool) -> Force:
+    def _soil(self, solved: Solved, carried: KnownLoad, touching: bool) -> Force:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
         of it."""
         if not carried.known and not touching:
             return self._sensor.force(self._alone(solved)[0], solved.spread, touching)
-        seen = solved.gain @ load
-        spread = solved.spread + seen @ self._carrier.covariance(carried) @ seen.T
-        return self._sensor.force(solved.found - seen @ carried.values, spread, touching)
+        found, spread = self._noise.soil(solved, carried.values, self._carrier.covariance(carried))
+        return self._sensor.force(found, spread, touching)

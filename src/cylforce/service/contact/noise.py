@@ -1,14 +1,18 @@
-"""How wrong the torque of this instant is: what is learned in the air, and two causes that are seen coming."""
+"""The force at the tool at an instant, and how wrong its torque is: what is learned in the air, and two causes that are
+seen coming. The arithmetic is the kernel's (estimation/kernel/pushed.py)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cylforce.estimation.fast import Instant
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import Limits, room, solver
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import RELATIVE
+from cylforce.service.force import prior
 from cylforce.signals.estimate import Array
 
 # The figures below are measured on machines of another generator: see tools/studies/README.md.
@@ -20,59 +24,85 @@ LARGEST = 9.0  # normalised square above which a sample teaches no more than thi
 
 
 class Unrest(NamedTuple):
-    """State: covariance `inertia` (R, R) [N^2 m^2] of the late torque of inertia; `reversing` (C,): 1 where a cylinder
-    turns round, fading; learned `variance` (R,) [N^2 m^2]."""
+    """State, as the kernel keeps it: covariance (R, R) [N^2 m^2] of the late torque of inertia; `reversing` (C,): 1
+    where a cylinder turns round, fading; learned variance (R,) [N^2 m^2]."""
 
-    inertia: Array
-    reversing: Array
-    variance: Array
+    kept: Array
+
+
+class Solved(NamedTuple):
+    """Force `found` (2,) [N] with `spread` (2, 2) [N^2]; `kept`: these and what the kernel asks for again."""
+
+    found: Array
+    spread: Array
+    kept: Numbers
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The errors of the rows of an instant. While the inertia changes, it is late; while a cylinder turns round, the
-    sign of its friction is; the rest is learned from the torque that is left in the air."""
+    """The force of an instant and the errors of its rows. While the inertia changes, it is late; while a cylinder turns
+    round, the sign of its friction is; the rest is learned from the torque that is left in the air."""
 
     model: Model
     tares: Tares
+    rated_force: float
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
-    def _keep(self) -> float:
-        return float(np.exp(-1.0 / (FADING_S * self.model.filters.rate_hz)))
+    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        rate = self.model.filters.rate_hz
+        keep = float(np.exp(-1.0 / (FADING_S * rate)))
+        limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate)
+        return solver(self.model, self.tares, self.kernel, limits, prior(self.model.machine, self.rated_force))
 
     @cached_property
-    def _coulomb(self) -> Array:
-        return np.abs(self.tares.values[self.model.coulomb])
+    def _rows(self) -> int:
+        return len(self.model.machine.rows)
+
+    @cached_property
+    def _size(self) -> int:
+        return self._rows**2 + len(self.model.machine.cylinders)
 
     def begin(self) -> Unrest:
         """The state before any sample."""
-        rows = len(self.model.machine.rows)
-        still = np.zeros(len(self.model.machine.cylinders))
-        return Unrest(np.zeros((rows, rows)), still, (PRIOR * self.tares.row_error) ** 2)
+        learned = np.broadcast_to((PRIOR * self.tares.row_error) ** 2, (self._rows,))
+        return Unrest(np.concatenate([np.zeros(self._size), learned]))
 
-    def step(self, state: Unrest, instant: Instant, parameters: Array) -> Unrest:
-        """The state after one instant; `parameters` (P,) of machine and load."""
-        late = LATE_S * (instant.change[:, : len(parameters)] @ parameters)
-        inertia = self._keep * state.inertia + (1.0 - self._keep) * np.multiply.outer(late, late)
-        return Unrest(inertia, np.maximum(instant.reversing, self._keep * state.reversing), state.variance)
+    def interrupted(self, state: Unrest) -> Unrest:
+        """The state after an interruption of the measurement: what was learned remains."""
+        return Unrest(np.concatenate([np.zeros(self._size), state.kept[self._size :]]))
 
-    def covariance(self, state: Unrest, instant: Instant, torque: Array) -> Array:
-        """Covariance (R, R) [N^2 m^2] of the rows of an instant that leave the `torque` (R,) [N m]."""
-        known = self._foreseen(state, instant) + state.variance + (RELATIVE * torque) ** 2
-        return state.inertia + np.diag(known)
+    def solve(self, state: Unrest, instant: Instant, usable: Array, load: Array, drift: Array) -> tuple[Unrest, Solved]:
+        """The state, and the force that explains the torque of the rows marked in `usable` (R,), after one instant with
+        a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros."""
+        r = self._rows
+        new, found = room(state.kept.size), room(8 * r + 6)
+        self.kernel.push(
+            self._solver,
+            instant.rows.columns.ravel(),
+            instant.rows.torque,
+            instant.change.ravel(),
+            instant.reversing,
+            instant.lever.ravel(),
+            usable.astype(np.float64),
+            load,
+            drift,
+            state.kept,
+            new,
+            found,
+        )
+        force = np.frombuffer(found)[2 * r : 2 * r + 6]
+        return Unrest(np.frombuffer(new)), Solved(force[:2], force[2:].reshape(2, 2), found)
 
-    def learn(self, state: Unrest, instant: Instant, torque: Array, good: Array) -> Unrest:
-        """The state after the rows marked in `good` (R,) left `torque` (R,) [N m] in the air: s <- s (1 + a (e - 1)), e
-        the square of what is left over its variance."""
-        expected = self._foreseen(state, instant) + np.diagonal(state.inertia) + state.variance
-        square = np.minimum(torque**2 / expected, LARGEST)
-        change = (square - 1.0) / (LEARNING_S * self.model.filters.rate_hz)
-        floor = self.tares.row_error**2
-        learned = np.maximum(state.variance * (1.0 + np.where(good, change, 0.0)), floor)
-        return state._replace(variance=learned)
+    def learn(self, state: Unrest, solved: Solved, load: Array, good: Array) -> Unrest:
+        """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""
+        learned = room(self._rows)
+        self.kernel.learn(self._solver, solved.kept, good.astype(np.float64), load, state.kept, learned)
+        return Unrest(np.concatenate((state.kept[: self._size], np.frombuffer(learned))))
 
-    def _foreseen(self, state: Unrest, instant: Instant) -> Array:
-        """Variance (R,) of friction whose sign is not known."""
-        if not self._coulomb.size:
-            return np.zeros(len(instant.lever.T))
-        return np.asarray(((state.reversing * self._coulomb) @ np.abs(instant.lever)) ** 2)
+    def soil(self, solved: Solved, load: Array, covariance: Array) -> tuple[Array, Array]:
+        """Force (2,) [N] less that of a load (4,) with covariance (4, 4), and its covariance (2, 2)."""
+        found = room(6)
+        self.kernel.soil(self._solver, solved.kept, load, covariance.ravel(), found)
+        whole = np.frombuffer(found)
+        return whole[:2], whole[2:].reshape(2, 2)

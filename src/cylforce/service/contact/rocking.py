@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import MIN_SECONDS, Residual
-from cylforce.service.weighing import Lift
+from cylforce.service.loading.lift import Lift
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -73,10 +73,11 @@ class Rocker:
         lift is settled."""
         if self.model.channels.inertial:
             return state, left
-        state = state._replace(total=state.total + float(channels[-3]), number=state.number + 1)
+        forward, upward, turning, pitches, total, number, wider = state
+        state = Rocking(forward, upward, turning, pitches, total + float(channels[-3]), number + 1, wider)
         if state.number >= self._lag:
             state = self._looked(state, left, channels, lift, usable)
-        return state, left._replace(variance=left.variance + state.wider)
+        return state, Residual(left.torque, left.variance + state.wider, left.rest, left.columns)
 
     def _looked(self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array) -> Rocking:
         state = self._tilted(state)

@@ -103,6 +103,16 @@ class Supervisor:
         return tuple(1e6 * pdo.period_s * (1.0 - FAST_CLOCK) for _, pdo in self.pdos)
 
     @cached_property
+    def _patience_us(self) -> tuple[float, ...]:
+        """Of each PDO's node, the time after which it counts as lost."""
+        return tuple(1e6 * CONSUMER_FACTOR * node.heartbeat_s for node, _ in self.pdos)
+
+    @cached_property
+    def _watching(self) -> tuple[int, ...]:
+        """The place of each PDO's node among the nodes."""
+        return tuple(self._nodes[_HEARTBEAT + node.node_id] for node, _ in self.pdos)
+
+    @cached_property
     def _signals(self) -> tuple[tuple[int, ...], ...]:
         """Numbers of the signals that each PDO carries."""
         number = {signal.name: k for k, signal in enumerate(self.service.machine.signals)}
@@ -125,19 +135,19 @@ class Supervisor:
         if place is not None:
             before = watched.pdos[place]
             pace = advanced(before, frame.t_us, self._periods_us[place])
-            watched = watched._replace(pdos=_with(watched.pdos, place, pace))
-            return self._after_pause(watched, self.pdos[place][0], before, frame.t_us)
+            watched = Senders(watched.nodes, _with(watched.pdos, place, pace), watched.ours_us)
+            if before.t_us != _NEVER and 0 <= frame.t_us - before.t_us <= self._patience_us[place]:
+                return watched
+            return self._after_pause(watched, self.pdos[place][0], frame.t_us)
         node = self._nodes.get(frame.can_id)
         if node is not None and len(frame.data) == 1:
             heard = LastHeartbeat(frame.t_us, frame.data[0] & 0x7F)
             return watched._replace(nodes=_with(watched.nodes, node, heard))
         return watched._replace(ours_us=frame.t_us) if frame.can_id in self.ours else watched
 
-    def _after_pause(self, senders: Senders, node: SensorNode, before: PdoRate, t_us: int) -> Senders:
+    def _after_pause(self, senders: Senders, node: SensorNode, t_us: int) -> Senders:
         """With the first PDO after a boot, after a pause, or after a leap of the clock, the heartbeat has its whole
         time (once more)."""
-        if before.t_us != _NEVER and 0 <= t_us - before.t_us <= _patience_us(node):
-            return senders
         k = self._nodes[_HEARTBEAT + node.node_id]
         heard = senders.nodes[k]
         if heard.t_us == _NEVER and not heard.booted:
@@ -165,23 +175,19 @@ class Supervisor:
         return dict(self._distrusted(watched, t_us))
 
     def _distrusted(self, watched: Senders, t_us: int) -> Iterator[tuple[int, Reason]]:
-        for (node, _), pace, signals in zip(self.pdos, watched.pdos, self._signals, strict=True):
-            if not _runs(watched.nodes[self._nodes[_HEARTBEAT + node.node_id]], node, pace):
-                yield from ((signal, Reason.NOT_OPERATIONAL) for signal in signals)
-            if pace.doubled(t_us):
-                yield from ((signal, Reason.TWO_PRODUCERS) for signal in signals)
+        for k, pace in enumerate(watched.pdos):
+            if not _runs(watched.nodes[self._watching[k]], self._patience_us[k], pace):
+                yield from ((signal, Reason.NOT_OPERATIONAL) for signal in self._signals[k])
+            if abs(t_us - pace.doubled_us) < QUIET_US:
+                yield from ((signal, Reason.TWO_PRODUCERS) for signal in self._signals[k])
 
 
 def _with(of: tuple[T, ...], place: int, item: T) -> tuple[T, ...]:
     return (*of[:place], item, *of[place + 1 :])
 
 
-def _patience_us(node: SensorNode) -> float:
-    return 1e6 * CONSUMER_FACTOR * node.heartbeat_s
-
-
-def _runs(heard: LastHeartbeat, node: SensorNode, pace: PdoRate) -> bool:
+def _runs(heard: LastHeartbeat, patience_us: float, pace: PdoRate) -> bool:
     """Whether a node was operational and alive when its PDO came; a heartbeat that was never heard is not missed."""
-    if heard.t_us == _NEVER or node.heartbeat_s <= 0.0:
+    if heard.t_us == _NEVER or patience_us <= 0.0:
         return True
-    return heard.state == _OPERATIONAL and pace.t_us - heard.t_us <= _patience_us(node)
+    return heard.state == _OPERATIONAL and pace.t_us - heard.t_us <= patience_us

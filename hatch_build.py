@@ -1,0 +1,93 @@
+"""Compiles the kernel of a step when a wheel is built, or installed for work on it. Without Cython or a C compiler the
+wheel holds the interpreted kernel only.
+
+The files of `src/cylforce/estimation/kernel` are put one after the other and the words of `restricted.py` become those
+of Cython. No contraction of products and sums, no library but C's own: the same bits as interpreted.
+
+    python hatch_build.py     # compiles it into the source"""
+
+import re
+import subprocess
+import sys
+import sysconfig
+import zlib
+from pathlib import Path
+from shutil import copy
+from tempfile import TemporaryDirectory, mkdtemp
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+KERNEL = Path("src/cylforce/estimation/kernel")
+PARTS = (
+    "plan.py",
+    "bodies.py",
+    "columns.py",
+    "rows.py",
+    "solver.py",
+    "weighed.py",
+    "pushed.py",
+)  # as in `kernel/choice.py`
+HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+# cython: infer_types=True
+cimport cython
+"""
+WORDS = {
+    r"^from math import (.*)$": r"from libc.math cimport \1",
+    r"^from (?:cylforce|typing)[\w.]* import (?:\([^)]*\)|.*)$": "",
+    r"^(\w+): Count = ": r"cdef Py_ssize_t \1 = ",
+    r"^(\w+): Number = ": r"cdef double \1 = ",
+    r"^@record$": "@cython.cclass",
+    r"^@inner\ndef (\w+\([^()]*\)) -> None:": r"@inner\ndef \1 -> cython.void:",
+    r"^@inner$": "@cython.cfunc\n@cython.exceptval(check=False)",
+    r"\bNumbers\b(?!`)": "cython.double[::1]",
+    r"\bCounts\b(?!`)": "cython.longlong[::1]",
+    r"\bNumber\b(?!`)": "cython.double",
+    r"\bCount\b(?!`)": "cython.Py_ssize_t",
+}
+
+
+def source(folder: Path) -> str:
+    """The kernel as Cython reads it."""
+    text = "\n\n".join((folder / name).read_text(encoding="utf-8") for name in PARTS)
+    for word, meaning in WORDS.items():
+        text = re.sub(word, meaning, text, flags=re.MULTILINE)
+    checksum = zlib.crc32(b"".join((folder / name).read_bytes() for name in PARTS))
+    return f"{HEAD}\nTEXT = {checksum}\n{text}"
+
+
+def compile_kernel(root: Path, into: Path) -> Path:
+    """Compile the kernel into a folder. Raises OSError or CalledProcessError where it cannot be compiled."""
+    with TemporaryDirectory() as name:
+        (Path(name) / "compiled.pyx").write_text(source(root / KERNEL), encoding="utf-8")
+        built = f"compiled{sysconfig.get_config_var('EXT_SUFFIX')}"
+        cython = [sys.executable, "-m", "cython", "--module-name", "cylforce.estimation.kernel.compiled"]
+        compiler = str(sysconfig.get_config_var("CC") or "cc").split()
+        options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", f"-I{sysconfig.get_path('include')}"]
+        # names without folders: they stand in the result, which is to be the same wherever it is built
+        for command in ([*cython, "compiled.pyx"], [*compiler, *options, "compiled.c", "-lm", "-o", built]):
+            subprocess.run(command, check=True, cwd=name)
+        copy(Path(name) / built, into / f"{built}.new")
+    return (into / f"{built}.new").replace(into / built)
+
+
+class KernelHook(BuildHookInterface):
+    """Hatchling's hook for wheels."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile, and make the wheel one for this processor; where that fails, say so and go on. An installation for
+        work on the source has the kernel there."""
+        root = Path(self.root)
+        into = root / KERNEL if version == "editable" else Path(mkdtemp())
+        try:
+            built = compile_kernel(root, into)
+        except (OSError, subprocess.CalledProcessError) as error:
+            self.app.display_warning(f"the kernel is not compiled, the interpreted one will run: {error}")
+            return
+        build_data["pure_python"], build_data["infer_tag"] = False, True
+        if version != "editable":
+            build_data["force_include"][str(built)] = f"cylforce/estimation/kernel/{built.name}"
+
+
+if __name__ == "__main__":
+    compile_kernel(Path(__file__).parent, Path(__file__).parent / KERNEL)

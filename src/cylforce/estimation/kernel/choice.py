@@ -1,0 +1,71 @@
+"""Which form of the kernel runs: the compiled one where there is one of this text and for this processor, else the
+interpreted one."""
+
+from functools import cache
+from importlib import import_module
+from importlib.resources import files
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+from zlib import crc32
+
+from cylforce.estimation.kernel import plan, pushed, rows, solver, weighed
+from cylforce.estimation.kernel.solving import listed
+
+PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")
+COMPILED = "compiled"
+INTERPRETED: Any = SimpleNamespace(
+    KernelPlan=listed(plan.KernelPlan),
+    KernelSolver=listed(solver.KernelSolver),
+    advance=rows.advance,
+    state_size=rows.state_size,
+    rows_size=rows.rows_size,
+    **{
+        function.__name__: listed(function)
+        for function in (
+            weighed.explain,
+            weighed.gate,
+            weighed.take,
+            weighed.conclude,
+            pushed.push,
+            pushed.soil,
+            pushed.learn,
+            pushed.gather,
+        )
+    },
+)
+
+
+class Choice(NamedTuple):
+    """The `kernel` that runs, and why the compiled one was refused, in a sentence; empty where it runs, or where there
+    is none."""
+
+    kernel: Any
+    refused: str = ""
+
+
+@cache
+def choice() -> Choice:
+    """The choice, made once. Source and compiled form are read as Python itself reads them when it imports."""
+    here = files(__package__)
+    built = [entry.name for entry in here.iterdir() if entry.name.startswith(f"{COMPILED}.")]
+    if not built:
+        return Choice(INTERPRETED)
+    text = crc32(b"".join((here / name).read_bytes() for name in PARTS))
+    try:
+        return judged(import_module(f"{__package__}.{COMPILED}"), text)
+    except ImportError as error:
+        why = f"{built[0]} is for another processor or Python ({error})"
+        return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
+
+
+def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
+    """The compiled kernel, if it was compiled from this `text` (its checksum)."""
+    if getattr(compiled, "TEXT", None) == text:
+        return Choice(compiled)
+    why = "it was compiled from another version of its source"
+    return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
+
+
+def chosen() -> Any:  # noqa: ANN401 - a module of C functions or one of Python's
+    """The kernel that runs."""
+    return choice().kernel

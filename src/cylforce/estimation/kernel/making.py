@@ -1,0 +1,224 @@
+"""The kernel's plan of a model: its machine, the numbers of its columns, its filters."""
+
+from array import array
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from cylforce.effects.effect import Effect
+from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
+from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.friction.friction import AtRest
+from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.friction.stribeck import Stribeck
+from cylforce.effects.friction.viscous_friction import ViscousFriction
+from cylforce.effects.loads.cylinder_weight import CylinderWeight
+from cylforce.effects.loads.rigid import Rigid
+from cylforce.effects.loads.rocker_weight import RockerWeight
+from cylforce.effects.loads.slew import Slew
+from cylforce.effects.loads.tip_force import TipForce
+from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.pressure_zero import PressureZero
+from cylforce.estimation.filters import Filter
+from cylforce.estimation.kernel import columns
+from cylforce.estimation.kernel.restricted import Counts, Numbers
+from cylforce.estimation.model import Model
+from cylforce.mechanics.linkages import FourBar
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.kinds import Kind
+
+FORCE_LAWS: dict[type, int] = {
+    CoulombFriction: columns.COULOMB,
+    ViscousFriction: columns.VISCOUS,
+    LoadDependentFriction: columns.LOAD,
+    AsymmetricFriction: columns.DIRECTIONAL,
+    Stribeck: columns.STRIBECK,
+    Delay: columns.DELAY,
+    PressureZero: columns.ZERO,
+    AtRest: columns.AT_REST,
+}
+# The other effects, with the ends of the names of the columns that are theirs alone.
+OTHERS: dict[type, tuple[str, ...]] = {
+    Rigid: (),
+    TipForce: (),
+    Slew: ("D_excess", "E"),
+    RockerWeight: ("rocker",),
+    CylinderWeight: ("cylinder",),
+}
+
+
+def numbers(values: Iterable[Any]) -> Numbers:
+    """An array of the kernel."""
+    return array("d", [float(value) for value in values])
+
+
+def counts(values: Iterable[int]) -> Counts:
+    """An array of integers of the kernel."""
+    return array("q", [int(value) for value in values])
+
+
+def plan(model: Model, kind: Any) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+    """The plan (`kind`: class `KernelPlan` of the kernel) of a model. Raises TypeError for an effect whose law the
+    kernel does not know."""
+    return kind(*_arguments(model))
+
+
+def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Numbers]]:
+    machine, table = model.machine, _Table(model)
+    n, c, r = machine.size, len(machine.cylinders), len(machine.rows)
+    k, d = len(table.names), n + c + (6 if model.channels.inertial else 3)
+    kinds = {signal.kind for signal in machine.signals}
+    flags = (Kind.SLEW_RATE in kinds, model.channels.inertial)
+    sizes = counts([n, c, r, k, d, len(table.laws) // 2, model.settle_steps, *flags, table.place("tip.x")])
+    base, dt = machine.inertial, 1.0 / model.filters.rate_hz
+    physics = numbers([machine.gravity, machine.slew_axis, base.real, base.imag, dt])
+    used, moved = table.used()
+    whole: list[Sequence[int]] = [
+        _rows(machine),
+        _acting(model),
+        _bodies(machine),
+        table.rigid,
+        table.slewed,
+        table.rocker,
+        table.weight,
+    ]
+    whole += [table.laws, _levers(machine, k), used, moved, [0] * c]
+    parts: list[Sequence[float]] = [
+        machine.lengths.tolist(),
+        _pairs(machine.arms),
+        _pins(machine),
+        _bars(machine),
+        _stops(model),
+        table.shapes,
+    ]
+    room = [d, d, n, n, 2 * n, 2 * n, 4 * n, 6 * (4 + 4 * n), c * n, c, c, r * k, r * k, r + 1]
+    parts += [*_filters(model), *([0.0] * size for size in room)]
+    return sizes, physics, [counts(x) for x in whole], [numbers(x) for x in parts]
+
+
+class _Table:
+    """Where the columns of a model's effects stand."""
+
+    def __init__(self, model: Model) -> None:
+        self._model, machine = model, model.machine
+        regressor = model.filtered.regressor
+        self.names = {name: k for k, name in enumerate(regressor.names)}
+        links = [link.name for link in machine.links]
+        self.rigid = [self.names[f"{link}.{symbol}"] for link in links for symbol in ("J", "X", "Z")]
+        self.slewed: list[int] = []
+        self.laws: list[int] = []
+        self.shapes: list[float] = []
+        self.rocker, self.weight = [-1] * len(machine.cylinders), [-1] * len(machine.cylinders)
+        for effect in regressor.effects:
+            self._take(effect, links)
+
+    def place(self, name: str) -> int:
+        """Number of a column."""
+        return self.names[name]
+
+    def _take(self, effect: Effect, links: Sequence[str]) -> None:
+        machine, law = self._model.machine, getattr(effect, "law", effect)  # the law of a friction
+        if type(law) in FORCE_LAWS:
+            self.laws += [FORCE_LAWS[type(law)], self.names[effect.parameters(machine)[0].name]]
+            self.shapes += [getattr(law, "rounding", 1.0), getattr(law, "width", 1.0)]
+        elif type(law) not in OTHERS:
+            raise TypeError(f"the kernel does not know the law of {type(effect).__name__}")
+        elif "D_excess" in OTHERS[type(law)]:
+            self.slewed = [self.names[f"{link}.{symbol}"] for link in links for symbol in OTHERS[type(law)]]
+        elif "rocker" in OTHERS[type(law)]:
+            self.rocker = [self.names.get(f"{c.name}.rocker", -1) for c in machine.cylinders]
+        elif "cylinder" in OTHERS[type(law)]:
+            self.weight = [self.names.get(f"{c.name}.cylinder", -1) for c in machine.cylinders]
+
+    def used(self) -> tuple[list[int], list[int]]:
+        """Places row K + column that can differ from zero, and those of momentum: a link moves the joints before it, a
+        cylinder those that it spans, with its weight also those that carry it."""
+        machine, size = self._model.machine, len(self.names)
+        farthest = {k: i // 3 for i, k in enumerate(self.rigid)} | {k: i // 2 for i, k in enumerate(self.slewed)}
+        farthest |= {self.names["tip.x"] + i: machine.size for i in range(3)}
+        weights = {k for k in (*self.rocker, *self.weight) if k >= 0}
+        farthest |= dict.fromkeys(weights, machine.size)
+        spans = {first + c: span for first in self.laws[1::2] for c, span in enumerate(machine.spans)}
+        used, moved = [], []
+        for row, joint in enumerate(machine.rows):
+            for k in range(size):
+                if joint <= farthest.get(k, -1) or joint in spans.get(k, ()):
+                    used.append(row * size + k)
+                    if k in weights or k in self.rigid:
+                        moved.append(row * size + k)
+        return used, moved
+
+
+def _rows(machine: Machine) -> list[int]:
+    return [machine.rows.index(j) if j in machine.rows else -1 for j in range(machine.size)]
+
+
+def _levers(machine: Machine, columns: int) -> list[int]:
+    found = []
+    for row, joint in enumerate(machine.rows):
+        for c, span in enumerate(machine.spans):
+            if joint in span:
+                found += [c * machine.size + joint, row * columns + c, c]
+    return found
+
+
+def _acting(model: Model) -> list[int]:
+    return [c in acting for acting in model.acting for c in range(len(model.machine.cylinders))]
+
+
+def _bodies(machine: Machine) -> list[int]:
+    found = []
+    for cylinder in machine.cylinders:
+        bodies = [body for body, _ in cylinder.linkage.pins]
+        found += [*bodies, -1][:3]
+    return found
+
+
+def _pairs(points: Iterable[complex]) -> list[float]:
+    return [x for point in points for x in (point.real, point.imag)]
+
+
+def _pins(machine: Machine) -> list[float]:
+    found = []
+    for cylinder in machine.cylinders:
+        found += [*_pairs(local for _, local in cylinder.linkage.pins), 0.0, 0.0][:6]
+    return found
+
+
+def _bars(machine: Machine) -> list[float]:
+    found = []
+    for cylinder in machine.cylinders:
+        bar, half = cylinder.linkage, cylinder.length_low / 2.0
+        own = (
+            [bar.rocker_length, bar.link_length, bar.side, bar.eye.real, bar.eye.imag]
+            if isinstance(bar, FourBar)
+            else [1.0] * 5
+        )
+        found += [*own, half]
+    return found
+
+
+def _stops(model: Model) -> list[float]:
+    low, high = model.channels.stops
+    return [float(x) for pair in zip(low, high, strict=True) for x in pair]
+
+
+def _filters(model: Model) -> list[list[float]]:
+    """Coefficients of the channels' low-pass (b1, b2, a1, a2 after b0), of the columns', of its begin, of the forces'
+    and of the inertia's."""
+    slow, fast = model.filtered, model.fast
+    return [
+        _coefficients(model.channels.smooth),
+        _coefficients(slow.mean),
+        list(slow.shares),
+        [slow.slope.b[0], slow.slope.b[-1]],
+        [-float(np.sum(slow.slope.b[:k])) for k in range(1, 4)],
+        _coefficients(fast.quick),
+        fast.quick.steady(np.ones(())).tolist(),
+        _coefficients(fast.slow),
+    ]
+
+
+def _coefficients(filter_: Filter) -> list[float]:
+    return [*filter_.b, *filter_.a[1:]]

@@ -1,0 +1,277 @@
+"""The force at the tool at one instant, its errors, and what a block of motion tells of whose machine it is:
+`service.contact.noise`, `service.force` and `service.recognition`, in plain numbers."""
+
+from math import sqrt
+
+from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
+from cylforce.estimation.kernel.solver import KernelSolver
+from cylforce.estimation.kernel.weighed import add, loaded, quadratic
+
+
+def push(
+    s: KernelSolver,
+    columns: Numbers,
+    torque: Numbers,
+    change: Numbers,
+    reversing: Numbers,
+    lever: Numbers,
+    usable: Numbers,
+    load: Numbers,
+    drift: Numbers,
+    unrest: Numbers,
+    new: Numbers,
+    found: Numbers,
+) -> None:
+    """Of the rows of an instant, columns (R, K), torque (R,), rate of change (R, K), of reversing cylinders (C,) and
+    levers (C, R), the load in the bucket (4,), the values of the drift (D,), and the errors before, inertia (R, R),
+    reversing (C,), variance (R,), one after the other: `new`, the same errors after it; `found`: torque left (R,),
+    variance of friction whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the
+    load (R, 4)."""
+    gains = 2 * s.r + 6
+    own_columns(s, columns)
+    leave(s, columns, torque, drift, found)
+    loaded(s, s.own, s.other)
+    for i in range(4 * s.r):
+        found[gains + 2 * s.r + i] = s.other[i]
+    be_late(s, change, load, unrest, new)
+    for c in range(s.c):
+        new[s.r * s.r + c] = max(reversing[c], s.keep * unrest[s.r * s.r + c])
+    for r in range(s.r):
+        new[s.r * s.r + s.c + r] = unrest[s.r * s.r + s.c + r]
+        foreseen = 0.0
+        for c in range(s.dry_size):
+            foreseen += new[s.r * s.r + c] * s.dry[c] * abs(lever[c * s.r + r])
+        found[s.r + r] = foreseen * foreseen
+    doubt(s, found, new)
+    solve(s, columns, usable, found)
+
+
+@inner
+def leave(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
+    """Torque (R,) that tares and drift leave."""
+    own, values, at = s.own, s.values, s.at
+    for r in range(s.r):
+        o, left = r * s.p, torque[r]
+        for m in range(s.many[r]):
+            left -= own[o + at[o + m]] * values[at[o + m]]
+        for i in range(s.d):
+            left -= columns[r * s.k + s.changing[i]] * drift[i]
+        found[r] = s.scale * left
+
+
+@inner
+def own_columns(s: KernelSolver, columns: Numbers) -> None:
+    """The columns of the tares (R, P), one row after the other, in `own`; which are not zero, in `at` (R, P), the first
+    `many` (R,)."""
+    own, at, size = s.own, s.at, s.p
+    for r in range(s.r):
+        o, number = r * size, 0
+        for i in range(size):
+            x = columns[r * s.k + i]
+            own[o + i] = x
+            if x != 0.0:
+                at[o + number] = i
+                number += 1
+        s.many[r] = number
+
+
+@inner
+def be_late(s: KernelSolver, change: Numbers, load: Numbers, before: Numbers, new: Numbers) -> None:
+    """Covariance (R, R) of the late torque of inertia of machine and load."""
+    late, values = s.spread, s.values
+    for r in range(s.r):
+        o, total = r * s.k, 0.0
+        for i in range(s.p):
+            total += change[o + i] * values[i]
+        for i in range(s.loads):
+            total += change[r * s.k + s.load_at[2 * i]] * s.load[i] * load[s.load_at[2 * i + 1]]
+        late[r] = s.late * total
+    for r in range(s.r):
+        for q in range(s.r):
+            new[r * s.r + q] = s.keep * before[r * s.r + q] + (1.0 - s.keep) * (late[r] * late[q])
+
+
+@inner
+def doubt(s: KernelSolver, found: Numbers, new: Numbers) -> None:
+    """Covariance (R, R) of the torque that is left, in `square`: own errors of the instant and those of the tares."""
+    for q in range(s.r):
+        each = s.relative * found[q]
+        total = quadratic(s, s.covariance, s.p, s.own, q * s.p) + each * each
+        s.square[q * s.r + q] = total + found[s.r + q] + new[s.r * s.r + s.c + q] + new[q * s.r + q]
+        for r in range(q + 1, s.r):
+            s.square[r * s.r + q] = new[r * s.r + q] + common(s, r, q)
+
+
+@inner
+def common(s: KernelSolver, r: Count, q: Count) -> Number:
+    """Covariance of the torques of two rows by errors of the tares."""
+    own, at, covariance = s.own, s.at, s.covariance
+    one, two, total = r * s.p, q * s.p, 0.0
+    for m in range(s.many[r]):
+        row, each = at[one + m] * s.p, 0.0
+        for n in range(s.many[q]):
+            j = at[two + n]
+            each += covariance[row + j] * own[two + j]
+        total += own[one + at[one + m]] * each
+    return total
+
+
+@inner
+def solve(s: KernelSolver, columns: Numbers, usable: Numbers, found: Numbers) -> None:
+    """Force at the tool by weighted least squares with its prior, from the usable rows: with L L' = `square`, rows
+    L^-1 [tool | left], then the same of their normal matrix; `own` holds the rows and the inverse."""
+    t, tools, o = s.t, s.own, s.t * s.r
+    factor(s.square, s.r, usable)
+    for i in range(t):
+        for r in range(s.r):
+            tools[i * s.r + r] = columns[r * s.k + s.tip + i]
+        forward(s.square, s.r, usable, tools, i * s.r)
+        for j in range(i + 1):
+            total = s.prior[i * t + j]
+            for r in range(s.r):
+                total += tools[i * s.r + r] * tools[j * s.r + r]
+            s.spread[i * t + j] = total
+    invert(s.spread, t, tools, o)
+    for i in range(t):
+        backward(s.square, s.r, usable, tools, i * s.r)
+    for i in range(2):
+        for j in range(2):
+            found[2 * s.r + 2 + 2 * i + j] = tools[o + i * t + j]
+    gain(s, tools, o, found)
+
+
+@inner
+def gain(s: KernelSolver, tools: Numbers, o: Count, found: Numbers) -> None:
+    """Force per unit of each row's torque, and the force."""
+    for i in range(2):
+        total = 0.0
+        for r in range(s.r):
+            each = 0.0
+            for j in range(s.t):
+                each += tools[o + i * s.t + j] * tools[j * s.r + r]
+            found[2 * s.r + 6 + i * s.r + r] = each
+            total += each * found[r]
+        found[2 * s.r + i] = total
+
+
+@inner
+def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
+    """Cholesky's factor in the place of the lower triangle of a matrix, of the usable rows alone."""
+    for i in range(size):
+        for j in range(i + 1):
+            if usable[i] != 0.0 and usable[j] != 0.0:
+                total = matrix[i * size + j]
+                for k in range(j):
+                    if usable[k] != 0.0:
+                        total -= matrix[i * size + k] * matrix[j * size + k]
+                matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
+
+
+@inner
+def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
+    """x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
+    for i in range(size):
+        total = x[o + i]
+        for k in range(i):
+            total -= matrix[i * size + k] * x[o + k] if usable[k] != 0.0 else 0.0
+        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+
+
+@inner
+def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
+    """x <- L'^-1 x of the usable rows."""
+    for i in range(size - 1, -1, -1):
+        total = x[o + i]
+        for k in range(i + 1, size):
+            total -= matrix[k * size + i] * x[o + k] if usable[k] != 0.0 else 0.0
+        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+
+
+@inner
+def invert(matrix: Numbers, size: Count, into: Numbers, o: Count) -> None:
+    """The inverse of a positive definite matrix whose lower triangle is given, to the place `o` of `into`."""
+    for i in range(size):
+        for j in range(i + 1):
+            total = matrix[i * size + j]
+            for k in range(j):
+                total -= matrix[i * size + k] * matrix[j * size + k]
+            matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
+    for column in range(size):
+        for i in range(size):
+            total = 1.0 if i == column else 0.0
+            for k in range(i):
+                total -= matrix[i * size + k] * into[o + k * size + column]
+            into[o + i * size + column] = total / matrix[i * size + i]
+        for i in range(size - 1, -1, -1):
+            total = into[o + i * size + column]
+            for k in range(i + 1, size):
+                total -= matrix[k * size + i] * into[o + k * size + column]
+            into[o + i * size + column] = total / matrix[i * size + i]
+
+
+def soil(s: KernelSolver, found: Numbers, load: Numbers, covariance: Numbers, into: Numbers) -> None:
+    """Force without the load, (4,) with covariance (4, 4), and its covariance: `into` (2,) and (2, 2)."""
+    gains = 2 * s.r + 6
+    seen = s.other
+    for i in range(2):
+        into[i] = found[2 * s.r + i]
+        for j in range(4):
+            total = 0.0
+            for r in range(s.r):
+                total += found[gains + i * s.r + r] * found[gains + 2 * s.r + 4 * r + j]
+            seen[4 * i + j] = total
+            into[i] -= total * load[j]
+    for i in range(2):
+        for j in range(2):
+            total = found[2 * s.r + 2 + 2 * i + j]
+            for k in range(4):
+                for q in range(4):
+                    total += seen[4 * i + k] * covariance[4 * k + q] * seen[4 * j + q]
+            into[2 + 2 * i + j] = total
+
+
+def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest: Numbers, new: Numbers) -> None:
+    """Variances (R,) of the rows after an instant in the air with a load (4,): s <- s (1 + a (e - 1)) of the rows that
+    are `good`, e the square of what is left over its variance."""
+    o = s.r * s.r + s.c
+    for r in range(s.r):
+        left = found[r]
+        for i in range(4):
+            left -= found[4 * s.r + 6 + 4 * r + i] * load[i]
+        variance = unrest[o + r]
+        if good[r] != 0.0:
+            expected = found[s.r + r] + unrest[r * s.r + r] + variance
+            variance *= 1.0 + (min(left * left / expected, s.largest) - 1.0) / s.learning
+        new[r] = max(variance, s.row_error[r] * s.row_error[r])
+
+
+def gather(
+    s: KernelSolver,
+    columns: Numbers,
+    left: Numbers,
+    telling: Numbers,
+    change: Numbers,
+    memory: Number,
+    gram: Numbers,
+    new: Numbers,
+) -> None:
+    """`new`: the gram (K, K) with the telling rows of one instant, [load | changes in units of `change` (D,) | torque
+    left], in units of their standard errors, over `memory`. Columns (R, K); `left` (3, R): torque, variance, rest."""
+    size = 5 + s.d
+    own_columns(s, columns)
+    loaded(s, s.own, s.spread)
+    for i in range(size * size):
+        new[i] = gram[i]
+    for r in range(s.r):
+        if telling[r] != 0.0:
+            x = s.other
+            unsure = quadratic(s, s.covariance, s.p, s.own, r * s.p)
+            weight = 1.0 / sqrt((left[s.r + r] + left[2 * s.r + r] + unsure) * memory)
+            for i in range(4):
+                x[i] = s.spread[4 * r + i] * weight
+            for i in range(s.d):
+                x[4 + i] = columns[r * s.k + s.changing[i]] * change[i] * weight
+            x[size - 1] = left[r] * weight
+            for i in range(size):
+                if x[i] != 0.0:
+                    add(new, i * size, x[i], x, 0, size)

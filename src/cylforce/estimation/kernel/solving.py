@@ -1,0 +1,85 @@
+"""The kernel's solver of a model and its tares, and how arrays get to the kernel."""
+
+from array import array
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.model import Model, Tares
+from cylforce.estimation.residual import RELATIVE
+from cylforce.signals.estimate import Array
+
+
+class Limits(NamedTuple):
+    """Numbers of the service, by the names that they have there; 1 where a caller does not use one."""
+
+    gate: float = 1.0
+    break_away: float = 1.0
+    cold: float = 1.0
+    drifted: float = 1.0
+    memory: float = 1.0
+    patience: float = 1.0
+    keep: float = 1.0
+    late: float = 1.0
+    largest: float = 1.0
+    learning: float = 1.0
+
+
+NO_LIMITS = Limits()
+
+
+def solver(
+    model: Model,
+    tares: Tares,
+    kernel: Any,  # noqa: ANN401 - of either form
+    limits: Limits = NO_LIMITS,
+    prior: Array | None = None,
+) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+    """The solver; `prior` (T, T): information on force and moment at the tool."""
+    rows, size, tools = len(model.machine.rows), len(model.parameters), 3 if prior is None else len(prior)
+    cylinders, drifts = len(model.machine.cylinders), len(model.changing)
+    columns = len(model.filtered.regressor.names)
+    sizes = [rows, columns, size, cylinders, drifts, tools, model.at_rest.start, model.tool.start]
+    places = np.argwhere(model.load)
+    dry = np.abs(tares.values[model.coulomb])
+    errors = np.broadcast_to(tares.row_error, (rows,))
+    parts = [model.load[tuple(places.T)], tares.values, tares.covariance, errors, dry]
+    parts.append(np.zeros((tools, tools)) if prior is None else prior)
+    most = max(rows, 4)
+    room = [4 * most, rows * size + 2 * tools * most, most * most, max(size, drifts + 5, 4 * most), size + drifts]
+    parts += [np.zeros(each) for each in room]
+    return kernel.KernelSolver(
+        counts(sizes),
+        numbers([tares.scale, tares.scale_error, RELATIVE, *limits]),
+        [
+            counts(model.changing.tolist()),
+            counts(places.ravel().tolist()),
+            *(counts([0] * each) for each in (size + drifts, rows * size, rows)),
+        ],
+        [numbers(np.ravel(part).tolist()) for part in parts],
+    )
+
+
+def room(size: int) -> Numbers:
+    """A place for results of the kernel."""
+    return array("d", bytes(8 * size))
+
+
+def listed(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The interpreted function, for arrays: it takes their numbers as lists, which are read several times faster.
+    Where it writes, it is given arrays that it keeps."""
+
+    def called(*arguments: Any) -> Any:  # noqa: ANN401 - what the function takes and gives
+        return function(*[plain(each) for each in arguments])
+
+    return called
+
+
+def plain(values: Any) -> Any:  # noqa: ANN401 - an argument of the kernel
+    """NumPy's array as a list; a list of the kernel's own arrays as lists."""
+    if isinstance(values, np.ndarray):
+        return values.tolist()
+    return [each.tolist() for each in values] if isinstance(values, list) else values

@@ -1,0 +1,236 @@
+"""The torque that the tares leave, and one instant of a lift: `residual.residual`, `service.weighing` and
+`recursive.update`, in plain numbers."""
+
+from math import sqrt
+
+from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
+from cylforce.estimation.kernel.solver import KernelSolver
+
+
+def explain(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
+    """Of rows (R, K) with `torque` (R,), the values of the drift (D,): `found` (3 + D, R) is the torque left, its
+    variance, that of friction at rest, and the columns of the drift (R, D)."""
+    values, changing = s.values, s.changing
+    for r in range(s.r):
+        o = r * s.k
+        left = torque[r]
+        for i in range(s.p):
+            left -= columns[o + i] * values[i]
+        for i in range(s.d):
+            x = columns[o + changing[i]]
+            found[3 * s.r + r * s.d + i] = x
+            left -= x * drift[i]
+        left *= s.scale
+        found[r] = left
+        found[s.r + r] = s.row_error[r] * s.row_error[r] + (s.relative * left) * (s.relative * left)
+        rest = 0.0
+        for c in range(s.dry_size):
+            rest += columns[o + s.at_rest + c] * s.dry[c]
+        found[2 * s.r + r] = rest * rest
+
+
+@inner
+def quadratic(s: KernelSolver, matrix: Numbers, size: Count, x: Numbers, o: Count) -> Number:
+    """x' C x of a symmetric matrix (size, size) and the vector that begins at `o`, whose zeros are passed over."""
+    places, some, number, total = s.places, s.some, 0, 0.0
+    for i in range(size):
+        each = x[o + i]
+        if each != 0.0:
+            half, row = 0.0, i * size
+            for k in range(number):
+                half += matrix[row + places[k]] * some[k]
+            total += each * (matrix[row + i] * each + 2.0 * half)
+            places[number], some[number] = i, each
+            number += 1
+    return total
+
+
+@inner
+def loaded(s: KernelSolver, columns: Numbers, into: Numbers) -> None:
+    """Columns (R, 4) of a load, from those of the tares (R, P)."""
+    for r in range(s.r):
+        for i in range(4):
+            into[4 * r + i] = 0.0
+        for i in range(s.loads):
+            into[4 * r + s.load_at[2 * i + 1]] += columns[r * s.p + s.load_at[2 * i]] * s.load[i]
+
+
+@inner
+def shift(s: KernelSolver, values: Numbers, covariance: Numbers, gram: Numbers, drift: Numbers) -> None:
+    """The load (4,) with the drift as it is known now, into `spread`: values - covariance gram_D drift."""
+    size = s.p + s.d
+    for i in range(4):
+        by = 0.0
+        for j in range(s.d):
+            by += gram[i * size + s.p + j] * drift[j]
+        s.spread[4 + i] = by
+    for i in range(4):
+        total = values[i]
+        for j in range(4):
+            total -= covariance[4 * i + j] * s.spread[4 + j]
+        s.spread[i] = total
+
+
+def gate(
+    s: KernelSolver,
+    columns: Numbers,
+    left: Numbers,
+    usable: Numbers,
+    values: Numbers,
+    covariance: Numbers,
+    gram: Numbers,
+    rested: Numbers,
+    known: Numbers,
+    unsure: Numbers,
+    drifting: Numbers,
+    work: Numbers,
+) -> Count:
+    """Whether an instant fits the lift: columns (R, P), `left` (3, R): torque, variance, friction at rest; `usable`
+    rows; of the lift values (4,), covariance (4, 4), gram (4, P + D), steps at rest `rested` (R,); of the drift values
+    `known`, covariance `unsure`, columns `drifting` (R, D). `work` (8, R): columns of the load (R, 4), torque with
+    the drift, variance, rows to be taken in, new steps at rest."""
+    loaded(s, columns, work)
+    shift(s, values, covariance, gram, known)
+    total, number = 0.0, 0
+    for r in range(s.r):
+        torque, variance, rest = left[r], left[s.r + r], left[2 * s.r + r]
+        by, expected = 0.0, 0.0
+        for i in range(s.d):
+            by += drifting[r * s.d + i] * known[i]
+        for i in range(4):
+            expected += work[4 * r + i] * s.spread[i]
+        doubt = quadratic(s, covariance, 4, work, 4 * r)
+        doubt += min(s.cold * s.cold * quadratic(s, unsure, s.d, drifting, r * s.d), s.drifted * variance)
+        doubt += variance + s.break_away * s.break_away * rest
+        still = rest > variance
+        steps = rested[r] + 1.0 if still else 0.0
+        work[4 * s.r + r] = torque + s.scale * by
+        work[5 * s.r + r] = s.memory * variance + s.patience * rest
+        work[6 * s.r + r] = 1.0 if usable[r] != 0.0 and steps <= s.patience else 0.0
+        work[7 * s.r + r] = steps
+        if usable[r] != 0.0:
+            total += (torque - expected) * (torque - expected) / doubt
+            number += 1
+    return 0 if number == 0 or total / number > s.gate else 1
+
+
+def take(
+    s: KernelSolver,
+    columns: Numbers,
+    work: Numbers,
+    drifting: Numbers,
+    factor: Numbers,
+    right: Numbers,
+    gram: Numbers,
+    new: Numbers,
+) -> None:
+    """A lift with an instant that fits: `work` of `gate`; triangle `factor` (4, 4) and `right` (4,) of its information,
+    `gram` (4, P + D). `new`: factor, right, values (4,), covariance (4, 4), gram of the lift after it."""
+    size = s.p + s.d
+    for i in range(16):
+        new[i] = factor[i]
+    for i in range(4):
+        new[16 + i] = right[i]
+    for i in range(4 * size):
+        new[40 + i] = gram[i]
+    for r in range(s.r):
+        if work[6 * s.r + r] != 0.0:
+            variance = work[5 * s.r + r]
+            weight = 1.0 / sqrt(variance)
+            for i in range(4):
+                s.spread[i] = work[4 * r + i] * weight
+                each = work[4 * r + i] / variance
+                if each != 0.0:
+                    add(new, 40 + i * size, each, columns, r * s.p, s.p)
+                    add(new, 40 + i * size + s.p, each, drifting, r * s.d, s.d)
+            rotate(s, new, work[4 * s.r + r] * weight)
+    solve_triangle(s, new)
+
+
+@inner
+def add(into: Numbers, at: Count, times: Number, x: Numbers, o: Count, size: Count) -> None:
+    """`times` the vector that begins at `o` to that which begins at `at`."""
+    for j in range(size):
+        if x[o + j] != 0.0:
+            into[at + j] += times * x[o + j]
+
+
+@inner
+def rotate(s: KernelSolver, new: Numbers, observed: Number) -> None:
+    """The triangle with one more row, `spread` (4,) with `observed`, by Givens' rotations."""
+    for i in range(4):
+        b = s.spread[i]
+        if b != 0.0:
+            a = new[5 * i]
+            size = sqrt(a * a + b * b)
+            along, across = a / size, b / size
+            for j in range(i, 4):
+                a, b = new[4 * i + j], s.spread[j]
+                new[4 * i + j], s.spread[j] = along * a + across * b, along * b - across * a
+            a = new[16 + i]
+            new[16 + i], observed = along * a + across * observed, along * observed - across * a
+
+
+@inner
+def solve_triangle(s: KernelSolver, new: Numbers) -> None:
+    """Estimate and covariance (R'R)^-1 from the triangle, by its inverse."""
+    inverse = s.square
+    for j in range(4):
+        for i in range(3, -1, -1):
+            total = 1.0 if i == j else 0.0
+            for k in range(i + 1, j + 1):
+                total -= new[4 * i + k] * inverse[4 * k + j]
+            inverse[4 * i + j] = total / new[5 * i] if i <= j else 0.0
+    for i in range(4):
+        total = 0.0
+        for k in range(i, 4):
+            total += inverse[4 * i + k] * new[16 + k]
+        new[20 + i] = total
+        for j in range(4):
+            total = 0.0
+            for k in range(max(i, j), 4):
+                total += inverse[4 * i + k] * inverse[4 * j + k]
+            new[24 + 4 * i + j] = total
+
+
+@inner
+def sensitivity(
+    covariance: Numbers, o: Count, gram: Numbers, size: Count, start: Count, into: Numbers, at: Count
+) -> None:
+    """A row of covariance (4, 4), from `o` on, times the columns of gram (4, size) from `start` on."""
+    a, b, c, d = covariance[o], covariance[o + 1], covariance[o + 2], covariance[o + 3]
+    for j in range(start, size):
+        total = a * gram[j] + b * gram[size + j]
+        into[at + j - start] = total + c * gram[2 * size + j] + d * gram[3 * size + j]
+
+
+def conclude(
+    s: KernelSolver,
+    values: Numbers,
+    covariance: Numbers,
+    gram: Numbers,
+    drift: Numbers,
+    unsure: Numbers,
+    found: Numbers,
+) -> None:
+    """Of a lift, values (4,), covariance (4, 4), gram (4, P + D), and a drift, values and covariance: `found` is the
+    mass, its standard error by noise, tares, drift and scale, the load's centre x, z, their standard errors, and that
+    of the first moment by the drift; then the mass' sensitivity (P + D,) to tares and drift."""
+    size, d, other = s.p + s.d, s.d, s.other
+    shift(s, values, covariance, gram, drift)
+    sensitivity(covariance, 0, gram, size, 0, found, 7)
+    moment = 0.0
+    for i in range(1, 3):
+        sensitivity(covariance, 4 * i, gram, size, s.p, other, 0)
+        moment += quadratic(s, unsure, d, other, 0)
+    mass = s.spread[0]
+    wrong = mass * s.scale_error
+    common = quadratic(s, s.covariance, s.p, found, 7) + quadratic(s, unsure, s.d, found, 7 + s.p)
+    found[0], found[1] = mass, sqrt(max(covariance[0] + common + wrong * wrong, 0.0))
+    scale = mass if abs(mass) > 1.0 else 1.0
+    for i in range(2):
+        x = s.spread[1 + i] / scale
+        a = 1 + i  # the row along (-x, .. 1 ..) / scale
+        error = x * x * covariance[0] - 2.0 * x * covariance[a] + covariance[4 * a + a]
+        found[2 + i], found[4 + i] = x, sqrt(max(error, 0.0)) / abs(scale)
+    found[6] = sqrt(max(moment, 0.0))

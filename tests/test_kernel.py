@@ -1,0 +1,274 @@
+"""The kernel of a step: equal to the laws of the effects, and compiled the same bits as interpreted."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cylforce.effects.effect import Halves, Parameter
+from cylforce.estimation.channels import Moved
+from cylforce.estimation.filters import mean, slope
+from cylforce.estimation.kernel import choice, making
+from cylforce.estimation.kernel.solving import room, solver
+from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.recursive import Root, solution, update
+from cylforce.estimation.regressor import FilteredRegressor, Regressor
+from cylforce.mechanics.linkages import FourBar
+from cylforce.service.pipeline import Pipeline
+from cylforce.service.step import Core, step
+from cylforce.settings.machine_file import load
+from cylforce.signals.events import Tick
+from cylforce.signals.kinds import INERTIAL, Kind, Signal
+from machines import excavator, stick_and_bucket
+from scenarios import CONFIG, cycles, identified
+
+SEED = 71
+STEPS = 60
+DT = 0.01
+
+
+@pytest.fixture(params=["interpreted", "compiled"])
+def kernel(request, monkeypatch):
+    """Each form of the kernel; the tests need both."""
+    found = choice.INTERPRETED if request.param == "interpreted" else choice.choice().kernel
+    if request.param == "compiled" and found is choice.INTERPRETED:
+        pytest.fail(f"there is no compiled kernel of this source: python hatch_build.py. {choice.choice().refused}")
+    monkeypatch.setattr(choice, "chosen", lambda: found)
+    return found
+
+
+def machine_of(name):
+    if name in ("excavator", "stick_and_bucket"):
+        return {"excavator": excavator, "stick_and_bucket": stick_and_bucket}[name]()
+    return load(CONFIG / f"{name}.toml").service.machine
+
+
+MACHINES = ("excavator", "stick_and_bucket", "excavator_20t", "excavator_stick_bucket", "wheel_loader")
+
+
+def jittered(machine, rng):
+    """The machine with other lengths, bars and slew axis; some with a sensor on the base, some with a slew angle."""
+    links = tuple(replace(k, length=k.length * rng.uniform(0.97, 1.03)) for k in machine.links)
+    cylinders = []
+    for c in machine.cylinders:
+        bars = c.linkage
+        if isinstance(bars, FourBar):
+            eye = bars.eye * complex(rng.uniform(0.9, 1.1), rng.uniform(-0.1, 0.1))
+            bars = replace(bars, rocker_length=bars.rocker_length * rng.uniform(0.98, 1.02), eye=eye)
+        cylinders.append(replace(c, linkage=bars))
+    signals = tuple(s for s in machine.signals if s.kind not in INERTIAL)
+    if rng.random() < 0.5:
+        signals += tuple(Signal(kind.value, kind, 0, -50.0, 50.0, DT, 0.01) for kind in INERTIAL)
+    turned = Kind.SLEW_ANGLE if rng.random() < 0.5 else Kind.SLEW_RATE
+    rate = {s.kind: s for s in signals}.get(Kind.SLEW_RATE)
+    if rate is not None:
+        signals = tuple(replace(s, kind=turned) if s is rate else s for s in signals)
+    base = complex(*rng.uniform(-1.0, 1.0, 2))
+    return replace(
+        machine,
+        links=links,
+        cylinders=tuple(cylinders),
+        signals=signals,
+        slew_axis=rng.uniform(-1.0, 1.0),
+        inertial=base,
+    )
+
+
+def motion(model, rng):
+    """Channels (T, D) of a random motion of a random machine, beyond the linkages' limits, too."""
+    machine, t = model.machine, DT * np.arange(STEPS)
+    low, high = (np.array([getattr(k, f"angle_{end}") for k in machine.links]) for end in ("low", "high"))
+    wide = 0.55 * (high - low)
+    waves = np.sin(np.outer(t, rng.uniform(0.5, 6.0, low.size)) + rng.uniform(0.0, 7.0, low.size))
+    force = rng.normal(size=(STEPS, len(machine.cylinders))) * 1e5
+    shaken = rng.normal(size=(STEPS, 3)) * (0.2, 1.0, 1.0) + (0.0, 0.0, 9.8)
+    base = shaken if model.channels.inertial else shaken[:, :0]
+    house = np.outer(np.sin(3.0 * t), rng.uniform(-0.2, 0.2, 2))
+    slew = np.cumsum(rng.normal(size=(STEPS, 1)), axis=0) * 0.05
+    return np.concatenate([(low + high) / 2.0 + wide * waves, force, base, house, slew], axis=1)
+
+
+def moves(model, channels):
+    """The motion of each step, from the second one on, by the arrays' way."""
+    smooth = model.channels.smoothed(channels)
+    four = np.stack([smooth[k : len(smooth) - 3 + k] for k in range(4)])
+    return model.channels.moved(mean(four), slope(four, model.channels.dt))
+
+
+def instants(model, moved: Moved, forces):
+    """(Columns, torque, change, reversing) of every instant, by filters of arrays: what `fast.py` says."""
+    regressor, fast = model.filtered.regressor, model.fast
+    momentum, static = regressor.both_halves(moved.motion)
+    rows = list(model.machine.rows)
+    quick, slow, soft = fast.quick.steady(forces[0]), fast.slow.zero(momentum[0].shape), fast.slow.zero(forces[0].shape)
+    before, speed, last = momentum[0], moved.motion.speed[0], np.zeros_like(momentum[0])
+    for k, m in enumerate(momentum):
+        quick, force = fast.quick.step(quick, forces[k])
+        slow, rate = fast.slow.step(slow, (m - before) / DT)
+        soft, acceleration = fast.slow.step(soft, (moved.motion.speed[k] - speed) / DT)
+        before, speed = m, moved.motion.speed[k]
+        turns = (np.abs(acceleration) > 0.03) & (speed * (speed + 0.06 * acceleration) < 0.0)
+        yield static[k] + rate, force @ moved.motion.lever[k][:, rows], (rate - last) / DT, turns
+        last = rate
+
+
+def column_sizes(model, columns):
+    """The largest of each column (T, R, K); of friction at rest, lever (1 - |sgn|), the lever, which rounds it."""
+    sizes = np.abs(columns).max(axis=(0, 1)) + 1e-300
+    sizes[model.at_rest] = sizes[model.zero]
+    return sizes
+
+
+def assert_columns(found, wanted, scale):
+    np.testing.assert_allclose(found / scale, wanted / scale, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("draw", range(4))
+def test_rows_are_those_of_the_laws(kernel, name, draw):
+    """Columns and torques of the weighing and of the instant, all effects that a service may use, to 1e-12 of each
+    column's size; places where a linkage cannot be closed or is at its end included."""
+    rng = np.random.default_rng((SEED, MACHINES.index(name), draw))
+    model = Model(jittered(machine_of(name), rng), load(CONFIG / "excavator_20t.toml").service.filters, FRICTION)
+    channels = motion(model, rng)
+    moved = moves(model, channels)
+    slow, quick = model.filtered.run(moved.motion), list(instants(model, moved, channels[1:, model.channels.forces]))
+    sizes, now = column_sizes(model, slow.columns), column_sizes(model, np.array([q[0] for q in quick]))
+    changing = np.abs([q[2] for q in quick]).max(axis=(0, 1)) + 1e-300
+    force = np.abs(slow.torque).max()
+    pipeline, at = Pipeline(model, kernel), Pipeline(model, kernel).begin(channels[0])
+    for k, here in enumerate(channels[1:]):
+        at, rows, instant = pipeline.advance(at, here, 1)
+        assert_columns(rows.columns, slow.columns[k], sizes)
+        assert_columns(rows.torque, slow.torque[k], force)
+        columns, torque, change, turns = quick[k]
+        assert_columns(instant.rows.columns, columns, now)
+        assert_columns(instant.rows.torque, torque, force)
+        assert_columns(instant.change, change, changing)
+        np.testing.assert_array_equal(instant.reversing, turns)
+        np.testing.assert_allclose(at.speed, moved.motion.speed[k], rtol=0, atol=1e-12)
+    good = np.array([moved.usable[-1][list(acting)].all() for acting in model.acting])
+    np.testing.assert_array_equal(at.waiting == model.settle_steps, ~good)
+
+
+def test_the_motion_leaves_the_linkages_range():
+    """Of the test above: some instants are at a dead point, some are not."""
+    usable = []
+    for k, name in enumerate(MACHINES):
+        rng = np.random.default_rng((SEED, k, 0))
+        model = Model(jittered(machine_of(name), rng), load(CONFIG / "excavator_20t.toml").service.filters, FRICTION)
+        usable.append(moves(model, motion(model, rng)).usable)
+    share = np.concatenate([u.ravel() for u in usable]).mean()
+    assert 0.3 < share < 0.95
+
+
+def test_a_law_that_the_kernel_does_not_know_is_refused():
+    class Wind:
+        def parameters(self, machine):
+            return (Parameter("wind", "N"),)
+
+        def halves(self, machine, moving):
+            return Halves(None, np.zeros((*moving.q.shape, 1)))
+
+    model = Model(excavator(), load(CONFIG / "excavator_20t.toml").service.filters, ())
+    known = model.filtered
+    regressor = Regressor(model.machine, (*known.regressor.effects, Wind()))
+    vars(model)["filtered"] = FilteredRegressor(regressor, known.dt, known.regressor_hz, known.smoothing_hz)
+    with pytest.raises(TypeError, match="does not know the law of Wind"):
+        making.plan(model, choice.INTERPRETED.KernelPlan)
+
+
+def solving(kernel, rng):
+    """A solver of random tares."""
+    model = Model(excavator(), load(CONFIG / "excavator_20t.toml").service.filters, FRICTION)
+    size = len(model.parameters)
+    spread = rng.normal(size=(size, size))
+    tares = model.data_sheet._replace(covariance=spread @ spread.T, values=rng.normal(size=size))
+    return model, tares, kernel, rng
+
+
+def test_an_instant_is_taken_in_as_by_least_squares(kernel):
+    """Two rows of three: information, estimate and covariance of `recursive.update`; the gram adds up."""
+    rng = np.random.default_rng(SEED)
+    model, tares, *_ = solving(kernel, rng)
+    made, size, drifts = solver(model, tares, kernel), len(model.parameters), len(model.changing)
+    root = Root(np.triu(rng.normal(size=(4, 4))) + 4.0 * np.eye(4), rng.normal(size=4))
+    own, columns, drifting = rng.normal(size=(3, size)), rng.normal(size=(3, 4)), rng.normal(size=(3, drifts))
+    torque, variance, used = rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.array([True, False, True])
+    gram = rng.normal(size=(4, size + drifts))
+    work, new = room(24), room(40 + gram.size)
+    np.frombuffer(work)[:] = np.concatenate([columns.ravel(), torque, variance, used, np.zeros(3)])
+    kernel.take(made, own.ravel(), work, drifting.ravel(), root.factor.ravel(), root.right, gram.ravel(), new)
+    found, wanted = np.frombuffer(new), update(root, columns[used], torque[used], variance[used])
+    factor = found[:16].reshape(4, 4)
+    np.testing.assert_allclose(factor.T @ factor, wanted.factor.T @ wanted.factor, rtol=1e-12, atol=1e-12)
+    values, covariance = solution(wanted)
+    np.testing.assert_allclose(found[20:24], values, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(found[24:40].reshape(4, 4), covariance, rtol=1e-10, atol=1e-12)
+    added = (columns[used] / variance[used, None]).T @ np.concatenate([own, drifting], axis=1)[used]
+    np.testing.assert_allclose(found[40:].reshape(gram.shape), gram + added, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("usable", [(True, True, True), (True, False, True), (False, True, False)])
+def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
+    """(A' N^-1 A + prior)^-1 A' N^-1 left, N: errors of the rows and those of the tares."""
+    rng, good = np.random.default_rng(SEED), np.array(usable)
+    model, tares, *_ = solving(kernel, rng)
+    size, all_columns, cylinders = len(model.parameters), len(model.filtered.regressor.names), 3
+    made = solver(model, tares, kernel, prior=np.diag([1e-4, 1e-4, 1e-3]))
+    columns, torque = rng.normal(size=(3, all_columns)), 10.0 * rng.normal(size=3)
+    drift = rng.normal(size=len(model.changing))
+    unrest = np.concatenate([np.eye(3).ravel(), np.zeros(cylinders), rng.uniform(1.0, 2.0, 3)])
+    new, found, nothing = room(unrest.size), room(30), np.zeros(cylinders)
+    flat = (columns.ravel(), torque, np.zeros(columns.size), nothing, np.ones(9), good.astype(float), np.zeros(4))
+    kernel.push(made, *flat, drift, unrest, new, found)
+    own, tool = columns[good, :size], columns[good][:, model.tool]
+    left = tares.scale * (torque - columns[:, :size] @ tares.values - columns[:, model.changing] @ drift)
+    errors = np.diag(1.0 + unrest[-3:] + (0.01 * left) ** 2)[np.ix_(good, good)]
+    weighted = np.linalg.solve(errors + own @ tares.covariance @ own.T, tool).T
+    spread = np.linalg.inv(weighted @ tool + np.diag([1e-4, 1e-4, 1e-3]))
+    got = np.frombuffer(found)
+    np.testing.assert_allclose(got[:3], left, rtol=1e-12)
+    np.testing.assert_allclose(got[8 - 2 : 8], (spread @ weighted @ left[good])[:2], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(got[8:12].reshape(2, 2), spread[:2, :2], rtol=1e-8, atol=1e-12)
+
+
+def test_both_forms_give_the_same_bits(monkeypatch):
+    """A digging cycle: every number of the state, and the bytes of every PDO."""
+    loaded = load(CONFIG / "excavator_20t.toml")
+    tares, (events, _) = identified(loaded), cycles(loaded, count=1)
+    ways = []
+    for form in (choice.INTERPRETED, choice.choice().kernel):
+        monkeypatch.setattr(choice, "chosen", lambda form=form: form)
+        core, found = Core(loaded.service, tares), []
+        state = core.begin()
+        for event in events:
+            state, out = step(core, state, event)
+            if isinstance(event, Tick):
+                lift, pipe = state.weighing.lift, state.pipe
+                numbers = (lift.values.tobytes(), lift.covariance.tobytes(), state.interaction.unrest.kept.tobytes())
+                found.append((out.frames, numbers, state.recognition.gram.tobytes(), pipe and pipe.kept.tobytes()))
+        ways.append(found)
+    assert choice.choice().kernel is not choice.INTERPRETED
+    assert state.estimate.booking is not None
+    assert ways[0] == ways[1]
+
+
+def test_a_kernel_of_another_source_is_refused_with_a_sentence():
+    found = choice.judged(SimpleNamespace(TEXT=1), 2)
+    assert found.kernel is choice.INTERPRETED
+    assert re.fullmatch(
+        r"the compiled kernel was not taken, the interpreted one runs: .*another version.*", found.refused
+    )
+
+
+def test_a_kernel_for_another_processor_is_refused_with_a_sentence(monkeypatch):
+    def foreign(name):
+        raise ImportError("wrong ELF class")
+
+    monkeypatch.setattr(choice, "import_module", foreign)
+    found = choice.choice.__wrapped__()
+    assert found.kernel is choice.INTERPRETED
+    assert "for another processor or Python (wrong ELF class)" in found.refused
