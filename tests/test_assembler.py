@@ -35,3 +35,31 @@ def test_an_angle_may_turn_by_three_radians_a_second_and_its_own_noise(sign, sec
     room += radians(0.08)
     assert reason(sign * (room - 0.002), seconds) is Reason.NONE
     assert reason(sign * (room + 0.002), seconds) is Reason.IMPLAUSIBLE_JUMP
+
+
+def course(angles):
+    """The assembler after an angle's values [rad] at 100 Hz."""
+    assembler, still = Assembler(SERVICE), (False,) * len(SERVICE.machine.signals)
+    inputs, reasons = assembler.begin(), []
+    for k, angle in enumerate(angles):
+        frame = Frame(1_000_000 + 10_000 * k, PDO.can_id, encode(PDO, {"stick_angle": angle}))
+        inputs = assembler.receive(inputs, frame, still)
+        reasons.append(inputs.channels[AT].reason)
+    return reasons, assembler.leapt(inputs)
+
+
+@pytest.mark.parametrize("leap", [0.05, -0.05])
+@pytest.mark.parametrize("speed", [0.0, 0.1, -0.1])
+def test_an_angle_that_leapt_is_off_although_the_joint_passes_where_it_was(leap, speed):
+    """Within the second in which it is not believed the joint moves by a tenth, past the angle before the leap."""
+    moving = [radians(-90.0) + speed * 0.01 * k for k in range(300)]
+    off = [angle + leap * (k >= 50) for k, angle in enumerate(moving)]
+    reasons, leapt = course(off)
+    assert reasons[50:150] == [Reason.IMPLAUSIBLE_JUMP] * 100
+    assert reasons[-1] is Reason.NONE
+    assert leapt == (AT,)
+    back = [angle + leap * (50 <= k < 120) for k, angle in enumerate(moving)]
+    reasons, leapt = course(back)
+    assert (reasons[119], reasons[-1], leapt) == (Reason.IMPLAUSIBLE_JUMP, Reason.NONE, ())
+    twice = [angle + leap * (50 <= k < 200) for k, angle in enumerate([*moving, *moving[-1:] * 100])]
+    assert course(twice)[1] == ()

@@ -29,8 +29,8 @@ class Channel(NamedTuple):
     """One signal: its last accepted `value` (while it has not yet sent enough good values: its last value); `t_us`:
     time of the last accepted value; `seen_us`: time of the last value of any kind; `reason`: what was wrong with that
     one; `good`: number of good values in a row; `equal`: number of equal values in a row while the machine moved;
-    `jumps`: number of implausible jumps in a row, the first of them by `leap`; `leapt`: sum of the leaps after which it
-    stayed where it was."""
+    `jumps`: number of values in a row that are off by a `leap`, the `last` one of them; `leapt`: sum of the leaps that
+    were believed after so many of them."""
 
     value: float
     t_us: int
@@ -40,6 +40,7 @@ class Channel(NamedTuple):
     equal: int
     jumps: int
     leap: float = 0.0
+    last: float = 0.0
     leapt: float = 0.0
 
 
@@ -141,27 +142,32 @@ class Assembler:
             return old._replace(reason=Reason.NOT_A_NUMBER, seen_us=t_us, good=0)
         if not slot.low <= value <= slot.high:
             return old._replace(reason=Reason.OUT_OF_RANGE, seen_us=t_us, good=0)
-        if old.jumps < JUMPS_BELIEVED and self._jumps(old, slot, value, t_us):
-            leap = old.leap if old.jumps else value - old.value
-            return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, seen_us=t_us, good=0, jumps=old.jumps + 1, leap=leap)
-        leapt = old.leapt + old.leap * (old.jumps == JUMPS_BELIEVED)
+        leap = self._leap(old, slot.signal, value, t_us)
+        if leap and old.jumps < JUMPS_BELIEVED:
+            jump = old._replace(reason=Reason.IMPLAUSIBLE_JUMP, seen_us=t_us, good=0, jumps=old.jumps + 1)
+            return jump._replace(leap=leap, last=value)
+        leapt = old.leapt + leap
         equal = 0 if value != old.value else old.equal + moving
         if equal >= self.service.health.frozen_samples and self._noisy(slot.signal):
             return old._replace(reason=Reason.FROZEN, seen_us=t_us, good=0, equal=equal)
         good = old.good + 1 if t_us - old.seen_us <= hold_us else 1
         if t_us - old.t_us <= hold_us or good >= self.service.health.good_frames:
-            return Channel(value, t_us, t_us, Reason.NONE, good, equal, 0, 0.0, leapt)
+            return Channel(value, t_us, t_us, Reason.NONE, good, equal, 0, leapt=leapt)
         return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0, leapt=leapt)
 
-    def _jumps(self, old: Channel, slot: Slot, value: float, t_us: int) -> bool:
-        """Whether the value differs from the last one by more than is plausible: FASTEST times the time between them,
-        and the noise. Time during which values jumped or were not yet accepted does not count, because the joint
-        need not have moved then."""
-        if self._plausible[slot.signal][0] == inf:
-            return False
+    def _leap(self, old: Channel, k: int, value: float, t_us: int) -> float:
+        """By how much a value is off because the signal has leapt by more than is plausible: FASTEST times the time
+        between two values, and the noise; 0: it is not. Time during which values were not yet accepted does not count,
+        because the joint need not have moved then. After a leap it moves on, until it leaps back."""
+        if self._plausible[k][0] == inf:
+            return 0.0
+        if old.jumps:
+            by = value - old.last
+            leap = old.leap + by * (abs(by) > self._room(k, 1e-6 * (t_us - old.seen_us)))
+            return leap if abs(leap) > self._room(k, 0.0) else 0.0
         proving = t_us - old.t_us > self._hold_us and old.good > 0
-        since_us = old.seen_us if old.jumps or proving else old.t_us
-        return abs(value - old.value) > self._room(slot.signal, (t_us - since_us) * 1e-6)
+        by, since_us = value - old.value, old.seen_us if proving else old.t_us
+        return by if abs(by) > self._room(k, 1e-6 * (t_us - since_us)) else 0.0
 
     def _room(self, k: int, seconds: float) -> float:
         """By how much a signal may change in a time [s], but at least one of its periods."""

@@ -237,8 +237,6 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
         load, forces = invalid_load(reason), Forces(nothing, nothing)
     elif state.interaction.contact.touching and state.watch.swept.fast:
         forces = _less_sure(forces, Reason.SLEWING)
-    if state.watch.unsure:
-        load = Load(*(degraded(q, Reason.SENSORS_DISAGREE) for q in load))
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
         forces = _less_sure(forces, reason)
@@ -274,7 +272,7 @@ def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
         yield Reason.NOT_THIS_MACHINE
     if state.weighing.tool.off is not None:
         yield Reason.OTHER_TOOL
-    if state.watch.suspicion.level is Level.DOUBTED:
+    if state.watch.unsure or state.watch.suspicion.level is Level.DOUBTED:
         yield Reason.SENSORS_DISAGREE
     if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME

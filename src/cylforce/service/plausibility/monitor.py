@@ -28,7 +28,7 @@ from cylforce.signals.estimate import Array, Quantity, Status
 from cylforce.signals.kinds import Kind
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
-UNSURE = 6.635  # evidence that a signal is off, from which on a weight is not OK: chi-squared, exceeded by 1 %
+UNSURE = 6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 1.8
 
 
@@ -50,7 +50,7 @@ class Watch(NamedTuple):
     @property
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
-        would be wrong."""
+        would be wrong; the force would be, too."""
         return self.offset.evidence > UNSURE
 
 
