@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TOP_LEVEL = {
     *("pyproject.toml", "src", "config", "systemd", "tests", "tools", "README.md"),
     *("requirements.lock", "CHANGELOG.md", "SECURITY.md", "LICENSE", ".gitignore", ".ci"),
+    "hatch_build.py",
 }
 
 

@@ -135,15 +135,13 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
     watch, weighing = _watched(core, state, seen, weighing)
-    drift = _drift(core, state.drift, watch, load, rows, left, usable)
-    recognition = core.recognizer.step(state.recognition, rows, plain, usable)
     now = state._replace(
         pipe=pipe,
         sampled_us=t_us,
         moving=moving,
         weighing=weighing,
-        drift=drift,
-        recognition=recognition,
+        drift=_drift(core, state.drift, watch, load, rows, left, usable),
+        recognition=core.recognizer.step(state.recognition, rows, plain, usable),
         interaction=interaction,
         watch=watch,
         rocking=rocking,
