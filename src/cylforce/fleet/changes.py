@@ -159,7 +159,7 @@ def changes(history: History, found: Sequence[Culprit]) -> list[Altered]:
 
 def _same(c: Culprit, altered: Altered) -> bool:
     """Whether a culprit would tell the same of a machine once more."""
-    return c.at == altered.at and FRICTIONS >= {c.name, altered.name}
+    return c.at == altered.at and {c.name, altered.name} <= FRICTIONS
 
 
 def _asked(history: History) -> _Asked:

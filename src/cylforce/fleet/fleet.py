@@ -29,7 +29,7 @@ class Dated(NamedTuple):
     evidence: Evidence
 
 
-class Told(NamedTuple):
+class MachineTold(NamedTuple):
     """What is told of one machine: its course in SI units, and its changes."""
 
     course: Course
@@ -48,7 +48,7 @@ class Fleet(NamedTuple):
     quantities: tuple[Coordinate, ...]
     known: tuple[Coordinate, ...]
     usual: Usual
-    machines: Mapping[str, Told]
+    machines: Mapping[str, MachineTold]
 
 
 def fleet(model: Model, recordings: Mapping[str, Sequence[Dated]]) -> Fleet:
@@ -121,7 +121,7 @@ class _Learning:
             altered = self._altered(usual)
         days = each_day(self._levels, usual.within)
         told = {
-            name: Told(self._course(days, usual, k, altered[k]), tuple(altered[k]))
+            name: MachineTold(self._course(days, usual, k, altered[k]), tuple(altered[k]))
             for k, name in enumerate(self.recordings)
         }
         parts = ("mean", "between", "days", "within")

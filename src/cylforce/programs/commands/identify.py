@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from cylforce.programs.commands.options import MachineFile, example
+from cylforce.programs.commands.options import MachineFile, UsualFile, example
 
 EXAMPLE = example("cylforce identify machine.toml empty.log -o identified.toml --report report.html")
 SEAL_EXAMPLE = example('cylforce seal machine.toml identified.toml --reason "scale corrected after test weight 12"')
@@ -25,6 +25,7 @@ def identify(
         str,
         typer.Option(help="The tool on the machine: its tares are added to the file."),
     ] = "standard",
+    usual: UsualFile = None,
     refuse: Annotated[
         bool,
         typer.Option(
@@ -49,10 +50,10 @@ def identify(
     if report is not None:
         check_extra()
     machine, recordings = machine_file_of(files)
-    check_outputs((output, report), (machine, *recordings, lift), (".toml", ".html"))
+    check_outputs((output, report), (machine, *recordings, lift, usual), (".toml", ".html"))
     loaded = load_machine(machine)
     with progress_bar() as watch:
-        how = How(two_steps, enforce, lift, known_kg, refuse, attachment)
+        how = How(two_steps, enforce, lift, known_kg, refuse, attachment, usual)
         found = run_identify(loaded, recordings, output, how, watch)
         if report is not None:
             write_report(report, found, named_segments(loaded, recordings, watch), output, watch)

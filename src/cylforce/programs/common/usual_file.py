@@ -12,6 +12,7 @@ import tomlkit
 from pydantic import ValidationError
 
 import cylforce
+from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.effects.library import LIBRARY
 from cylforce.files.atomic import is_large, is_stream, replacing
 from cylforce.fleet.coordinates import CARRIED, LEVEL, Coordinate
@@ -93,6 +94,17 @@ def read_usual(path: Path, machine: Machine) -> dict[str, UsualQuantity]:
             return {each.name: each for each in said.quantities}
     there = ", ".join(said.machine for said in file.types)
     raise SettingsError(f"{path}: tells nothing of the type {machine.name!r}, only of {there}: take that type's file")
+
+
+def usual_parameters(path: Path, machine: Machine) -> tuple[tuple[str, float, float], ...]:
+    """What a machine of the type shows on any day: names, means, standard deviations. Raises SettingsError."""
+    each = read_usual(path, machine).values()
+    return tuple((q.name, q.mean, float(np.hypot(q.between_machines, q.between_days))) for q in each)
+
+
+def everyday_of(path: Path | None, machine: Machine) -> Mapping[str, float]:
+    """Everyday differences for the diagnosis, by a file or as stated beforehand. Raises SettingsError."""
+    return EVERYDAY if path is None else {**EVERYDAY, **everyday_from(read_usual(path, machine))}
 
 
 def everyday_from(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from cylforce.estimation.model import Model
 from cylforce.fleet.coordinates import coordinates, followed_model
-from cylforce.fleet.fleet import Dated, Fleet, Told, fleet
+from cylforce.fleet.fleet import Dated, Fleet, MachineTold, fleet
 from cylforce.programs.fleet.gathering import ABSOLUTE_S, Gathered
 from cylforce.programs.fleet.task import DOUBTFUL, OK
 
@@ -29,7 +29,7 @@ class OfType(NamedTuple):
     machines: Mapping[str, Ordered]
     fleet: Fleet
 
-    def told(self, machine: str) -> Told:
+    def told(self, machine: str) -> MachineTold:
         """What is told of a machine."""
         return self.fleet.machines[machine]
 

@@ -7,7 +7,7 @@ from cylforce.estimation.model import Tares
 from cylforce.programs.common.progress import Watch
 from cylforce.programs.fleet.gathering import Gathered
 from cylforce.programs.fleet.kept import KeptResults
-from cylforce.programs.fleet.task import NONE, WORK, Booked, Job, Outcome, booked, key_of, tares_key
+from cylforce.programs.fleet.task import NONE, WORK, Booked, Job, Summary, booked, key_of, tares_key
 from cylforce.programs.fleet.workers import Say, Where, computed
 
 
@@ -37,7 +37,7 @@ def bookings(
         address = arguments[0].address
         found[address] = came if isinstance(came, Booked) else NONE._replace(reason=f"{type(came).__name__}: {came}")
         if not found[address].reason:
-            kept.put(keys[address], Outcome({"kg": found[address].kg, "errors": found[address].errors}))
+            kept.put(keys[address], Summary({"kg": found[address].kg, "errors": found[address].errors}))
         watch("weights", len(found) / (len(found) + len(jobs)))
 
     if jobs:

@@ -12,7 +12,7 @@ from cylforce.fleet.evidence import Evidence
 from cylforce.programs.common.progress import Watch
 from cylforce.programs.fleet.kept import KeptResults
 from cylforce.programs.fleet.store import ANSWER_S, Stored, stored_path, within
-from cylforce.programs.fleet.task import CHANGED, FAILED, Job, Outcome, key_of, loaded_of, summarised
+from cylforce.programs.fleet.task import CHANGED, FAILED, Job, Summary, key_of, loaded_of, summarised
 from cylforce.programs.fleet.workers import RETRIES, Say, Where, computed
 from cylforce.settings.error import SettingsError
 from cylforce.settings.machine_file import Loaded
@@ -25,7 +25,7 @@ class Gathered(NamedTuple):
     """A recording and what it tells; `loaded`: its machine file, None where that cannot be used."""
 
     stored: Stored
-    outcome: Outcome
+    outcome: Summary
     loaded: Loaded | None
 
     @property
@@ -55,7 +55,7 @@ Flush = Callable[[Sequence[Gathered]], None]
 
 
 @dataclass
-class Gathering:
+class FleetReading:
     """The recordings of a fleet, gathered."""
 
     found: Sequence[Stored]
@@ -65,7 +65,7 @@ class Gathering:
     say: Say
     flush: Flush
     _texts: dict[str, str] = field(default_factory=dict)
-    _outcomes: dict[str, Outcome] = field(default_factory=dict)
+    _outcomes: dict[str, Summary] = field(default_factory=dict)
     _flushed: float = 0.0
 
     def gathered(self) -> list[Gathered]:
@@ -91,7 +91,7 @@ class Gathering:
     def _taker(self, known: Mapping[str, Stored], count: int) -> Callable[[Any, Any], None]:
         done: list[str] = []
 
-        def take(arguments: tuple[Job], came: Outcome | BaseException) -> None:
+        def take(arguments: tuple[Job], came: Summary | BaseException) -> None:
             (job,) = arguments
             self._take(job, known[job.address], came)
             done.append(job.address)
@@ -103,12 +103,12 @@ class Gathering:
 
         return take
 
-    def _take(self, job: Job, stored: Stored, came: Outcome | BaseException) -> None:
+    def _take(self, job: Job, stored: Stored, came: Summary | BaseException) -> None:
         if isinstance(came, BaseException):
-            came = Outcome(_facts(FAILED, _ended(came)))
+            came = Summary(_facts(FAILED, _ended(came)))
         sha256 = came.facts["sha256"]
         if came.facts["state"] == "known":
-            came = self.kept.get(key_of(sha256, job.text)) or Outcome(_facts(FAILED, "its kept result is broken"))
+            came = self.kept.get(key_of(sha256, job.text)) or Summary(_facts(FAILED, "its kept result is broken"))
         elif sha256 and came.facts["state"] != CHANGED:
             self.kept.put(key_of(sha256, job.text), came)
         if sha256 and came.facts["state"] != CHANGED:
@@ -119,7 +119,7 @@ class Gathering:
         """Whether a recording has to be looked at; if not, its outcome is there."""
         reason = stored.doubt or self._refused.get(stored.machine_file, "")
         if reason:
-            self._outcomes[stored.address] = Outcome(_facts(FAILED, reason))
+            self._outcomes[stored.address] = Summary(_facts(FAILED, reason))
             return False
         sha256 = self.kept.sha256(stored.address, stored.stamp)
         kept = self.kept.get(key_of(sha256, self._texts[stored.machine_file])) if sha256 else None

@@ -13,7 +13,7 @@ import numpy as np
 
 from cylforce.fleet.evidence import Evidence
 from cylforce.programs.common.row_cache import cache_folder
-from cylforce.programs.fleet.task import Outcome, packed_tares, unpacked_tares
+from cylforce.programs.fleet.task import Summary, packed_tares, unpacked_tares
 
 STAMPS = "stamps.json"
 
@@ -45,7 +45,7 @@ class KeptResults:
         said = self.stamps.get(address)
         return said[1] if said and said[0] == stamp and stamp else None
 
-    def get(self, key: str) -> Outcome | None:
+    def get(self, key: str) -> Summary | None:
         """A result, if it is there and whole."""
         if self.folder is None:
             return None
@@ -59,9 +59,9 @@ class KeptResults:
                 tares = unpacked_tares(str(file["tares"])) if "tares" in file else None
         except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
             return None
-        return Outcome(facts, told, tares)
+        return Summary(facts, told, tares)
 
-    def put(self, key: str, outcome: Outcome) -> None:
+    def put(self, key: str, outcome: Summary) -> None:
         """Keep a result: whole or not at all."""
         if self.folder is None:
             return

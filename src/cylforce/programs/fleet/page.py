@@ -17,7 +17,7 @@ from cylforce.fleet.coordinates import OFFSET, RUBBING, ZERO, Coordinate
 from cylforce.fleet.courses import Course
 from cylforce.programs.fleet.analysis import DAY_S, OfType, Ordered
 from cylforce.programs.fleet.pictures import Curve, course_svg, factor_of, spark_svg, spread_svg, title_of
-from cylforce.programs.fleet.result import Change, FleetResult
+from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.task import FAILED
 from cylforce.programs.fleet.words import ANGLE, DRY, FRICTION, MASS
 from cylforce.programs.reports.template import templates
@@ -94,7 +94,7 @@ def _machine(result: FleetResult, kind: OfType, ordered: Ordered) -> dict[str, A
     }
 
 
-def _severity(lasting: Sequence[Change], changes: Sequence[Change], course: Course) -> float:
+def _severity(lasting: Sequence[FleetChange], changes: Sequence[FleetChange], course: Course) -> float:
     """Lasting changes first, the larger beyond its error the higher; then single days; then the latest difference."""
     sizes = [abs(c.altered.size) / max(c.altered.error, 1e-30) for c in lasting]
     return 1e3 * len(lasting) + min(max(sizes, default=0.0), 900.0) + 10.0 * bool(changes) + _last(course.from_past)
@@ -111,7 +111,7 @@ def _times(ordered: Ordered, count: int) -> Array:
     return np.array([datetime.fromisoformat(each.made).timestamp() / DAY_S for each in recordings])
 
 
-def _spark(kind: OfType, course: Course, t: Array, lasting: Sequence[Change]) -> Markup:
+def _spark(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange]) -> Markup:
     """The course of what changed; without a change, of the difference from the machine's past."""
     k = _column(kind.fleet.quantities, lasting[0].altered) if lasting else None
     y = np.nan_to_num(course.from_past, nan=1.0) if k is None else course.own[:, k]
@@ -125,7 +125,7 @@ def _column(quantities: Sequence[Coordinate], altered: Altered) -> int | None:
     return next((k for k, c in enumerate(quantities) if c.name == wanted), None)
 
 
-def _courses(kind: OfType, course: Course, t: Array, lasting: Sequence[Change]) -> list[dict[str, Any]]:
+def _courses(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange]) -> list[dict[str, Any]]:
     """What changed first."""
     usual, found = kind.fleet.usual, []
     first = {_column(kind.fleet.quantities, c.altered) for c in lasting}

@@ -8,7 +8,7 @@ from cylforce.programs.fleet.analysis import Analysis
 from cylforce.programs.fleet.gathering import Gathered
 
 
-class Change(NamedTuple):
+class FleetChange(NamedTuple):
     """A change of a machine, with its dates and in words."""
 
     machine: str
@@ -23,6 +23,6 @@ class FleetResult(NamedTuple):
 
     gathered: Sequence[Gathered]
     analysis: Analysis
-    changes: tuple[Change, ...]
+    changes: tuple[FleetChange, ...]
     rows: Sequence[Mapping[str, Any]]
     notes: tuple[str, ...]

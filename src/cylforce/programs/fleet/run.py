@@ -12,9 +12,9 @@ from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.usual_file import UsualOfType, write_usual
 from cylforce.programs.fleet.analysis import Analysis, OfType, Ordered, analysed
 from cylforce.programs.fleet.booking import bookings
-from cylforce.programs.fleet.gathering import Gathered, Gathering
+from cylforce.programs.fleet.gathering import FleetReading, Gathered
 from cylforce.programs.fleet.kept import KeptResults
-from cylforce.programs.fleet.result import Change, FleetResult
+from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.rows import course_columns, write_rows
 from cylforce.programs.fleet.store import found_in, namesakes
 from cylforce.programs.fleet.task import FAILED, Booked
@@ -43,7 +43,7 @@ def run_fleet(wanted: Wanted, where: Where, watch: Watch = silent, say: Say = pr
     def flush(so_far: Sequence[Gathered]) -> None:
         write_rows(wanted.output, [_facts(each) for each in so_far])
 
-    gathered = Gathering(found, kept, where, watch, say, flush).gathered()
+    gathered = FleetReading(found, kept, where, watch, say, flush).gathered()
     watch("what changed, what is usual", None)
     analysis = analysed(gathered)
     flush(gathered)
@@ -67,7 +67,7 @@ def _usual(each: OfType) -> UsualOfType:
     return UsualOfType(each.fleet.known, each.fleet.usual, left_out)
 
 
-def _changes(analysis: Analysis) -> list[Change]:
+def _changes(analysis: Analysis) -> list[FleetChange]:
     """The lasting ones first, then single days; the surest first."""
     found = []
     for kind in analysis.types:
@@ -76,7 +76,7 @@ def _changes(analysis: Analysis) -> list[Change]:
             for altered in kind.told(name).altered:
                 date, before = _date(latest, altered.first), _date(latest, altered.first - 1)
                 words = f"{name}: {told(altered, date, before)}"
-                found.append(Change(name, altered, date, before, words))
+                found.append(FleetChange(name, altered, date, before, words))
     return sorted(found, key=lambda c: (c.altered.shape is Shape.DAY, -c.altered.probability, c.machine))
 
 
@@ -100,7 +100,7 @@ def _facts(each: Gathered) -> dict[str, Any]:
 
 
 def _rows(
-    gathered: Sequence[Gathered], analysis: Analysis, changed: Sequence[Change], weights: Mapping[str, Booked]
+    gathered: Sequence[Gathered], analysis: Analysis, changed: Sequence[FleetChange], weights: Mapping[str, Booked]
 ) -> list[dict[str, Any]]:
     rows = {each.stored.address: _facts(each) for each in gathered}
     for address, note in analysis.notes.items():

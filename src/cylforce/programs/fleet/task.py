@@ -42,7 +42,7 @@ class Job(NamedTuple):
     text: str
 
 
-class Outcome(NamedTuple):
+class Summary(NamedTuple):
     """What came out: `facts` for the table, by name (`state` and `reason` among them), and, where the recording tells
     any, its evidence and the identified parameters."""
 
@@ -72,7 +72,7 @@ def content_sha256(address: str) -> str:
     return digest.hexdigest()
 
 
-def summarised(job: Job, known: frozenset[str] = frozenset()) -> Outcome:
+def summarised(job: Job, known: frozenset[str] = frozenset()) -> Summary:
     """What a recording tells; whatever is wrong with it is the outcome's reason. One whose key is `known` is not looked
     at again."""
     begun = perf_counter()
@@ -81,13 +81,13 @@ def summarised(job: Job, known: frozenset[str] = frozenset()) -> Outcome:
         before = stamp_of(job.address)
         facts["sha256"] = content_sha256(job.address)
         if key_of(facts["sha256"], job.text) in known:
-            return Outcome(facts | {"state": "known"})
+            return Summary(facts | {"state": "known"})
         outcome = _told(job, facts)
         if stamp_of(job.address) != before:
             raise _WhileReadError(f"{job.address}: changed while it was read: run again when it is complete")
     except Exception as error:  # noqa: BLE001 - a bad file must not end the work on the others
         state = CHANGED if isinstance(error, _WhileReadError) else FAILED
-        outcome = Outcome(facts | {"state": state, "reason": _said(job.address, error)})
+        outcome = Summary(facts | {"state": state, "reason": _said(job.address, error)})
     outcome.facts["took_s"] = perf_counter() - begun
     outcome.facts["memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     return outcome
@@ -104,7 +104,7 @@ def _said(address: str, error: Exception) -> str:
     return text.removeprefix(f"{address}: ")[:400]
 
 
-def _told(job: Job, facts: dict[str, Any]) -> Outcome:
+def _told(job: Job, facts: dict[str, Any]) -> Summary:
     loaded = loaded_of(job.text, job.machine_file)
     found = chosen(loaded, [stored_path(job.address)], {})
     facts["begins_s"] = found.stretches[0].begins if found.stretches else 0.0
@@ -114,20 +114,20 @@ def _told(job: Job, facts: dict[str, Any]) -> Outcome:
         raise RecordingError(f"no gapless stretch of {SHORTEST_S:.0f} s: check that no sensor drops out")
     told = evidence(followed_model(loaded.service), found.stretches)
     facts |= {"seconds": told.seconds, "unexplained": told.misfit}
-    return Outcome(facts | {"state": WORK}) if told.at_work else _identified(loaded, found.stretches, facts, told)
+    return Summary(facts | {"state": WORK}) if told.at_work else _identified(loaded, found.stretches, facts, told)
 
 
-def _identified(loaded: Loaded, stretches: Sequence[Recorded], facts: dict[str, Any], told: Evidence) -> Outcome:
+def _identified(loaded: Loaded, stretches: Sequence[Recorded], facts: dict[str, Any], told: Evidence) -> Summary:
     """With what `cylforce identify` says of it: a recording that it refuses is doubtful, but a change of the machine
     may be the reason for that."""
     segments = [each.values for each in stretches]
     try:
         found = identify(model_of(loaded), segments)
     except ValueError as error:
-        return Outcome(facts | {"state": DOUBTFUL, "reason": str(error)}, told)
+        return Summary(facts | {"state": DOUBTFUL, "reason": str(error)}, told)
     names = [loaded.service.machine.links[j].name for j in loaded.service.machine.rows]
     shares = {f"explained:{n}": float(s) for n, s in zip(names, found.explained, strict=True) if np.isfinite(s)}
-    return Outcome(facts | shares | {"state": OK, "warnings": list(found.warnings)}, told, found.tares)
+    return Summary(facts | shares | {"state": OK, "warnings": list(found.warnings)}, told, found.tares)
 
 
 class Booked(NamedTuple):
