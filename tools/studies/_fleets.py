@@ -72,7 +72,7 @@ def faults(loaded: Loaded, size: Size, seed: int) -> dict[int, Faulty]:
     not after the last but three."""
     machine, found = loaded.service.machine, dict[int, Faulty]()
     for k in range(size.changing):
-        rng, name = np.random.default_rng((seed, 1, k)), CAUSES[k % len(CAUSES)]
+        rng, name = np.random.default_rng((seed, 1, k)), CAUSES[(k + seed) % len(CAUSES)]
         low, high = RANGES[name]
         value = float(np.exp(rng.uniform(np.log(low), np.log(high))))
         sign = 1.0 if name in ("friction_level_change", "extra_mass") else float(rng.choice((-1.0, 1.0)))

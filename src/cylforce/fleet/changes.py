@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.numbers import HAPPENS, IN_ORDER, MASS
-from cylforce.fleet.causes import FRICTIONS, Culprit
+from cylforce.fleet.causes import FRICTIONS, UNKNOWN, Culprit
 from cylforce.signals.estimate import Array
 
 MOST_CHANGES = 3  # of one machine; chosen: beyond that it is another machine
@@ -139,22 +139,44 @@ class _Answer(NamedTuple):
 
 def changes(history: History, found: Sequence[Culprit]) -> list[Altered]:
     """All changes of a machine, the most probable first; single days that differ are among them, but are not counted
-    for the others."""
-    told: list[Altered] = []
-    usable = len(history.t)
-    while usable > 1 and len(told) < MOST_CHANGES + len(history.t):
-        each = _likeliest(history, found)
-        if each is None or sum(a.shape is not Shape.DAY for a in told) == MOST_CHANGES:
+    for the others. Each of several is looked for once more beside the others: the first that is found may have taken
+    over what another one explains."""
+    days: list[Altered] = []
+    told: list[_Placed] = []
+    while len(told) < MOST_CHANGES and len(days) < len(history.t) - 1:
+        each = _likeliest(_beside(history, told), _others(found, told))
+        if each is None:
             break
-        altered, course = each
-        told.append(altered)
-        if altered.shape is Shape.DAY:
-            history, usable = history.without(altered.first), usable - 1
+        if each.altered.shape is Shape.DAY:
+            days.append(each.altered)
+            history = history.without(each.altered.first)
         else:
-            c = next(c for c in found if (c.name, c.at) == (altered.name, altered.at))
-            history = replace(history, courses=(*history.courses, (course, c.directions, c.spreads[-1])))
-            found = [each for each in found if not _same(each, altered)]
-    return told
+            told.append(each)
+    if len(told) > 1:
+        for k in range(len(told)):
+            others = [*told[:k], *told[k + 1 :]]
+            again = _likeliest(_beside(history, others), _others(found, others))
+            told[k] = told[k] if again is None or again.altered.shape is Shape.DAY else again
+    return [*(each.altered for each in told), *days]
+
+
+class _Placed(NamedTuple):
+    """A change, its course (n,) and its culprit."""
+
+    altered: Altered
+    course: Array
+    culprit: Culprit
+
+
+def _beside(history: History, told: Sequence[_Placed]) -> History:
+    """The history of which these changes are known, but not their sizes."""
+    courses = tuple((each.course, each.culprit.directions, each.culprit.spreads[-1]) for each in told)
+    return replace(history, courses=courses)
+
+
+def _others(found: Sequence[Culprit], told: Sequence[_Placed]) -> list[Culprit]:
+    """The culprits that do not tell the same once more."""
+    return [c for c in found if not any(_same(c, each.altered) for each in told)]
 
 
 def _same(c: Culprit, altered: Altered) -> bool:
@@ -188,7 +210,10 @@ def _answered(history: History, found: Sequence[Culprit], asked: _Asked) -> _Ans
     logs = []
     for c in found:
         prior = np.log(asked.prior) - np.log(len(shares) * shares[c.name, c.at] * len(c.spreads))
-        logs.append(_evidence(information, pull, c) + prior[:, None])
+        # what one recording shows of no known form is a single day until the next one shows it, too
+        once = (asked.first == len(history.t) - 1) & np.array([shape is not Shape.DAY for shape in asked.shape])
+        own = np.where(once & (c.name == UNKNOWN), -np.inf, _evidence(information, pull, c).T).T
+        logs.append(own + prior[:, None])
     return _Answer(tuple(logs), float(np.log(IN_ORDER)))
 
 
@@ -203,8 +228,8 @@ def _evidence(information: Array, pull: Array, c: Culprit) -> Array:
     return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1])
 
 
-def _likeliest(history: History, found: Sequence[Culprit]) -> tuple[Altered, Array] | None:
-    """The change that is there most probably, and its course; None when there is none, or it is of no size."""
+def _likeliest(history: History, found: Sequence[Culprit]) -> _Placed | None:
+    """The change that is there most probably; None when there is none, or it is of no size."""
     asked = _asked(history)
     answer = _answered(history, found, asked)
     day = np.array([shape is Shape.DAY for shape in asked.shape])
@@ -226,7 +251,8 @@ def _likeliest(history: History, found: Sequence[Culprit]) -> tuple[Altered, Arr
         return None
     c, shape, first = found[best], asked.shape[h], int(asked.first[h])
     kept = _smallest(causes)
-    return Altered(shape, c.name, c.at, c.unit, first, probability, when, size, error, kept), asked.course[h]
+    altered = Altered(shape, c.name, c.at, c.unit, first, probability, when, size, error, kept)
+    return _Placed(altered, asked.course[h], c)
 
 
 def _size(history: History, c: Culprit, course: Array, logs: Array) -> tuple[float, float]:

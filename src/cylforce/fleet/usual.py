@@ -14,9 +14,9 @@ from cylforce.fleet.gaussians import Belonging, loosened, solved
 from cylforce.signals.estimate import Array
 
 PRIOR_COUNT = 4.0  # things seen, to which the stated spread amounts; chosen: three machines change it, one hardly does
-ROUNDS = 25  # at most, of expectation maximisation
+ROUNDS = 40  # at most, of expectation maximisation
 FEWEST = 3  # machines, up to which their spread is the stated one
-SETTLED = 0.02  # relative change of a standard deviation, below which it ends
+SETTLED = 0.01  # relative change of a standard deviation, below which it ends
 MOST = 320  # things of a level from which its spread is told, evenly taken: then it is known to some four per cent
 WITHIN = 1.0 / 3.0  # of what differs from day to day, before anything is seen; chosen
 

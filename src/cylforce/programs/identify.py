@@ -125,7 +125,7 @@ def show(found: Identification, console: Console) -> None:
     for k, p in enumerate(model.parameters):
         numbers = (f"{model.prior.mean[k]:.5g}", f"{found.tares.values[k]:.5g}", f"{error[k]:.3g}")
         rows.append((p.name, p.unit, *numbers, "data sheet" if p.name in found.not_identified else ""))
-    right = ("data sheet", "identified", "standard error")
+    right = ("usual" if model.usual else "data sheet", "identified", "standard error")
     header = ("parameter", "unit", *right, "from")
     print_table(console, header, rows, right, f"{found.seconds:.0f} s of motion")
     names = [model.machine.links[j].name for j in model.machine.rows]

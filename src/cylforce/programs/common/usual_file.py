@@ -121,7 +121,6 @@ def _ratios(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:
         "stribeck": "stribeck",
         "pressure_offset": "pressure_zero",
         "angle_offset": "angle_offset",
-        "delay": "delay",
         "extra_mass": CARRIED,
         "friction_level_change": LEVEL,
     }

@@ -48,7 +48,7 @@ def analysed(gathered: Sequence[Gathered]) -> Analysis:
     first: dict[str, Gathered] = {}
     parts = _Parts()
     for each in gathered:
-        if each.loaded is None or each.outcome.told is None or each.outcome.facts["state"] not in (OK, DOUBTFUL):
+        if each.loaded is None:
             continue
         kind = each.machine_file.service.machine.name
         model = first.setdefault(kind, each)
@@ -57,6 +57,8 @@ def analysed(gathered: Sequence[Gathered]) -> Analysis:
                 f"its machine file has other parts than that of {model.stored.machine}, which is of the type {kind!r}, "
                 "too: give one of them another name in [machine]"
             )
+            continue
+        if each.outcome.told is None or each.outcome.facts["state"] not in (OK, DOUBTFUL):
             continue
         groups.setdefault(kind, {}).setdefault(each.stored.machine, []).append(each)
     types = []

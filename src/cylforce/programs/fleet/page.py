@@ -68,7 +68,13 @@ def _cards(result: FleetResult, machines: Sequence[Mapping[str, Any]]) -> list[d
             "bad": changed > 0,
         },
         {"title": "Recordings", "value": str(len(result.rows)), "note": "looked at", "good": True, "bad": False},
-        {"title": "Not usable", "value": str(failed), "note": "see the table", "good": not failed, "bad": False},
+        {
+            "title": "Not usable",
+            "value": str(failed),
+            "note": "their machines' pages say why",
+            "good": not failed,
+            "bad": False,
+        },
     ]
 
 

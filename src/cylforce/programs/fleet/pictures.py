@@ -81,10 +81,15 @@ def course_svg(title: str, curve: Curve) -> Markup:
         parts.append(f'<line class="error" x1="{x[k]:.1f}" x2="{x[k]:.1f}" y1="{up[k]:.1f}" y2="{down[k]:.1f}"/>')
         parts.append(f'<circle cx="{x[k]:.1f}" cy="{y[k]:.1f}" r="2.6"/>')
     for value, at in ((high, EDGE + 8.0), (low, HIGH - EDGE)):
-        parts.append(f'<text x="{LEFT - 4.0}" y="{at:.1f}">{value:.4g}</text>')
+        parts.append(f'<text x="{LEFT - 4.0}" y="{at:.1f}">{_number(value)}</text>')
     inside = "".join(parts)
     named = f'<svg class="course" viewBox="0 0 {WIDE} {HIGH}" role="img" aria-label="{escape(title)}">{inside}</svg>'
     return Markup(named)  # noqa: S704 - our own drawing; the title is escaped
+
+
+def _number(value: float) -> str:
+    """Short, without a power of ten as long as it fits."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
 def _with_errors(curve: Curve) -> tuple[Array, Array, Array]:
@@ -123,7 +128,8 @@ def spread_svg(title: str, values: Array, usual: tuple[float, float, float], far
         kind = ' class="far"' if far[k] else ""
         parts.append(f'<circle{kind} cx="{x[k]:.1f}" cy="{12.0 + 9.0 * ((k * 7) % 3) / 2.0:.1f}" r="2.4"/>')
     parts.append(
-        f'<text class="low" x="{EDGE}" y="48">{low:.4g}</text><text x="{WIDE - EDGE}" y="48">{high:.4g}</text>'
+        f'<text class="low" x="{EDGE}" y="48">{_number(low)}</text>'
+        f'<text x="{WIDE - EDGE}" y="48">{_number(high)}</text>'
     )
     inside = "".join(parts)
     named = f'<svg class="course" viewBox="0 0 {WIDE} 52" role="img" aria-label="{escape(title)}">{inside}</svg>'

@@ -17,9 +17,11 @@ from cylforce.programs.fleet.kept import KeptResults
 from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.rows import course_columns, write_rows
 from cylforce.programs.fleet.store import found_in, namesakes
-from cylforce.programs.fleet.task import FAILED, Booked
+from cylforce.programs.fleet.task import FAILED, WORK, Booked
 from cylforce.programs.fleet.words import told
 from cylforce.programs.fleet.workers import Say, Where
+
+MOST_TOLD = 20  # recordings that are told on the terminal; all are in the table
 
 
 class Wanted(NamedTuple):
@@ -150,7 +152,8 @@ def show_fleet(result: FleetResult, wanted: Wanted, console: Console) -> None:
         console.print(change.words, markup=False)
     if not lasting:
         console.print("no machine changed lastingly")
-    for row in [r for r in result.rows if r["reason"]][:20]:
+    remarks = [row for row in result.rows if row["reason"] and row["state"] != WORK]
+    for row in remarks[:MOST_TOLD]:
         console.print(f"{row['machine']} {row['recording']}: {row['state']}: {row['reason']}", markup=False)
     memory = max((float(row.get("memory_mb") or 0.0) for row in result.rows), default=0.0)
     took = float(np.sum([row.get("took_s") or 0.0 for row in result.rows]))

@@ -5,10 +5,10 @@ import hashlib
 import json
 import os
 import resource
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,7 +75,7 @@ def content_sha256(address: str) -> str:
 def summarised(job: Job, known: frozenset[str] = frozenset()) -> Summary:
     """What a recording tells; whatever is wrong with it is the outcome's reason. One whose key is `known` is not looked
     at again."""
-    begun = perf_counter()
+    begun = process_time()
     facts: dict[str, Any] = {"state": FAILED, "reason": "", "sha256": "", "warnings": []}
     try:
         before = stamp_of(job.address)
@@ -88,7 +88,7 @@ def summarised(job: Job, known: frozenset[str] = frozenset()) -> Summary:
     except Exception as error:  # noqa: BLE001 - a bad file must not end the work on the others
         state = CHANGED if isinstance(error, _WhileReadError) else FAILED
         outcome = Summary(facts | {"state": state, "reason": _said(job.address, error)})
-    outcome.facts["took_s"] = perf_counter() - begun
+    outcome.facts["took_s"] = process_time() - begun
     outcome.facts["memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     return outcome
 
@@ -114,7 +114,10 @@ def _told(job: Job, facts: dict[str, Any]) -> Summary:
         raise RecordingError(f"no gapless stretch of {SHORTEST_S:.0f} s: check that no sensor drops out")
     told = evidence(followed_model(loaded.service), found.stretches)
     facts |= {"seconds": told.seconds, "unexplained": told.misfit}
-    return Summary(facts | {"state": WORK}) if told.at_work else _identified(loaded, found.stretches, facts, told)
+    if told.at_work:
+        share = f"{100.0 * told.misfit:.0f} % of the torque is not that of the empty machine"
+        return Summary(facts | {"state": WORK, "reason": f"{share}: it worked, or its machine file is another one's"})
+    return _identified(loaded, found.stretches, facts, told)
 
 
 def _identified(loaded: Loaded, stretches: Sequence[Recorded], facts: dict[str, Any], told: Evidence) -> Summary:
@@ -188,6 +191,3 @@ def unpacked_tares(text: str) -> Tares:
 def on_worker() -> tuple[str, int]:
     """The program of a worker and its process: to be compared with the caller's."""
     return program(ROOMS), os.getpid()
-
-
-Take = Callable[[Any, Any], None]
