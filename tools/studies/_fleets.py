@@ -150,12 +150,15 @@ def _write_machine(work: _One) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     signals = tuple(s.name for s in loaded.service.machine.signals)
     for day in range(work.size.days):
+        if (folder / f"{day_of(day)}{work.suffix}").exists():
+            continue
         t, values = samples(loaded, work.number, day, work.size.seconds, work.seed, fault)
         write_table(folder / f"{day_of(day)}{work.suffix}", Table(t, values, signals))
 
 
 def write_fleet(folder: Path, size: Size, seed: int, processes: int = 2, suffix: str = ".parquet") -> dict[str, Faulty]:
-    """Write the recordings of a fleet and its machine file; returns what is true of the machines that change."""
+    """Write the recordings of a fleet and its machine file, except those that are there; returns what is true of the
+    machines that change."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "machine.toml").write_text(MACHINE_FILE.read_text())
     works = [_One(folder, k, size, seed, suffix) for k in range(size.machines)]
