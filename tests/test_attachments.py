@@ -21,8 +21,10 @@ from cylforce.programs import sim
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import make_core, model_of, tool_models
 from cylforce.programs.identify import How, run_identify, show
+from cylforce.programs.live.books import changed
 from cylforce.programs.sim import START_US
 from cylforce.service import commands
+from cylforce.service.booking import Weighed
 from cylforce.service.loading.tool import NOT_CHECKED, checked
 from cylforce.service.loading.truck import Truck
 from cylforce.service.state import Memory, Scale
@@ -247,6 +249,14 @@ class TestChoice:
         again = core.begin(unpacked(Memory, packed(state.memory)))
         assert again.memory == state.memory
         assert again.weighing.lift.root.factor.shape == state.weighing.lift.root.factor.shape
+
+    def test_a_load_that_was_weighed_with_other_tares_or_long_ago_is_told_as_not_booked(self, core):
+        hung = Weighed(900.0, 4.0, np.zeros(2), np.zeros(1), 300)
+        for kept in (Memory(hanging=hung), Memory(hanging=hung).emptied()):
+            state = core.begin(kept)
+            assert state.weighing.books.missed == (1, 900.0, True)
+            assert state.memory == Memory()
+            assert changed(kept, state.memory)
 
     def test_a_tool_that_the_machine_file_no_longer_has_is_the_standard_one(self, core):
         assert core.begin(Memory(tool="fork")).tool == "standard"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.recursive import known, update
+from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled, unseen
 from cylforce.service.spill import change, information
 from weighing.score import class_y_b, inside
@@ -70,6 +71,16 @@ def test_gross_what_remained_and_what_left():
     assert (refined.number, refined.t_us, refined.carry_back) == (1, first.t_us, 14.0)
 
 
+def test_while_it_is_not_sure_that_the_sensors_agree_a_booking_waits():
+    """It is made when that is sure again; if the next load comes before, it is told as missed."""
+    books = parted(after(Books(), weight(900.0), weight(905.0)))._replace(withheld=True)
+    waits = after(books, weight(12.0), weight(14.0))
+    assert waits.booking is None
+    assert after(waits._replace(withheld=False), weight(15.0)).booking.mass == 900.0
+    later = after(parted(waits._replace(withheld=False)), weight(500.0), weight(500.0))
+    assert (later.booking, later.missed.number, later.missed.mass) == (None, 1, 900.0)
+
+
 def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
     books = after(Books(), weight(900.0, moving=300), weight(900.0, moving=330))
     books = after(spilled(books), weight(860.0, moving=50), weight(860.0, moving=80), weight(300.0, moving=90))
@@ -87,6 +98,24 @@ def test_a_part_tipped_off_is_a_smaller_load_and_half_a_dump_is_not(tilt, mass):
     assert books.booking.mass == mass
 
 
+def test_an_error_that_the_full_and_the_empty_bucket_share_does_not_hinder_the_booking():
+    """What left the bucket is booked: 25 kg of a drift in both weights do not count, in one of them they do."""
+    unknown = SimpleNamespace(values=np.zeros(2), covariance=np.diag([1.0, 1.0]))
+
+    def worked(lifted, empty):
+        books = Books()
+        for t, each in enumerate([weight(900.0, drifted=(lifted, 0.0))] * 2 + [weight(10.0, drifted=(empty, 0.0))] * 2):
+            books = noted(books, each, RATED, t, tares(), unknown)
+        return books
+
+    allowed = GOOD_ENOUGH * RATED
+    shared = worked(0.9 * allowed, 1.5 * allowed).booking
+    assert shared.carry_back_error > allowed > shared.standard_error > shared.dumped_error
+    assert worked(0.0, 0.9 * allowed).booking is not None
+    assert worked(0.0, 1.5 * allowed).booking is None
+    assert worked(1.1 * allowed, 1.1 * allowed).booking is None
+
+
 def test_after_an_outage_the_load_before_it_is_told_and_not_booked():
     """It is not known whether it was dumped, or what hangs now is still the same."""
     books = unseen(after(Books(), weight(900.0), weight(900.0)))
@@ -95,6 +124,32 @@ def test_after_an_outage_the_load_before_it_is_told_and_not_booked():
     books = after(parted(after(books, weight(600.0), weight(600.0))), weight(10.0), weight(10.0))
     assert (books.booking.number, books.booking.mass, books.missed.number) == (1, 600.0, 1)
     assert unseen(books).missed.number == 1
+
+
+def remembered(mass=900.0):
+    """The state after a restart with a load in the bucket."""
+    return Books(candidate=weight(mass), remembered=True)
+
+
+def test_a_load_that_hangs_again_after_a_restart_is_booked():
+    books = after(parted(after(remembered(), weight(901.0), weight(901.0))), weight(10.0), weight(10.0))
+    assert (books.booking.number, books.missed.number) == (1, 0)
+
+
+def test_a_load_that_leaves_after_a_restart_is_booked():
+    """Seen empty at once, or while it is being dumped."""
+    books = after(remembered(), weight(10.0), weight(10.0))
+    assert (books.booking.mass, books.missed.number) == (900.0, 0)
+    books = parted(after(remembered(), weight(300.0), weight(300.0)))
+    books = after(books, weight(10.0), weight(10.0))
+    assert (books.booking.mass, books.missed.number) == (900.0, 0)
+
+
+def test_another_load_after_a_restart_is_booked_and_the_one_before_is_told():
+    books = after(remembered(), weight(1200.0), weight(1200.0))
+    assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, True)
+    books = after(parted(books), weight(10.0), weight(10.0))
+    assert (books.booking.number, books.booking.mass, books.missed.number) == (1, 1200.0, 1)
 
 
 def test_a_load_that_follows_an_unclear_return_replaces_the_one_before_and_this_is_told():

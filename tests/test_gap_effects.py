@@ -1,6 +1,6 @@
 """Every effect of the library finds itself: switched on in the simulated machine, it is in the set that holds the
-cause with 90 %, and where it is the likeliest its size is right. One effect of each way of acting always runs, the
-others are `long`. (Our own simulator: this shows that the programs work.)"""
+cause with 90 %, and where it is the likeliest its size is right. One effect of each kind always runs, the others are
+`long`. (Our own simulator: this shows that the programs work.)"""
 
 import numpy as np
 import pytest
@@ -13,15 +13,6 @@ from cylforce.diagnosis.inference.residuals import clean
 from cylforce.diagnosis.inference.search import Found, examined
 from cylforce.effects.fault import (
     SHAPES,
-    Alteration,
-    BaseMotion,
-    Distortion,
-    ForceLaw,
-    GrowingMass,
-    Incident,
-    JointLaw,
-    MassChange,
-    Share,
     TimeCourse,
 )
 from cylforce.effects.imposed import imposed
@@ -73,24 +64,14 @@ LIMITS = {
 }
 
 
-WAYS = (ForceLaw, JointLaw, Distortion, Alteration, MassChange, GrowingMass, Share, BaseMotion, Incident)
-
-
-def acts(name):
-    """In which ways an effect acts; incidents also by their course in time."""
-    effect = next(group[0] for group in LIBRARY if group[0].about.name == name)
-    return (*(isinstance(effect, way) for way in WAYS), effect.course if isinstance(effect, Incident) else "")
-
-
-def always():
-    """Of each way in which effects act the first that is found."""
-    return set({acts(name): name for name in reversed(CASES) if name not in LIMITS}.values())
+# A law of friction, a sensor, the geometry, a mass, an incident.
+ALWAYS = ("coulomb_friction", "pressure_offset", "linkage_geometry", "extra_mass", "payload_spill")
 
 
 def case(name):
     """A case that always runs, or a `long` one. The diagnosis is known not to find some (its chapter names them):
     `unknown`, never another name."""
-    marks = [] if name in always() else [pytest.mark.long]
+    marks = [] if name in ALWAYS else [pytest.mark.long]
     if name in LIMITS:
         marks.append(pytest.mark.xfail(strict=True, reason=LIMITS[name]))
     return pytest.param(name, marks=marks)

@@ -9,13 +9,16 @@ from scipy.stats import chi2
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CONSTANT, GROUP, GROUPS, Watching
-from cylforce.service.plausibility.driven import FARTHEST, Driving
-from cylforce.service.plausibility.offsets import VOTES, Voting
+from cylforce.service.plausibility.driven import Driving
+from cylforce.service.plausibility.monitor import UNSURE
+from cylforce.service.plausibility.offsets import VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
+from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.state import State
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid
+from cylforce.signals.kinds import Kind
 from faulting.edits import BAR, Fault, edited, named
 from rig import readings, rig
 from scenarios import EXCAVATOR, cycles, identified, through, with_value
@@ -55,6 +58,16 @@ def test_a_hose_has_burst_when_the_pressure_falls_at_once(steps, burst):
     assert pressure(90e5 * falling, ways=(1.0,))[1] is burst
 
 
+@pytest.mark.parametrize(("bar", "below"), [(-3.0, True), (-1.5, False)])
+def test_no_pressure_stays_below_vacuum(bar, below):
+    """A sensor's zero may be off by a bar, so that vacuum shows as two."""
+    watching = Watching(rig())
+    values, state = readings(STEPS, head=noisy(np.full(STEPS, bar * BAR)), rod=1e6), watching.begin()
+    for row in values:
+        state = watching.step(state, row, np.zeros(1))
+    assert (bool(state.below[0]), bool(state.burst[0])) == (below, False)
+
+
 def test_a_pressure_that_dips_is_no_burst():
     course = np.full(STEPS, 90e5)
     course[100:103] = 0.0
@@ -87,7 +100,7 @@ def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
     state = driving.begin()
     for _ in range(20):
         state = driving.step(state, force, velocity, np.array([1e4]))
-    assert (state.path > FARTHEST) is driven
+    assert (state.level is Level.REJECTED) is driven
 
 
 def test_a_machine_that_drives_is_pushed_by_the_heap():
@@ -96,7 +109,40 @@ def test_a_machine_that_drives_is_pushed_by_the_heap():
         state = driving.begin()
         for _ in range(20):
             state = driving.step(state, force, velocity, np.array([1e4]))
-        assert (state.path > FARTHEST) is driven
+        assert (state.level is Level.REJECTED) is driven
+
+
+def slews(rate):
+    """The last three channels, of which the last one is the slew rate or angle."""
+    return np.array([[0.0, rate(k)] for k in range(3)])
+
+
+@pytest.mark.parametrize(
+    ("kind", "course"), [(Kind.SLEW_RATE, lambda _: -0.45), (Kind.SLEW_ANGLE, lambda k: 2.0 - 0.0045 * k)]
+)
+def test_nothing_is_swept_through_the_ground(kind, course):
+    """Nearly half a radian a second: the third second that no load explains is one too many; one that a load does ends
+    it, rest and reversing do not."""
+    signal = replace(rig().signals[0], kind=kind)
+    sweeping = Sweeping(replace(rig(), signals=(signal,)), 0.2, 100.0)
+
+    def second(state, explained):
+        for _ in range(5):
+            state = sweeping.step(state, slews(course))
+        return sweeping.ended(state, explained=explained)
+
+    state, levels = Swept(), []
+    for explained in (False, None, False, False, True, *[False] * 7):
+        state = second(state, explained)
+        levels.append(state.level)
+    assert state.fast
+    found = [0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 1, 2]
+    assert levels == [Level(k) for k in found]
+
+
+def test_without_a_slew_sensor_nothing_is_swept():
+    sweeping = Sweeping(replace(rig(), signals=()), 0.2, 100.0)
+    assert sweeping.step(Swept(), slews(lambda _: 5.0)) == Swept()
 
 
 def test_a_force_without_a_value_drives_nothing():
@@ -191,6 +237,37 @@ def test_the_boom_is_named(machine, spoilt):
 def test_what_is_suspected_is_stored_with_the_state(spoilt):
     state, *_ = spoilt
     assert unpacked(State, packed(state)).watch.suspicion == state.watch.suspicion
+
+
+def test_with_some_evidence_that_a_signal_is_off_no_weight_is_ok_and_no_booking_made(machine, monkeypatch):
+    core, events, masses = machine
+    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 1.01 * UNSURE))
+    begun = core.begin()
+    some = begun.watch.offset._replace(evidence=1.01 * UNSURE)
+    state, estimates, _ = through(core, events, begun._replace(watch=begun.watch._replace(offset=some)))
+    assert {e.gross.status for e in estimates} == {Status.DEGRADED, Status.INVALID}
+    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert state.estimate.force.x.status is Status.OK
+    assert state.estimate.booking is None
+    assert state.weighing.books.missed.number == len(masses) - 1
+
+
+def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_otherwise(machine):
+    core, *_ = machine
+    watch = core.monitor.begin()
+
+    def seen(watch, kilograms, status=Status.OK):
+        gross = Quantity(kilograms, 10.0, status, Reason.NONE)
+        return watch._replace(light=core.monitor._light(watch, gross))
+
+    watch = seen(watch, -29.0)
+    assert not watch.light
+    light = seen(watch, -31.0)
+    for after in (light, seen(light, 500.0), seen(light, 0.0, Status.DEGRADED)):
+        doubt = core.monitor._suspicion(after)
+        assert (doubt.level, doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
+        assert doubt.follows
+    assert core.monitor._suspicion(seen(light, -29.0)) == NOTHING_SUSPECTED
 
 
 @pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])

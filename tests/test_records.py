@@ -409,6 +409,7 @@ def test_a_bucket_that_hangs_is_the_same_after_a_short_outage(path):
         again = Recorder(path, START._replace(t_us=START.t_us + round(1e6 * later_s)))
         again.close()
         assert (again.kept.hanging is not None) is same
+        assert again.kept.lost == (0.0 if same else 900.0)
         assert not same or str(again.kept.hanging) == str(hanging)
 
 

@@ -15,6 +15,7 @@ import pytest
 from cylforce.estimation.residual import Residual
 from cylforce.estimation.segments import gapless
 from cylforce.programs.common.readings import model_of
+from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.service.publication import published
 from cylforce.service.samples import samples
 from cylforce.service.state import Scale
@@ -383,6 +384,22 @@ def test_an_angle_that_leaps_and_stays(bench):
     lost_with(estimates, Reason.IMPLAUSIBLE_JUMP, FAULT + HOLD_S + 0.02, FAULT + 0.9)
     assert force_back(estimates, FAULT + 0.9) < 0.9
     true_weight(bench, estimates)
+
+
+@pytest.mark.parametrize("back", [True, False])
+def test_an_angle_that_leaps_is_not_believed_until_it_leaps_back(bench, back):
+    """A joint is not where it seems to be, although the new level has stayed for a second and a half."""
+    run = bench.carry
+    events = with_value(run.events, bench.service, "stick_angle", lambda t, v: v + 0.1, FAULT, FAULT + 1.5)
+    if not back:
+        events = with_value(run.events, bench.service, "stick_angle", lambda t, v: v + 0.1, FAULT, 1e9)
+    state, estimates, _ = spoiled(bench, run, events, 8.0)
+    lost_with(estimates, Reason.IMPLAUSIBLE_JUMP, FAULT + HOLD_S + 0.02, FAULT + 0.9)
+    shown = [e for e in estimates if seconds(e) > FAULT + 4.5]
+    assert shown
+    for estimate in shown:
+        assert (estimate.force.magnitude.status is Status.INVALID) is not back
+    assert (state.watch.suspicion.cause is SensorFault.LEAPT) is not back
 
 
 @pytest.mark.parametrize("signal", PRESSURES + ANGLES + OTHERS)

@@ -99,7 +99,9 @@ FAULTS_OF_SENSORS = [
     (Fault("frozen", ROD, begin=BEGIN), SensorFault.STUCK, 0xFF20, 25.0),
     (Fault("burst", HEAD, begin=BEGIN), SensorFault.BURST, 0xFF22, 0.11),
     (Fault("step", HEAD, size=15.0 * BAR, begin=BEGIN), SensorFault.OFFSET, 0xFF23, 25.0),
-    (Fault("slipped", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.SLIPPED, 0xFF24, 30.0),
+    (Fault("step", ROD, size=-6.5 * BAR, begin=BEGIN), SensorFault.IMPOSSIBLE, 0xFF23, 25.0),
+    (Fault("slipped", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.LEAPT, 0xFF24, 2.0),
+    (Fault("sliding", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.SLIPPED, 0xFF24, 30.0),
 ]
 
 

@@ -20,11 +20,11 @@ from cylforce.signals.units import DEGREE
 
 from .edits import BAR, Fault, edited, place
 from .order import EVERY_S, Order, in_order
-from .runs import Wrong, followed, wrong
+from .runs import Wrong, ended, followed, wrong
 from .works import ROOT, Case, events, foreign_case, reference_case, simulated_case
 
 SHARED = ROOT.parent / "shared" / "data" / "foreign_machines"
-KINDS = ("sides exchanged", "nodes exchanged", "burst", "dead", "frozen", "drift", "step", "slipped")
+KINDS = ("sides exchanged", "nodes exchanged", "burst", "dead", "frozen", "drift", "step", "slipped", "sliding")
 FOLLOWED_S = 60.0  # after the beginning of a fault
 DRIFTED_S = 140.0  # after that of a drift
 HEADWAY_S = 40.0  # of work in order before
@@ -54,7 +54,7 @@ def drawn(machine: Machine, rng: np.random.Generator, last_s: float) -> Fault:
     sign = float(rng.choice((-1.0, 1.0)))
     if kind in ("sides exchanged", "nodes exchanged"):
         return Fault(kind, cylinder, other, begin=begin)
-    if kind == "slipped":
+    if kind in ("slipped", "sliding"):
         return Fault(kind, place(machine, Kind.JOINT_ANGLE, cylinder), 0, sign * rng.uniform(2.0, 8.0) * DEGREE, begin)
     size = sign * float(rng.uniform(3.0, 20.0)) * BAR
     side = Kind.HEAD_PRESSURE if kind == "burst" else side
@@ -69,10 +69,10 @@ def scenario(case: Case, order: Order, fault: Fault, seed: int) -> Found:
     end = fault.begin + (DRIFTED_S if fault.kind == "drift" else FOLLOWED_S)
     rows = slice(round(k * EVERY_S * case.rate_hz), round(end * case.rate_hz))
     begin = float(case.table.t_s[0]) + fault.begin
-    course = followed(case.core, events(case, values, rows), state).since(begin)
-    beside = order.course.since(begin, float(course.t_s[-1]) + 0.5 / case.rate_hz)
+    beside = order.course.since(begin, begin + end - fault.begin)
+    course = ended(followed(case.core, events(case, values, rows), state, whole=False).since(begin), beside.t_s)
     size = min(len(course.t_s), len(beside.t_s))
-    return Found(case.name, fault, wrong(course.first(size), beside.first(size), machine.rated_payload))
+    return Found(case.name, fault, wrong(course.first(size), beside.first(size)))
 
 
 def alarms(order: Order) -> int:
@@ -123,6 +123,8 @@ def summary(found: list[Found]) -> dict[str, Any]:
         "wrong_bookings": sum(w.wrong_bookings for w in each),
         "bookings": sum(len(w.bookings) for w in each),
         "wrong_ok_share": float(np.mean([w.share for w in each])) if each else 0.0,
+        "wrong_weight_share": float(np.mean([w.weight_share for w in each])) if each else 0.0,
+        "wrong_for_longer_share": float(np.mean([w.longer for w in each])) if each else 0.0,
         "detected_share": float(np.mean([np.isfinite(w.doubted_s) for w in each])) if each else 0.0,
     }
 
@@ -130,7 +132,17 @@ def summary(found: list[Found]) -> dict[str, Any]:
 def table(found: list[Found]) -> Table:
     """By kind of fault."""
     shown = Table(title="faults in the middle of work")
-    for name in ("fault", "scenarios", "doubted", "median s", "wrong and OK", "longest s", "bookings wrong"):
+    for name in (
+        "fault",
+        "scenarios",
+        "doubted",
+        "median s",
+        "wrong and OK",
+        "of it weight",
+        "for over 1 s",
+        "longest s",
+        "bookings wrong",
+    ):
         shown.add_column(name, justify="left" if name == "fault" else "right")
     for kind in KINDS:
         own = [f.wrong for f in found if f.fault.kind == kind]
@@ -141,7 +153,10 @@ def table(found: list[Found]) -> Table:
                 str(len(own)),
                 f"{len(seen)}",
                 f"{np.median(seen):.0f}" if seen else "-",
-                f"{100 * np.mean([w.share for w in own]):.1f} %",
+                *(
+                    f"{100 * np.mean(x):.1f} %"
+                    for x in zip(*((w.share, w.weight_share, w.longer) for w in own), strict=True)
+                ),
                 f"{max(w.longest_s for w in own):.1f}",
                 f"{sum(w.wrong_bookings for w in own)} of {sum(len(w.bookings) for w in own)}",
             )

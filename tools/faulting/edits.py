@@ -13,6 +13,7 @@ from cylforce.signals.units import DEGREE
 BAR = 1e5
 BURST_ROWS = 5  # 50 ms at 100 Hz
 DRIFT_S = 200.0
+SLIDE_S = 3.0
 FLICKER = 0.1 * BAR
 
 
@@ -67,6 +68,8 @@ def edited(values: Array, rate_hz: float, fault: Fault, machine: Machine, seed: 
             found[rows, at] = found[rows.start, at] + rng.uniform(-FLICKER, FLICKER, count)
         case "drift":
             found[rows, at] += fault.size * np.arange(count) / (rate_hz * DRIFT_S)
+        case "sliding":
+            found[rows, at] += fault.size * np.minimum(np.arange(count) / (rate_hz * SLIDE_S), 1.0)
         case "step" | "slipped":
             found[rows, at] += fault.size
         case _:

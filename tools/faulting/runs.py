@@ -13,6 +13,7 @@ from cylforce.signals.estimate import Array, Booking, Quantity, Status
 from cylforce.signals.events import Event
 
 CLEAR = 3.0  # standard errors by which a value is wrong
+LONG_S = 1.0  # s for which a wrong value is to be shown at most
 SAME_S = 3.0  # s by which bookings of the same bucket may differ
 
 
@@ -43,8 +44,9 @@ class Course(NamedTuple):
         return self._replace(t_s=self.t_s[rows], values=self.values[rows], errors=self.errors[rows], ok=self.ok[rows])
 
 
-def followed(core: Core, events: Iterable[Event], state: State | None = None) -> Course:
-    """The service over events, from a state on."""
+def followed(core: Core, events: Iterable[Event], state: State | None = None, *, whole: bool = True) -> Course:
+    """The service over events, from a state on; unless `whole`, until a signal is rejected for good, after which
+    nothing is shown any more."""
     state = core.begin() if state is None else state
     times: list[float] = []
     rows: list[tuple[Quantity, ...]] = []
@@ -63,19 +65,33 @@ def followed(core: Core, events: Iterable[Event], state: State | None = None) ->
         if (now.level, now.cause) != (known.level, known.cause):
             suspicions.append((times[-1], now))
             known = now
+        if now.latched and not whole:
+            break
     table = np.array([[(q.value, q.standard_error, q.status is Status.OK) for q in row] for row in rows])
     ok = table[..., 2] > 0.5
     return Course(np.array(times), table[..., 0], table[..., 1], ok, suspicions, list(bookings.values()), state)
 
 
+def ended(course: Course, t_s: Array) -> Course:
+    """A course with the ticks `t_s` (T,) [s] of the rest, at which nothing was shown."""
+    size = len(t_s) - len(course.t_s)
+    if size <= 0:
+        return course
+    nothing, no = np.full((size, 3), np.nan), np.zeros((size, 3), dtype=bool)
+    values, errors = (np.concatenate([x, nothing]) for x in (course.values, course.errors))
+    return course._replace(t_s=t_s, values=values, errors=errors, ok=np.concatenate([course.ok, no]))
+
+
 class Wrong(NamedTuple):
-    """What a fault did: `share` of the time in which a wrong weight or force was shown as OK, of either alone, and the
-    longest of it [s]; largest error of an OK weight [kg] and force [N]; (error, standard error) [kg] of each booking,
-    and how many are wrong; after how many seconds a signal was doubted and rejected (NaN: never), and which."""
+    """What a fault did: `share` of the time in which a wrong weight or force was shown as OK, of either alone, that in
+    which it was for `longer` than LONG_S, and the longest of it [s]; largest error of an OK weight [kg] and force [N];
+    (error, standard error) [kg] of each booking, and how many are wrong; after how many seconds a signal was doubted
+    and rejected (NaN: never), and which."""
 
     share: float
     weight_share: float
     force_share: float
+    longer: float
     longest_s: float
     weight: float
     force: float
@@ -86,23 +102,25 @@ class Wrong(NamedTuple):
     suspicion: SensorDoubt
 
 
-def wrong(course: Course, order: Course, rated: float) -> Wrong:
+def wrong(course: Course, order: Course) -> Wrong:
     """A course with a fault beside that of the same time in `order`. A value is wrong if it is shown as OK and differs
-    by more than three standard errors of both; a booking also by more than 1 % of the rated payload [kg], or if there
-    is none of that bucket in order."""
+    by more than three standard errors of both; a booking by more than three of its own, or if there is none of that
+    bucket in order."""
     away = np.abs(course.values - order.values)
     told = CLEAR * np.hypot(course.errors, np.where(np.isfinite(order.errors), order.errors, 0.0))
     bad = np.logical_and(course.ok, away > told)
     seconds = float(np.median(np.diff(course.t_s)))
     booked = [(_error(b, order.bookings), b.standard_error) for b in course.bookings]
-    false = sum(abs(e) > max(CLEAR * s, 0.01 * rated) for e, s in booked)
+    false = sum(abs(e) > CLEAR * s for e, s in booked)
+    runs = lengths(np.asarray(bad.any(axis=1)))
     shown = np.where(np.logical_and(course.ok, np.isfinite(away)), away, 0.0)
     doubted, rejected = (_first(course, level) for level in (Level.DOUBTED, Level.REJECTED))
     return Wrong(
         float(bad.any(axis=1).mean()),
         float(bad[:, 0].mean()),
         float(bad[:, 1:].any(axis=1).mean()),
-        seconds * longest(np.asarray(bad.any(axis=1))),
+        sum(n for n in runs if seconds * n > LONG_S) / len(bad),
+        seconds * max(runs, default=0),
         float(shown[:, 0].max()),
         float(shown[:, 1:].max()),
         booked,
@@ -123,10 +141,7 @@ def _first(course: Course, level: Level) -> float:
     return found[0] if found else float("nan")
 
 
-def longest(marks: NDArray[np.bool_]) -> int:
-    """Length of the longest row of True."""
-    best = run = 0
-    for mark in marks.tolist():
-        run = run + 1 if mark else 0
-        best = max(best, run)
-    return best
+def lengths(marks: NDArray[np.bool_]) -> list[int]:
+    """Lengths of the rows of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(np.int64), [0]])))
+    return [int(n) for n in edges[1::2] - edges[::2]]

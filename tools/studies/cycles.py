@@ -36,7 +36,7 @@ SHARES = {"plain": 0.4, "spill": 0.1, "tip_off": 0.1, "two_parts": 0.1, "double_
 LOADS, CARRY_BACK = (0.15, 1.0), 0.02  # of rated: dug; largest that stays in the bucket
 PACE, SLEW, JERK = (0.8, 1.15), (0.3, 1.0), 0.012  # rad/s; m, of every second machine
 SHIFT = 20  # cycles that are simulated at once
-RESTARTS, DOWN_S = 0.1, 2.0  # share of the cycles in which the service is restarted; how long it is away [s]
+DOWN_S = 2.0  # s for which a restarted service is away
 WRONG, CERTAIN = 0.02, 3.0  # of rated; standard errors
 
 
@@ -84,30 +84,33 @@ def worked(core: Core, values: Array, restarts: list[int]) -> Shift:
     away = round(1e6 * DOWN_S) // core.period_us
     for end in (*restarts, len(values)):
         if end - begin > core.model.settle_steps:
+            told = 0  # a start counts anew
             for state in states(core, values[begin:end], begin + 1, kept):
-                _note(done, state, core)
+                told = _note(done, state, core, told)
                 now = state.memory
                 if changed(kept, now) or is_new(now.booking, kept.booking):
                     kept, kept_us = now, state.estimate.t_us
         begin = end + away
         if begin * core.period_us - kept_us > SHORTEST_CYCLE_US:
-            kept = kept._replace(hanging=None)
+            kept = kept.emptied()
         done.restarts.append(end * 1e-6 * core.period_us)
     return done._replace(restarts=done.restarts[:-1])
 
 
-def _note(done: Shift, state: State, core: Core) -> None:
+def _note(done: Shift, state: State, core: Core, told: int) -> int:
+    """Notes one instant; `told`: losses that this start had told before. How many it has told now."""
     t, books = state.estimate.t_us * 1e-6, state.weighing.books
     booking = books.booking
     if booking is not None:
         same = bool(done.bookings) and done.bookings[-1].number == booking.number
         done.bookings[len(done.bookings) - same :] = [booking]
-    if books.missed.number > len(done.told):
+    if books.missed.number > told:
         done.told.append((t, books.missed.interrupted))
     mass = state.estimate.load.mass
     error = 100.0 * mass.standard_error / core.service.machine.rated_payload
     known = f"{mass.reason.name} (+- {error:.1f} %)" if mass.status is Status.DEGRADED else mass.reason.name
     done.weights.append((t, known))
+    return books.missed.number
 
 
 def buckets(notes: list[dict[str, Any]], done: Shift, rated: float) -> Iterator[Bucket]:
@@ -140,13 +143,13 @@ def _mostly(done: Shift, begin: float, end: float) -> str:
     return ", ".join(f"{reason} {100 * n / found.total():.0f} %" for reason, n in found.most_common(3))
 
 
-def shift_of(machine: Machine, core: Core, seed: int, count: int) -> list[Bucket]:
-    """One shift of a machine."""
+def shift_of(machine: Machine, core: Core, seed: int, count: int, restarts: float) -> list[Bucket]:
+    """One shift of a machine; `restarts`: share of the cycles in which the service is restarted."""
     rng, rated = np.random.default_rng((machine.seed, seed)), core.service.machine.rated_payload
     jobs, slew, jerk = jobs_of(rng, count, rated), float(rng.uniform(*SLEW)), JERK * (machine.seed % 2)
     made = machine.run("shift", seed=seed, jobs=jobs, slew_rate=slew, jerk=jerk)
     notes = made.header["pieces"][0]["cycles"]  # type: ignore[index]
-    chosen = [n for n in notes if rng.random() < RESTARTS]
+    chosen = [n for n in notes if rng.random() < restarts]
     begins = [n["free_s"][0] - 7.4 for n in chosen]
     at = sorted(int(100 * rng.uniform(b, n["empty_s"][1])) for b, n in zip(begins, chosen, strict=True))
     names = [signal.name for signal in core.service.machine.signals]
@@ -154,13 +157,13 @@ def shift_of(machine: Machine, core: Core, seed: int, count: int) -> list[Bucket
     return list(buckets(notes, worked(core, values, at), rated))
 
 
-def machine_of(seed: int, cycles: int, tell: Console) -> list[Bucket]:
+def machine_of(seed: int, cycles: int, tell: Console, restarts: float = 0.1) -> list[Bucket]:
     """All shifts of one machine."""
     machine, found = draw(seed, friction="foreign"), []
     with TemporaryDirectory() as folder:
         core = core_of(machine, Path(folder))
         for k in range(0, cycles, SHIFT):
-            found += shift_of(machine, core, 20 + k, min(SHIFT, cycles - k))
+            found += shift_of(machine, core, 20 + k, min(SHIFT, cycles - k), restarts)
             rated = core.service.machine.rated_payload
             tell.print(seed, scored(found, rated), *[_said(b) for b in found[k:] if _faulty(b, rated)], sep="\n  ")
     return found
@@ -176,6 +179,7 @@ def scored(found: list[Bucket], rated: float) -> dict[str, int]:
         "doubled": sum(len(b.bookings) > 1 for b in loads),
         "phantom": sum(len(b.bookings) for b in swings),
         "wrong": sum(_wrong(b, rated) for b in loads),
+        "untold": sum(b.why.startswith("not told") for b in loads),
         "restarts": sum(b.restarted for b in found),
     }
 
@@ -199,11 +203,12 @@ def main() -> None:
     parser.add_argument("--machines", type=int, default=10)
     parser.add_argument("--cycles", type=int, default=100, help="of each machine")
     parser.add_argument("--seed", type=int, default=4400, help="of the first machine")
+    parser.add_argument("--restarts", type=float, default=0.1, help="share of the cycles with a restart of the service")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     console, found, rated = Console(highlight=False, width=200), [], 1500.0
     for seed in range(options.seed, options.seed + options.machines):
-        found += [(seed, bucket) for bucket in machine_of(seed, options.cycles, console)]
+        found += [(seed, bucket) for bucket in machine_of(seed, options.cycles, console, options.restarts)]
         if options.json:
             options.json.write_text(json.dumps(figures(found, rated), indent=1) + "\n")
     console.print(table([bucket for _, bucket in found], rated))

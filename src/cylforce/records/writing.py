@@ -75,8 +75,8 @@ def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
     if row is None:
         return Memory(booking=booking)
     zero, tare, number, target, product, tool, hung, since_us, *parts = row
-    same = hung and 0 <= t_us - since_us <= SHORTEST_CYCLE_US
-    hanging = unpacked(Weighed, json.loads(hung)) if same else None
+    same = 0 <= t_us - since_us <= SHORTEST_CYCLE_US
+    hanging = unpacked(Weighed, json.loads(hung)) if hung else None
     sums = (
         "SELECT coalesce(sum(mass), 0.0), count(*), coalesce(sum(mass) FILTER (WHERE part = ?), 0.0) FROM bookings "
         "WHERE truck = ? AND accepted"
@@ -86,7 +86,8 @@ def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
     rows = connection.execute(listed, (number, KEPT)).fetchall()
     buckets = tuple(Bucket(found, mass, bool(accepted), part) for found, mass, accepted, part in reversed(rows))
     opened = Truck(number, target, product, total, filled, buckets, parts[0], in_part, *parts[1:])
-    return Memory(Scale(zero, tare), opened, booking, tool, hanging)
+    memory = Memory(Scale(zero, tare), opened, booking, tool, hanging)
+    return memory if same or hanging is None else memory.emptied()
 
 
 def write(connection: sqlite3.Connection, start: int, change: Change) -> None:

@@ -29,7 +29,8 @@ class Channel(NamedTuple):
     """One signal: its last accepted `value` (while it has not yet sent enough good values: its last value); `t_us`:
     time of the last accepted value; `seen_us`: time of the last value of any kind; `reason`: what was wrong with that
     one; `good`: number of good values in a row; `equal`: number of equal values in a row while the machine moved;
-    `jumps`: number of implausible jumps in a row."""
+    `jumps`: number of implausible jumps in a row, the first of them by `leap`; `leapt`: sum of the leaps after which it
+    stayed where it was."""
 
     value: float
     t_us: int
@@ -38,6 +39,8 @@ class Channel(NamedTuple):
     good: int
     equal: int
     jumps: int
+    leap: float = 0.0
+    leapt: float = 0.0
 
 
 class FrameCounters(NamedTuple):
@@ -135,26 +138,35 @@ class Assembler:
         if not slot.low <= value <= slot.high:
             return old._replace(reason=Reason.OUT_OF_RANGE, seen_us=t_us, good=0)
         if old.jumps < JUMPS_BELIEVED and self._jumps(old, slot, value, t_us):
-            return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, seen_us=t_us, good=0, jumps=old.jumps + 1)
+            leap = old.leap if old.jumps else value - old.value
+            return old._replace(reason=Reason.IMPLAUSIBLE_JUMP, seen_us=t_us, good=0, jumps=old.jumps + 1, leap=leap)
+        leapt = old.leapt + old.leap * (old.jumps == JUMPS_BELIEVED)
         equal = 0 if value != old.value else old.equal + moving
         if equal >= self.service.health.frozen_samples and self._noisy(slot.signal):
             return old._replace(reason=Reason.FROZEN, seen_us=t_us, good=0, equal=equal)
         good = old.good + 1 if t_us - old.seen_us <= hold_us else 1
         if t_us - old.t_us <= hold_us or good >= self.service.health.good_frames:
-            return Channel(value, t_us, t_us, Reason.NONE, good, equal, 0)
-        return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0)
+            return Channel(value, t_us, t_us, Reason.NONE, good, equal, 0, 0.0, leapt)
+        return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0, leapt=leapt)
 
     def _jumps(self, old: Channel, slot: Slot, value: float, t_us: int) -> bool:
         """Whether the value differs from the last one by more than is plausible: FASTEST times the time between them,
         and the noise. Time during which values jumped or were not yet accepted does not count, because the joint
         need not have moved then."""
-        signal, fastest = self.service.machine.signals[slot.signal], self._fastest[slot.signal]
-        if fastest == inf:
+        if self._fastest[slot.signal] == inf:
             return False
         proving = t_us - old.t_us > self._hold_us and old.good > 0
         since_us = old.seen_us if old.jumps or proving else old.t_us
-        room = fastest * max((t_us - since_us) * 1e-6, signal.period_s)
-        return abs(value - old.value) > room + 6.0 * signal.standard_error + 2.0 * slot.scale
+        return abs(value - old.value) > self._room(slot.signal, (t_us - since_us) * 1e-6)
+
+    def _room(self, k: int, seconds: float) -> float:
+        """By how much a signal may change in a time [s], but at least one of its periods."""
+        signal = self.service.machine.signals[k]
+        return self._fastest[k] * max(seconds, signal.period_s) + 6.0 * signal.standard_error + 2.0 * self._quantum[k]
+
+    def leapt(self, inputs: Inputs) -> tuple[int, ...]:
+        """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""
+        return tuple(k for k, c in enumerate(inputs.channels) if c.leapt and abs(c.leapt) > self._room(k, 0.0))
 
     def _noisy(self, k: int) -> bool:
         """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
@@ -166,7 +178,7 @@ class Assembler:
         after enough good values."""
         mine = {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}
         lost = Channel(float("nan"), NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
-        channels = tuple(lost if k in mine else c for k, c in enumerate(inputs.channels))
+        channels = tuple(lost._replace(leapt=c.leapt) if k in mine else c for k, c in enumerate(inputs.channels))
         return inputs._replace(channels=channels, watched=self.supervisor.restarted(inputs.watched, node_id))
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:

@@ -49,13 +49,17 @@ NONE_MISSED = Missed(0, 0.0, interrupted=False)
 class Books(NamedTuple):
     """State of the booking: the newest weight of the present lift, which becomes the `candidate` of a loaded bucket, or
     the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last,
-    while the bucket returns (`dumped`); the last booking; the last load that is not booked."""
+    while the bucket returns (`dumped`); the last booking; the last load that is not booked; whether the candidate is
+    `remembered` from before an interruption: no load has hung since, so that it may be gone; whether bookings are
+    `withheld`, because it is not sure that the sensors agree."""
 
     newest: Weighed | None = None
     candidate: Weighed | None = None
     dumped: Weighed | None = None
     booking: Booking | None = None
     missed: Missed = NONE_MISSED
+    remembered: bool = False
+    withheld: bool = False
 
 
 def corrected(weight: Weighed, drift: Drift) -> float:
@@ -89,11 +93,18 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
         return books
     if corrected(settled, drift) >= SMALLEST * rated:
         better = _better(books.candidate, settled, tares, drift)
-        return _passed(books, settled, tares, drift)._replace(candidate=better, dumped=None)
+        return _passed(books, settled, tares, drift)._replace(candidate=better, dumped=None, remembered=False)
     lifted = books.candidate or books.dumped
-    if lifted is None or max(error(w, tares, drift) for w in (settled, lifted)) > enough:
+    if lifted is None or books.withheld or not _known(lifted, settled, enough, tares, drift):
         return books._replace(candidate=books.candidate and books.candidate._replace(moving=GONE))
     return _returned(books, lifted, settled, t_us, tares, drift)
+
+
+def _known(lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
+    """Whether the lifted weight is known well enough, and what is `left` in the bucket or what left it is, too."""
+    if error(lifted, tares, drift) > enough:
+        return False
+    return min(error(left, tares, drift), difference_error(lifted, left, tares, drift)) <= enough
 
 
 def parted(books: Books) -> Books:
@@ -119,15 +130,16 @@ def _missed(books: Books, mass: float, *, interrupted: bool) -> Missed:
 
 
 def _passed(books: Books, now: Weighed, tares: Tares, drift: Drift) -> Books:
-    """The state with a load told as missed that another one follows, the bucket having been seen empty between them,
-    but not clearly."""
+    """The state with a load told as missed that another one follows: the bucket has been seen empty between them, but
+    not clearly, or the measurement was interrupted."""
     before = books.candidate
-    if before is None or before.moving != GONE:
+    if before is None or not (books.remembered or before.moving == GONE):
         return books
-    apart = abs(corrected(now, drift) - corrected(before, drift))
-    if apart <= AGREES * difference_error(now, before, tares, drift):
+    by = corrected(now, drift) - corrected(before, drift)
+    same = abs(by) <= AGREES * difference_error(now, before, tares, drift)
+    if same or (books.remembered and by < 0.0 and _leaves(before, now, drift)):
         return books
-    return books._replace(missed=_missed(books, corrected(before, drift), interrupted=False))
+    return books._replace(missed=_missed(books, corrected(before, drift), interrupted=books.remembered))
 
 
 def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) -> Weighed:
@@ -173,4 +185,4 @@ def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Ta
         mass - remains,
         difference_error(lifted, left, tares, drift),
     )
-    return books._replace(candidate=None, dumped=lifted, booking=booking)
+    return books._replace(candidate=None, dumped=lifted, booking=booking, remembered=False)

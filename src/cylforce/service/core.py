@@ -8,6 +8,7 @@ from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
 from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
+from cylforce.service.booking import NONE_MISSED, Books, Missed
 from cylforce.service.contact.interaction import Interactor
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
@@ -128,13 +129,12 @@ class Core:
         inputs, known = self.assembler.begin(), self.recognizer.begin()
         drift, contact = self.adapter.begin(), self.interactor.begin()
         weighing = self.weigher.begin()
-        hanging = kept.hanging
-        if hanging is not None and (hanging.gain.size, hanging.drifted.size) != (
-            len(self.tares.values),
-            drift.values.size,
-        ):
-            hanging = None  # it was weighed with other tares
-        weighing = weighing._replace(books=weighing.books._replace(booking=kept.booking, candidate=hanging))
+        hanging, sizes = kept.hanging, (len(self.tares.values), drift.values.size)
+        if hanging is not None and (hanging.gain.size, hanging.drifted.size) != sizes:
+            hanging, kept = None, kept.emptied()  # it was weighed with other tares
+        missed = Missed(1, kept.lost, interrupted=True) if kept.lost else NONE_MISSED
+        remembered = hanging is not None
+        weighing = weighing._replace(books=Books(None, hanging, None, kept.booking, missed, remembered))
         watch = self.monitor.begin()
         state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
         return state._replace(tool=kept.tool)

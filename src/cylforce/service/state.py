@@ -29,13 +29,19 @@ NO_SCALE = Scale()
 
 class Memory(NamedTuple):
     """What a restart does not change: zero and tare, the truck that is being loaded, the last booking, the name of the
-    tool; the weight of a bucket that hangs and is not booked yet."""
+    tool; the weight of a bucket that hangs and is not booked yet; or the mass [kg] of one that hung so long ago that it
+    may have been emptied (0: none)."""
 
     scale: Scale = NO_SCALE
     truck: Truck = NO_TRUCK
     booking: Booking | None = None
     tool: str = STANDARD
     hanging: Weighed | None = None
+    lost: float = 0.0
+
+    def emptied(self) -> "Memory":
+        """The bucket that hung may have been emptied since, and filled again."""
+        return self if self.hanging is None else self._replace(hanging=None, lost=self.hanging.mass)
 
 
 NOTHING_KEPT = Memory()

@@ -137,7 +137,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     drifted = core.adapter.columns(instant.rows) @ state.drift.values
     weighed = (weighing, load)
     interaction, forces = core.interactor.step(state.interaction, instant, drifted, usable, weighed, t_us)
-    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift)
+    gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
+    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state._replace(watch=watch), load, rows, left, usable)
     recognition = core.recognizer.step(state.recognition, rows, plain, usable)
@@ -203,18 +204,20 @@ def _nothing(state: State, t_us: int, reason: Reason) -> Estimate:
 
 
 def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tuple[Watch, Weighing]:
-    """Whether the sensors agree after this instant; while they do not, nothing is booked."""
-    watch = core.monitor.step(state.watch, seen)
-    if watch.suspicion.level is Level.FINE:
-        return watch, weighing
-    return watch, weighing._replace(books=unseen(weighing.books))
+    """Whether the sensors agree after this instant; while they do not, nothing is booked; while that is not sure,
+    bookings wait."""
+    watch, books = core.monitor.step(state.watch, seen), weighing.books
+    if watch.suspicion.level is not Level.FINE:
+        books = unseen(books)
+    books = books if books.withheld is watch.unsure else books._replace(withheld=watch.unsure)
+    return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
 def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
     the sensors agree."""
     drift = state.drift
-    if not core.adapts or state.watch.suspicion.level is not Level.FINE:
+    if not core.adapts or not state.watch.suspicion.follows:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)
@@ -223,15 +226,19 @@ def _drift(core: Core, state: State, load: Load, rows: Rows, left: Residual, usa
 
 def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -> Estimate:
     """The published estimate: load, load less zero (gross), less tare (net), and forces. OK becomes DEGRADED for
-    LONG_FRAME_US after a frame longer than its mapping, and while another machine is seen; gross and net are INVALID
-    outside their declared range."""
+    LONG_FRAME_US after a frame longer than its mapping, while another machine is seen, and of a force while something
+    seems to touch the tool that is swung; gross and net are INVALID outside their declared range."""
     if state.watch.suspicion.level is Level.REJECTED:
         reason = Reason.NOT_THIS_MACHINE if state.recognition.another else Reason.SENSORS_DISAGREE
         nothing = invalid_force(reason)
         load, forces = invalid_load(reason), Forces(nothing, nothing)
+    elif state.interaction.contact.touching and state.watch.swept.fast:
+        forces = _less_sure(forces, Reason.SLEWING)
+    if state.watch.unsure:
+        load = Load(*(degraded(q, Reason.SENSORS_DISAGREE) for q in load))
     for reason in _doubts(core, state, t_us):
         load = Load(*(degraded(q, reason) for q in load))
-        forces = Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
+        forces = _less_sure(forces, reason)
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
@@ -239,6 +246,10 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
     return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+
+
+def _less_sure(forces: Forces, reason: Reason) -> Forces:
+    return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
 
 
 def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:

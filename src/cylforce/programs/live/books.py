@@ -125,13 +125,14 @@ class Ledger:
 
 
 def changed(before: Memory, after: Memory) -> bool:
-    """Whether the operator changed something, or another load hangs. Masses that become more precise are
-    kept when they are final."""
+    """Whether the operator changed something, another load hangs, or a lost one has been told. Masses that become more
+    precise are kept when they are final."""
     return (
         after.scale is not before.scale
         or after.tool != before.tool
         or _decided(after.truck) != _decided(before.truck)
         or _another(before.hanging, after.hanging)
+        or before.lost != after.lost
     )
 
 

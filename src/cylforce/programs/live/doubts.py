@@ -13,6 +13,9 @@ CODES = {  # EMCY codes (manufacturer's)
     SensorFault.BURST: 0xFF22,
     SensorFault.OFFSET: 0xFF23,
     SensorFault.SLIPPED: 0xFF24,
+    SensorFault.LEAPT: 0xFF24,
+    SensorFault.IMPOSSIBLE: 0xFF23,
+    SensorFault.LIGHT: 0xFF23,
 }
 WHY = {
     SensorFault.EXCHANGED: "the forces do not belong to the motion: sensors exchanged, or one is dead",
@@ -20,6 +23,9 @@ WHY = {
     SensorFault.BURST: "it fell to nothing at once: a burst hose, or a broken line",
     SensorFault.OFFSET: "no load explains the torques of all joints unless it is off by a constant",
     SensorFault.SLIPPED: "no load explains the torques of all joints unless this angle is off by a constant",
+    SensorFault.LEAPT: "it leapt farther than the machine can move, and stayed there: it has slipped",
+    SensorFault.IMPOSSIBLE: "it is below vacuum",
+    SensorFault.LIGHT: "the empty bucket weighs less than nothing",
 }
 
 

@@ -1,5 +1,6 @@
 """Does a pressure change as a pressure does? It changes when its cylinder turns round: supply becomes return. A reading
-that does not, apart from noise, is stuck; one that falls to nothing at once is that of a burst hose."""
+that does not, apart from noise, is stuck; one that falls to nothing at once is that of a burst hose; one that stays
+below vacuum is off."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,12 +23,13 @@ CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exc
 FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
+VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of zero shows less
 
 
 class Changes(NamedTuple):
     """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
     last groups in motion the `means`, `noises` (variances) and `ways` (GROUPS, P), 0 where there was none yet; which
-    pressures are `constant` and which `burst` (P,)."""
+    pressures are `constant`, which `burst` and which are `below` vacuum (P,)."""
 
     readings: tuple[Array, ...]
     fresh: int
@@ -36,6 +38,7 @@ class Changes(NamedTuple):
     ways: Array
     constant: NDArray[np.bool_]
     burst: NDArray[np.bool_]
+    below: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Watching:
         """Nothing was seen."""
         size = len(self.signals)
         empty, no = np.zeros((GROUPS, size)), np.zeros(size, dtype=bool)
-        return Changes((), 0, empty, empty, empty, no, no)
+        return Changes((), 0, empty, empty, empty, no, no, no)
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
@@ -69,9 +72,10 @@ class Watching:
         now = values[self.signals]
         state = state._replace(readings=(*state.readings, now), fresh=state.fresh + 1)
         if min(now.tolist(), default=NOTHING) < NOTHING and len(state.readings) > 2 * FALL_STEPS:
-            nothing = (np.array(state.readings[-FALL_STEPS:]) < NOTHING).all(axis=0)
-            fallen = nothing & (state.readings[-1 - 2 * FALL_STEPS] > FALLS)
-            state = state._replace(burst=state.burst | fallen)
+            most = np.array(state.readings[-FALL_STEPS:]).max(axis=0)
+            fallen = (most < NOTHING) & (state.readings[-1 - 2 * FALL_STEPS] > FALLS)
+            below = state.below | (most < VACUUM)
+            state = state._replace(burst=state.burst | (fallen & ~below), below=below)
         return self._grouped(state, speed[self._cylinders]) if state.fresh == GROUP else state
 
     def _grouped(self, state: Changes, way: Array) -> Changes:

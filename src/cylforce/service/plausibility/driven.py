@@ -12,10 +12,13 @@ import numpy as np
 
 from cylforce.mechanics.machine import Machine
 from cylforce.service.contact.hanging_mass import without_mass
+from cylforce.service.plausibility.suspicion import Level
 from cylforce.signals.estimate import Array, Force, Status
 from cylforce.signals.kinds import Kind
 
-FARTHEST = 0.5  # m over which the tool is driven; chosen: three times the longest path of machines in order
+# m over which the tool is driven, from which on the forces are doubted or rejected; chosen: one and a half times, and
+# three times the longest path of machines in order
+FARTHEST = {Level.DOUBTED: 0.25, Level.REJECTED: 0.5}
 LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
 SURE = 5.0  # standard errors that it must exceed; chosen
 SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
@@ -27,6 +30,11 @@ class Driven(NamedTuple):
 
     path: float
     strain: Array
+
+    @property
+    def level(self) -> Level:
+        """How surely the forces do not belong to the motion."""
+        return max((level for level, most in FARTHEST.items() if self.path > most), default=Level.FINE)
 
 
 @dataclass(frozen=True)

@@ -3,44 +3,61 @@
 Three views of the same samples: `changing` (each pressure by itself), `driven` (forces against motion), `offsets` (all
 joints against one load). The most specific one that objects is believed."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.estimation.fast import Instant
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
+from cylforce.estimation.residual import SMALLEST
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
 from cylforce.service.pipeline import Pipe
-from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering
+from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
 from cylforce.service.plausibility.changing import Changes, Watching
-from cylforce.service.plausibility.driven import FARTHEST, Driven, Driving
+from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.offsets import Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
-from cylforce.signals.estimate import Array
+from cylforce.service.plausibility.sweeping import Sweeping, Swept
+from cylforce.signals.estimate import Array, Quantity, Status
 from cylforce.signals.kinds import Kind
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+UNSURE = 6.635  # evidence that a signal is off, from which on a weight is not OK: chi-squared, exceeded by 1 %
+BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 1.8
 
 
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
-    driven; what is suspected."""
+    driven and swept; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last;
+    what is suspected."""
 
     gathering: Gathering
     blocks: Block
     offset: Offset
     changes: Changes
     driven: Driven
+    swept: Swept = Swept()
+    leapt: tuple[int, ...] = ()
+    light: bool = False
     suspicion: SensorDoubt = NOTHING_SUSPECTED
+
+    @property
+    def unsure(self) -> bool:
+        """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
+        would be wrong."""
+        return self.offset.evidence > UNSURE
 
 
 class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
-    `left` by the tares and the drift (R,) [N m], forces, the drift so far."""
+    `left` by the tares and the drift (R,) [N m], forces, the drift so far, gross weight [kg], signals that `leapt` and
+    stayed there."""
 
     values: Array
     pipe: Pipe
@@ -50,6 +67,8 @@ class Samples(NamedTuple):
     left: Array
     forces: Forces
     drift: Drift
+    gross: Quantity
+    leapt: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -76,6 +95,11 @@ class Monitor:
     def _driving(self) -> Driving:
         return Driving(self.model.machine, self.rated_force, EVERY / self.model.filters.rate_hz)
 
+    @cached_property
+    def _sweeping(self) -> Sweeping:
+        rate_hz = self.model.filters.rate_hz
+        return Sweeping(self.model.machine, EVERY / rate_hz, rate_hz)
+
     def begin(self) -> Watch:
         """Nothing was seen, nothing is suspected."""
         blocks, changes = self._voting.begin(), self._watching.begin()
@@ -84,13 +108,16 @@ class Monitor:
     def interrupt(self, state: Watch) -> Watch:
         """The measurement stopped: what was gathered in part is dropped, what is suspected stays."""
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
-        return state._replace(gathering=gathering, changes=changes, driven=self._driving.begin())
+        swept = self._sweeping.ended(state.swept, explained=None)
+        return state._replace(gathering=gathering, changes=changes, driven=self._driving.begin(), swept=swept)
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
         changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
-        looked = changes.burst is not state.changes.burst or changes.constant is not state.changes.constant
-        state = state._replace(changes=changes)
+        looked = seen.leapt != state.leapt or any(
+            now is not before for now, before in zip(changes[-3:], state.changes[-3:], strict=True)
+        )
+        state = state._replace(changes=changes, leapt=seen.leapt)
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
@@ -100,27 +127,50 @@ class Monitor:
         driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
         middle = smooth.mean(axis=0)
         gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
-        state = state._replace(gathering=gathering, driven=driven)
+        swept = self._sweeping.step(state.swept, smooth)
+        state = state._replace(gathering=gathering, driven=driven, light=self._light(state, seen.gross))
+        if gathering.samples:
+            return state._replace(swept=swept)
+        hangs = None if block is None else explained(block, self.model.machine.rated_payload)
+        state = state._replace(swept=self._sweeping.ended(swept, explained=hangs))
         if block is None:
             return state
         blocks = self._voting.added(state.blocks, block)
         return state._replace(blocks=blocks, offset=self._voting.result(blocks))
 
+    def _light(self, state: Watch, gross: Quantity) -> bool:
+        """Whether the bucket weighs less than nothing; as before while that is not seen."""
+        if gross.status is not Status.OK or gross.value > SMALLEST * self.model.machine.rated_payload:
+            return state.light
+        return gross.value < -BELOW * gross.standard_error
+
     def _suspicion(self, state: Watch) -> SensorDoubt:
+        """The surest objection, of several the most specific one."""
         if state.suspicion.latched:
             return state.suspicion
-        signals = self._watching.signals
-        if state.changes.burst.any():
-            return SensorDoubt(
-                Level.REJECTED, SensorFault.BURST, tuple(np.array(signals)[state.changes.burst].tolist())
-            )
-        if state.driven.path > FARTHEST:
-            return SensorDoubt(Level.REJECTED, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
-        if state.changes.constant.any():
-            return SensorDoubt(
-                Level.REJECTED, SensorFault.STUCK, tuple(np.array(signals)[state.changes.constant].tolist())
-            )
-        return self._off(state.offset)
+        return max(self._objections(state), key=lambda doubt: doubt.level, default=NOTHING_SUSPECTED)
+
+    def _objections(self, state: Watch) -> Iterator[SensorDoubt]:
+        changes, off = state.changes, self._off(state.offset)
+        for marked, cause in ((changes.below, SensorFault.IMPOSSIBLE), (changes.burst, SensorFault.BURST)):
+            if marked.any():
+                yield self._marked(marked, cause)
+        if state.leapt:
+            yield SensorDoubt(Level.REJECTED, SensorFault.LEAPT, state.leapt)
+        if state.driven.level is not Level.FINE:
+            yield SensorDoubt(state.driven.level, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
+        if changes.constant.any():
+            yield self._marked(changes.constant, SensorFault.STUCK)
+        if off.level is not Level.FINE:
+            yield off
+        if state.swept.level is not Level.FINE:
+            yield SensorDoubt(state.swept.level, SensorFault.EXCHANGED, tuple(self._watching.signals))
+        if state.light:
+            yield SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, tuple(self._watching.signals))
+
+    def _marked(self, marked: NDArray[np.bool_], cause: SensorFault) -> SensorDoubt:
+        """The pressures that are `marked` (P,), rejected."""
+        return SensorDoubt(Level.REJECTED, cause, tuple(np.array(self._watching.signals)[marked].tolist()))
 
     def _pushing(self, strain: Array) -> tuple[int, ...]:
         """The pressures of the cylinders that act on the joint whose torque exceeds that of a load most."""

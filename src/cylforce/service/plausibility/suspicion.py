@@ -13,6 +13,9 @@ class SensorFault(IntEnum):
     OFFSET = 3  # a pressure that is off by a constant
     SLIPPED = 4  # an angle that is off by a constant
     EXCHANGED = 5  # the forces do not belong to the motion: connected to the wrong place, or dead
+    LEAPT = 6  # an angle that leapt farther than a joint can turn, and stayed there
+    IMPOSSIBLE = 7  # a pressure below vacuum
+    LIGHT = 8  # the bucket weighs less than nothing
 
 
 class Level(IntEnum):
@@ -27,6 +30,7 @@ LATCHED = (
     SensorFault.BURST,
     SensorFault.SLIPPED,
     SensorFault.EXCHANGED,
+    SensorFault.IMPOSSIBLE,
 )  # once rejected: until the service is started again
 
 
@@ -43,6 +47,11 @@ class SensorDoubt(NamedTuple):
     def latched(self) -> bool:
         """Whether it stays until the service is started again."""
         return self.level is Level.REJECTED and self.cause in LATCHED
+
+    @property
+    def follows(self) -> bool:
+        """Whether friction and zeros are still adapted: an empty bucket below nothing may be a drift."""
+        return self.level is Level.FINE or self.cause is SensorFault.LIGHT
 
 
 NOTHING_SUSPECTED = SensorDoubt()
