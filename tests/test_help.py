@@ -22,6 +22,7 @@ DAY = [
     "scale",
     "replay",
     "gap",
+    "fleet",
     "sim",
     "demo",
     "records",

@@ -75,7 +75,7 @@ def identify(
         if sentence is not None:
             raise ValueError(sentence)
     laws, errors = _laws(model, factors, noise)
-    best = Model(model.machine, model.filters, laws)
+    best = model.with_laws(laws)
     fewer = chosen(factors, _of(model, best))
     fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
     fit = as_usual(best, fit)
@@ -193,7 +193,7 @@ def _laws(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...]
     """As `_choose`, without the bars of linkages where the recording does not tell all of them: the links contain them
     then, as in the data sheet."""
     laws, errors = _choose(model, model.friction, factors, noise)
-    part = Model(model.machine, model.filters, laws)
+    part = model.with_laws(laws)
     untold = _not_told(part, least_squares(chosen(factors, _of(model, part)), noise, part.prior))
     if not any(name.endswith(f".{BARS}") for name in untold):
         return laws, errors
@@ -235,7 +235,7 @@ def _folds(model: Model, factors: Factors) -> Array:
 
 def _errors(model: Model, laws: tuple[str, ...], factors: Factors, noise: Array, folds: Array) -> Array:
     """Mean squared prediction error of every fold by a fit of the other folds."""
-    part = Model(model.machine, model.filters, laws)
+    part = model.with_laws(laws)
     fewer = chosen(factors, _of(model, part))
     memory = least_squares(fewer, noise, part.prior).memory
     each = (predicted(fewer, noise, part.prior, memory, folds == k) for k in np.unique(folds))
@@ -243,8 +243,8 @@ def _errors(model: Model, laws: tuple[str, ...], factors: Factors, noise: Array,
 
 
 def _not_told(model: Model, fit: Fit) -> tuple[str, ...]:
-    """Names of the parameters that the recording does not determine clearly better than the data sheet (DETERMINED)."""
-    prior = np.sqrt(np.diag(model.prior.covariance))
+    """Names of the parameters that are not known clearly better than by the data sheet (DETERMINED)."""
+    prior = np.sqrt(np.diag(model.sheet.prior.covariance))
     found = np.sqrt(np.diag(fit.covariance))
     lost = np.logical_or(np.logical_not(fit.excited), found > DETERMINED * prior)
     return tuple(p.name for p, is_lost in zip(model.parameters, lost, strict=True) if is_lost)

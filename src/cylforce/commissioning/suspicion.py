@@ -35,7 +35,7 @@ def doubt(model: Model, whole: Factors, evidence: SignalHistory) -> str | None:
 
 def without_bars(model: Model, whole: Factors) -> tuple[Model, Factors]:
     """The model without the bars of its linkages, and the factors without their columns."""
-    bare = Model(model.machine, model.filters, tuple(law for law in model.friction if law != BARS))
+    bare = model.with_laws(tuple(law for law in model.friction if law != BARS))
     kept = [k for k, p in enumerate(model.parameters) if p in bare.parameters]
     tool = range(len(model.parameters), whole.triangle.shape[-1] - 1)
     return bare, chosen(whole, [*kept, *tool])

@@ -1,6 +1,6 @@
 """The model of the empty machine: its effects, the prior of their parameters from the data sheet, and the tares."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -93,11 +93,22 @@ class Tares(NamedTuple):
 @dataclass(frozen=True)
 class Model:
     """The model of one machine. Its columns: the P parameters of the empty machine, then force and moment at the tool
-    (3), the unknown friction at rest (C) and the zero errors of the pressures (C)."""
+    (3), the unknown friction at rest (C) and the zero errors of the pressures (C). `usual`: what other machines of its
+    type show of parameters: names, means and standard deviations."""
 
     machine: Machine
     filters: Filters
     friction: tuple[str, ...]
+    usual: tuple[tuple[str, float, float], ...] = ()
+
+    def with_laws(self, friction: tuple[str, ...]) -> "Model":
+        """The model with other friction laws."""
+        return replace(self, friction=friction)
+
+    @property
+    def sheet(self) -> "Model":
+        """The model of which only the data sheet is known."""
+        return replace(self, usual=()) if self.usual else self
 
     @cached_property
     def empty(self) -> Regressor:
@@ -233,7 +244,20 @@ class Model:
             mean[place[name]], covariance[place[name], place[name]] = value, spread**2
         mean[:n] = base_parameters(self.machine.links)
         covariance[:n, :n] = base_parameter_covariance(self.machine.links) + np.diag(1e-6 * mean[:n] ** 2 + 1e-2)
-        return with_bars(self.machine, tuple(place), Prior(mean, covariance))
+        return self._as_usual(with_bars(self.machine, tuple(place), Prior(mean, covariance)))
+
+    def _as_usual(self, prior: Prior) -> Prior:
+        """The prior with what is usual for the type in place of the data sheet's. Without the bars of linkages, the
+        links contain them: then what is usual of the links beside the bars tells nothing."""
+        place = {p.name: k for k, p in enumerate(self.parameters)}
+        mean, covariance = prior.mean.copy(), prior.covariance.copy()
+        first = 0 if BARS in self.friction or not of_bars(self.machine) else 3 * self.machine.size
+        for name, value, spread in self.usual:
+            k = place.get(name, -1)
+            if k >= first:
+                mean[k], covariance[k, :], covariance[:, k] = value, 0.0, 0.0
+                covariance[k, k] = spread**2
+        return Prior(mean, covariance)
 
     def _guesses(self) -> list[tuple[str, float, float]]:
         """Prior (name, mean, standard error) of every parameter of slew, friction and delay, not of the bars."""

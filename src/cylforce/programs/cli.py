@@ -13,6 +13,7 @@ from cylforce.programs.commands import (
     demo,
     describe,
     display,
+    fleet,
     gap,
     identify,
     new,
@@ -20,7 +21,6 @@ from cylforce.programs.commands import (
     replay,
     run,
     scale,
-    seal,
     sim,
 )
 from cylforce.programs.commands.options import INTERRUPTED
@@ -67,12 +67,13 @@ app.command(epilog=new.EXAMPLE)(new.new)
 app.command(epilog=describe.EXAMPLE)(describe.describe)
 app.command(epilog=commission.EXAMPLE)(commission.commission)
 app.command(epilog=identify.EXAMPLE)(identify.identify)
-app.command(epilog=seal.EXAMPLE)(seal.seal)
+app.command(epilog=identify.SEAL_EXAMPLE)(identify.seal)
 app.command(epilog=run.EXAMPLE)(run.run)
 app.command(epilog=display.EXAMPLE)(display.display)
 app.command(epilog=scale.EXAMPLE)(scale.scale)
 app.command(epilog=replay.EXAMPLE)(replay.replay)
 app.command(epilog=gap.EXAMPLE)(gap.gap)
+app.command(epilog=fleet.EXAMPLE)(fleet.fleet)
 app.command(epilog=sim.EXAMPLE)(sim.sim)
 app.command(epilog=demo.EXAMPLE)(demo.demo)
 

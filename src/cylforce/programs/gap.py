@@ -1,6 +1,6 @@
 """`cylforce gap`: why a machine differs from its model."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ from cylforce.programs.common.gap_answer import answer, apart, confirm, off_cloc
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
+from cylforce.programs.common.usual_file import everyday_of, usual_parameters
 from cylforce.programs.experiments.separation import planned, said
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
@@ -46,7 +47,7 @@ SEED = 1  # of the permutations and of the bootstrap
 
 class Question(NamedTuple):
     """What is asked: faulty recordings, clean ones, known loads [kg] by file name, tares, `only` NAME@AT; `without`:
-    names of effects that are left out of the library."""
+    names of effects that are left out of the library; `usual`: a file of what is usual for the type."""
 
     field: tuple[Path, ...]
     reference: tuple[Path, ...] = ()
@@ -54,6 +55,7 @@ class Question(NamedTuple):
     loads: dict[str, float] = {}  # noqa: RUF012
     only: str | None = None
     without: tuple[str, ...] = ()
+    usual: Path | None = None
 
 
 class Diagnosed(NamedTuple):
@@ -92,7 +94,7 @@ def diagnose(
     viewer, known = viewed_by(loaded, question, clean)
     viewer = _keeping(viewer, loaded, question, kept) if kept is not None else viewer
     rng = np.random.default_rng(SEED)
-    everything = examined(viewer, faulty, clean, rng, library, lambda doing: watch(doing, None), known, only)
+    everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, _daily(loaded, question))
     watch("causes", None)
     found = searched(everything)
     verdict = judged(everything, found, contributed(found))
@@ -114,6 +116,14 @@ def diagnose(
     here = "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole)
+
+
+def _daily(loaded: Loaded, question: Question) -> Mapping[str, float]:
+    return everyday_of(question.usual, loaded.service.machine)
+
+
+def _watched(watch: Watch) -> Callable[[str], None]:
+    return lambda doing: watch(doing, None)
 
 
 def _sensors(loaded: Loaded, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> tuple[dict[str, Any], list[str]]:
@@ -238,8 +248,12 @@ def _not_known(name: str, library: tuple[Group, ...]) -> str:
 
 
 def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:
-    """Model and tares: identified ones, else those of the clean recordings, else the data sheet, without friction."""
+    """Model and tares: identified ones, else those of the clean recordings, else what is usual for the type, else the
+    data sheet, without friction."""
     service = loaded.service
+    if question.identified is None and not clean and question.usual is not None:
+        typical = Model(service.machine, service.filters, ALWAYS, usual_parameters(question.usual, service.machine))
+        return Viewer(typical, typical.prior.mean), np.sqrt(np.diag(typical.prior.covariance))
     if question.identified is None and not clean:
         sheet = Model(service.machine, service.filters, ())
         return Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance))

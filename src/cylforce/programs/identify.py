@@ -1,6 +1,7 @@
 """`cylforce identify`: the dynamic tares from recordings of the empty machine."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from cylforce.commissioning.identification import Identification, identify, identify_attachment
+from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError, check_outputs
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
@@ -24,6 +26,7 @@ from cylforce.programs.common.readings import (
     tool_models,
 )
 from cylforce.programs.common.tables import print_table
+from cylforce.programs.common.usual_file import usual_parameters
 from cylforce.settings.identified import read_identified, seal_again, write_attachment, write_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
@@ -33,7 +36,8 @@ class How(NamedTuple):
     """How to identify: in the paper's two steps, with physical laws enforced, with a lift of a known weight [kg];
     `refuse`: end with a sentence when the machine was loaded, in contact or wired wrongly, or a joint stays
     unexplained. `attachment`: the tool that is on the machine; the common arm is then taken from the file that is
-    written, where its tares are added."""
+    written, where its tares are added. `usual`: a file of what is usual for the type, as prior in place of the
+    data sheet."""
 
     two_steps: bool = False
     enforce: bool = False
@@ -41,6 +45,7 @@ class How(NamedTuple):
     known_kg: float | None = None
     refuse: bool = True
     attachment: str = STANDARD
+    usual: Path | None = None
 
 
 JOINTLY = How()
@@ -58,7 +63,7 @@ def run_identify(
     if how.attachment != STANDARD:
         return _attached(loaded, recordings, output, how, watch)
     found = identify(
-        model_of(loaded),
+        _model(loaded, how),
         _then_fit(loaded, recordings, watch),
         two_steps=how.two_steps,
         enforce=how.enforce,
@@ -70,9 +75,14 @@ def run_identify(
     return found
 
 
+def _model(loaded: Loaded, how: How) -> Model:
+    model = model_of(loaded)
+    return model if how.usual is None else replace(model, usual=usual_parameters(how.usual, model.machine))
+
+
 def _attached(loaded: Loaded, recordings: Sequence[Path], output: Path, how: How, watch: Watch) -> Identification:
     """The tares with another tool, added to `output`."""
-    if how.lift is not None or how.two_steps or how.enforce:
+    if how.lift is not None or how.two_steps or how.enforce or how.usual is not None:
         raise RecordingError("--attachment: takes scale and laws from the standard tool: leave --lift and the like out")
     common = read_identified(output, loaded)
     models = tool_models(loaded, how.attachment, common)
@@ -115,7 +125,7 @@ def show(found: Identification, console: Console) -> None:
     for k, p in enumerate(model.parameters):
         numbers = (f"{model.prior.mean[k]:.5g}", f"{found.tares.values[k]:.5g}", f"{error[k]:.3g}")
         rows.append((p.name, p.unit, *numbers, "data sheet" if p.name in found.not_identified else ""))
-    right = ("data sheet", "identified", "standard error")
+    right = ("usual" if model.usual else "data sheet", "identified", "standard error")
     header = ("parameter", "unit", *right, "from")
     print_table(console, header, rows, right, f"{found.seconds:.0f} s of motion")
     names = [model.machine.links[j].name for j in model.machine.rows]

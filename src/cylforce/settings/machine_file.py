@@ -24,7 +24,7 @@ from cylforce.settings.units import file_in_si
 from cylforce.signals.layout import Pdo
 from cylforce.signals.units import DEGREE, MILLISECOND
 
-__all__ = ["Loaded", "SettingsError", "default_filters", "load"]
+__all__ = ["Loaded", "SettingsError", "default_filters", "load", "load_text"]
 
 ARM = frozenset({"machine", "links", "tool", "cylinders", "attachments"})
 BUS = frozenset({"machine", "nodes", "sensors", "publication", "filter", "attachments"})
@@ -61,9 +61,13 @@ def load(path: Path | str) -> Loaded:
     SettingsError
         With every error of the file, each a sentence that names file, line, key, limit and cure.
     """
-    where, findings = Path(path), Inspection()
-    text = _text(where)
-    raw = _parsed(where, text)
+    where = Path(path)
+    return load_text(_text(where), where)
+
+
+def load_text(text: str, where: Path) -> Loaded:
+    """The same of the text of a machine file that is at `where`, or was read from there. Raises SettingsError."""
+    findings, raw = Inspection(), _parsed(where, text)
     if "provenance" in raw and "machine" not in raw:
         raise SettingsError(f"{where}: is no machine file but one of `cylforce identify`: give it with --identified")
     source = Source(where, text, raw)

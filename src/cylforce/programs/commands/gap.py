@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from cylforce.programs.commands.options import IdentifiedFile, MachineFile, example
+from cylforce.programs.commands.options import IdentifiedFile, MachineFile, UsualFile, example
 
 EXAMPLE = example("cylforce gap machine.toml today.log --reference in_order.log --html gap.html --patch gap.toml")
 
@@ -24,6 +24,7 @@ def gap(
     without: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Leave this effect out of the library. May be repeated.")
     ] = None,
+    usual: UsualFile = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
@@ -49,10 +50,10 @@ def gap(
 
     if html is not None:
         check_extra()
-    inputs = (machine, *field, *(reference or ()), identified)
+    inputs = (machine, *field, *(reference or ()), identified, usual)
     check_outputs((output, patch, html, residuals), inputs, (".json", ".toml", ".html", ".npz"))
     loads = known_loads(load or ())
-    question = Question(tuple(field), tuple(reference or ()), identified, loads, only, tuple(without or ()))
+    question = Question(tuple(field), tuple(reference or ()), identified, loads, only, tuple(without or ()), usual)
     loaded, folder = load_machine(machine), cache_folder() if cache else None
     kept = RowCache(folder) if folder else None
     with progress_bar(len(question.field) + len(question.reference) + STEPS + (html is not None)) as watch:

@@ -1,13 +1,14 @@
-"""`cylforce identify`."""
+"""`cylforce identify`, and `cylforce seal` for the file that it writes."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cylforce.programs.commands.options import example
+from cylforce.programs.commands.options import MachineFile, UsualFile, example
 
 EXAMPLE = example("cylforce identify machine.toml empty.log -o identified.toml --report report.html")
+SEAL_EXAMPLE = example('cylforce seal machine.toml identified.toml --reason "scale corrected after test weight 12"')
 
 
 def identify(
@@ -24,6 +25,7 @@ def identify(
         str,
         typer.Option(help="The tool on the machine: its tares are added to the file."),
     ] = "standard",
+    usual: UsualFile = None,
     refuse: Annotated[
         bool,
         typer.Option(
@@ -48,11 +50,23 @@ def identify(
     if report is not None:
         check_extra()
     machine, recordings = machine_file_of(files)
-    check_outputs((output, report), (machine, *recordings, lift), (".toml", ".html"))
+    check_outputs((output, report), (machine, *recordings, lift, usual), (".toml", ".html"))
     loaded = load_machine(machine)
     with progress_bar() as watch:
-        how = How(two_steps, enforce, lift, known_kg, refuse, attachment)
+        how = How(two_steps, enforce, lift, known_kg, refuse, attachment, usual)
         found = run_identify(loaded, recordings, output, how, watch)
         if report is not None:
             write_report(report, found, named_segments(loaded, recordings, watch), output, watch)
     show(found, Console())
+
+
+def seal(
+    machine: MachineFile,
+    identified: Annotated[Path, typer.Argument(metavar="IDENTIFIED.toml", help="The file that was changed.")],
+    reason: Annotated[str, typer.Option(help="Why; it stays in the file and in the audit trail.")],
+) -> None:
+    """Accept an identified.toml that was changed by hand."""
+    from cylforce.programs.common.machine_file import load_machine
+    from cylforce.programs.identify import run_seal
+
+    run_seal(load_machine(machine), identified, reason)

@@ -13,6 +13,10 @@ IdentifiedFile = Annotated[
     Path | None,
     typer.Option("--identified", help="Tares from `cylforce identify`. Without it, the data sheet's values count."),
 ]
+UsualFile = Annotated[
+    Path | None,
+    typer.Option("--usual", help="What is usual for the type, from `cylforce fleet`, in place of what is stated."),
+]
 Unit = Annotated[str, typer.Option(help="Unit of the masses: kg, t, lb or short-ton (2000 lb).")]
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 

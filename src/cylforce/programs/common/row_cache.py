@@ -102,7 +102,7 @@ class KeepingViewer(Viewer):
         said = (self.machine, self.model.friction, self.model.filters, recorded.load, recorded.begins)
         effects = [(p.name, p.at, p.where, p.group) for p in wanted]
         files = sorted({getfile(type(effect)) for p in wanted for effect in p.group})
-        parts = [repr(said).encode(), repr(effects).encode(), _program().encode(), *map(_file, files)]
+        parts = [repr(said).encode(), repr(effects).encode(), program(ROOMS).encode(), *map(_file, files)]
         values = [_bytes(recorded.values), _bytes(self.tares)]
         counts = [] if recorded.counts is None else [_bytes(recorded.counts)]
         return sha256(b"\0".join([*parts, *values, *counts])).hexdigest()
@@ -118,8 +118,8 @@ def _file(path: str) -> bytes:
 
 
 @cache
-def _program() -> str:
-    """The program and its libraries: versions, and a hash of the code."""
+def program(rooms: tuple[str, ...]) -> str:
+    """The program and its libraries: versions, and a hash of the code in these rooms."""
     root = Path(cylforce.__file__).parent
-    code = b"".join(_file(str(path)) for room in ROOMS for path in sorted((root / room).rglob("*.py")))
+    code = b"".join(_file(str(path)) for room in rooms for path in sorted((root / room).rglob("*.py")))
     return f"{sorted(running_versions().items())} {sha256(code).hexdigest()}"

@@ -15,14 +15,18 @@ Wanted = dict[str, tuple[Callable[[], Figure], str]]  # figures by name: how to 
 
 def rendered(name: str, **values: Any) -> str:  # noqa: ANN401 - any value that the template names
     """The page that a template of this package makes of values; a name that it misses is an error."""
-    made = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(_source)
-    )
-    return made.get_template(name).render(**values)
+    return templates().get_template(name).render(**values)
 
 
-def _source(name: str) -> str:
-    return (files(__package__) / name).read_text(encoding="utf-8")
+def templates(package: str | None = None) -> Environment:
+    """The templates of a package, which may use those of this one."""
+    places = [files(name) for name in (package, __package__) if name]
+
+    def source(name: str) -> str:
+        return next(p / name for p in places if (p / name).is_file()).read_text(encoding="utf-8")
+
+    loader = FunctionLoader(source)
+    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=loader)
 
 
 def drawn(wanted: Wanted) -> dict[str, Markup]:

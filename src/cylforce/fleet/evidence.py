@@ -1,0 +1,119 @@
+"""What one recording tells of its machine, as the statistics of a linear problem: whatever is asked later, of this
+recording alone or of a machine's years, the recording need not be read again."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.commissioning.explained import row_noise
+from cylforce.commissioning.wiring import MISFIT, misfit
+from cylforce.diagnosis.columns.recorded import GapRows, Recorded
+from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.effects.library import Proposal
+from cylforce.estimation.batch import least_squares
+from cylforce.estimation.blocks import Factors, factors, joined, of_row, stacked_triangle
+from cylforce.estimation.model import Model
+from cylforce.estimation.priors.prior import Prior
+from cylforce.fleet.coordinates import coordinates, data_sheet, sensor_errors
+from cylforce.signals.estimate import Array
+
+BLOCK_S = 2.0  # as in an identification
+PART_S = 60.0  # a part, so that what differs within a day is seen
+MOST_PARTS = 4  # of a recording: it bounds what is kept of it
+MOST_BLOCKS = 1024  # half an hour; neighbours are merged beyond
+
+
+class Evidence(NamedTuple):
+    """Statistics of one recording with K quantities (see `coordinates`): `parts` (S, K+1, K+1), of each part the
+    products of the columns and the torque, in units of their noise; `joints` (R, K+1, K+1) [N^2 m^2], the same of each
+    joint and the whole recording, of `samples` (R,); `misfit`: share of the torque that nothing explains; `seconds` of
+    motion."""
+
+    parts: Array
+    joints: Array
+    samples: Array
+    misfit: float
+    seconds: float
+
+    @property
+    def size(self) -> int:
+        """K."""
+        return int(self.parts.shape[-1]) - 1
+
+    @property
+    def information(self) -> Array:
+        """(S, K, K)"""
+        return self.parts[:, :-1, :-1]
+
+    @property
+    def pull(self) -> Array:
+        """(S, K): information times what the part alone would find."""
+        return self.parts[:, :-1, -1]
+
+    @property
+    def at_work(self) -> bool:
+        """Whether loads or forces at the teeth are in the torque: then even the best parameters leave more of it than
+        a machine with a wrong sensor does."""
+        return self.misfit > MISFIT
+
+    def left(self, values: Array) -> Array:
+        """Torque [N m] that values (K,) leave at each joint, rms (R,); NaN at one that never moved."""
+        with_torque = np.append(values, -1.0)
+        squares = np.einsum("i,rij,j->r", with_torque, self.joints, with_torque)
+        count = np.where(self.samples > 0, self.samples, np.nan)
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0) / count))
+
+
+def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:
+    """The statistics of a recording's gapless stretches, taken for such of the empty machine (if `at_work`, they tell
+    nothing of it). Raises ValueError, in a sentence, where nothing moves."""
+    first = _factors(Viewer(model, model.prior.mean), recorded, ())
+    tares = least_squares(first, row_noise(first, model.prior), model.prior).values
+    data = _factors(Viewer(model, tares), recorded, sensor_errors(model.machine))
+    prior = prior_of(model)
+    noise = row_noise(data, prior)
+    fit = least_squares(data, noise, prior)
+    weight = fit.trust / np.maximum(fit.row_error, 1e-3 * noise) / np.sqrt(fit.memory)
+    groups = np.array_split(np.arange(len(weight)), _parts(len(weight)))
+    parts = [_squared(stacked_triangle(_some(data, group), weight[group])) for group in groups]
+    joints = [_squared(stacked_triangle(of_row(data, r), fit.trust[:, [r]])) for r in range(weight.shape[1])]
+    samples = np.sum(data.samples * fit.trust**2, axis=0)
+    seconds = float(np.max(np.sum(data.samples, axis=0)) / RATE_HZ)
+    return Evidence(np.array(parts), np.array(joints), samples, misfit(data, fit.row_error), seconds)
+
+
+def prior_of(model: Model) -> Prior:
+    """What the data sheet tells of all that is followed."""
+    size, spread = len(model.parameters), np.array([c.constant for c in coordinates(model)])
+    covariance = np.diag(spread**2)
+    covariance[:size, :size] = model.prior.covariance
+    return Prior(data_sheet(model), covariance)
+
+
+def _parts(blocks: int) -> int:
+    return int(np.clip(blocks * BLOCK_S / PART_S, 1, MOST_PARTS))
+
+
+def _some(data: Factors, blocks: NDArray[np.intp]) -> Factors:
+    return Factors(*(part[blocks] for part in data))
+
+
+def _squared(triangle: Array) -> Array:
+    return np.asarray(triangle.T @ triangle)
+
+
+def _factors(viewer: Viewer, recorded: Sequence[Recorded], wanted: Sequence[Proposal]) -> Factors:
+    """The recording in blocks of BLOCK_S."""
+    parts = [_blocked(viewer, viewer.rows(each, wanted)) for each in recorded]
+    data = joined(parts, MOST_BLOCKS)
+    if not np.any(data.samples):
+        raise ValueError("no cylinder moves: nothing is told of the machine")
+    return data
+
+
+def _blocked(viewer: Viewer, rows: GapRows) -> Factors:
+    columns = np.concatenate([rows.base, rows.effects], axis=-1, dtype=np.float64)
+    torque = rows.left + rows.base @ viewer.tares
+    return factors(columns, torque, np.zeros_like(torque), round(BLOCK_S * RATE_HZ))

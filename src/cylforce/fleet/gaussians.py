@@ -1,0 +1,50 @@
+"""Gaussian knowledge as information (N, K, K) and pull (N, K): what it finds is the solution of information x = pull.
+Knowledge of the same thing adds up; many are computed at once."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.signals.estimate import Array
+
+
+class Belonging(NamedTuple):
+    """N pieces of knowledge, each of a thing of its own, which belongs to `group` (N,) 0..G-1."""
+
+    information: Array
+    pull: Array
+    group: NDArray[np.intp]
+
+    @property
+    def groups(self) -> int:
+        """G."""
+        return int(self.group.max(initial=-1)) + 1
+
+    def chosen(self, which: NDArray[np.intp]) -> "Belonging":
+        """Some of them; groups keep their numbers."""
+        return Belonging(self.information[which], self.pull[which], self.group[which])
+
+    def summed(self) -> tuple[Array, Array]:
+        """All that each group knows, as if its things were one: (G, K, K) and (G, K)."""
+        size = self.pull.shape[-1]
+        information, pull = np.zeros((self.groups, size, size)), np.zeros((self.groups, size))
+        np.add.at(information, self.group, self.information)
+        np.add.at(pull, self.group, self.pull)
+        return information, pull
+
+
+def loosened(information: Array, pull: Array, variance: Array) -> tuple[Array, Array]:
+    """The same knowledge of a thing that differs from the known one by N(0, diag(variance)):
+    (S^-1 + V)^-1 = S - S r (1 + r S r)^-1 r S with r = sqrt(V), information S that need not be regular."""
+    r = np.sqrt(variance)
+    inner = information * r[:, None] * r + np.eye(len(r))
+    wide = np.concatenate([information, pull[..., None]], axis=-1) * r[:, None]
+    told = (information * r) @ np.linalg.solve(inner, wide)
+    return np.asarray(information - told[..., :-1]), np.asarray(pull - told[..., -1])
+
+
+def solved(information: Array, pull: Array) -> tuple[Array, Array]:
+    """Mean (N, K) and covariance (N, K, K)."""
+    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    return np.asarray((covariance @ pull[..., None])[..., 0]), covariance

@@ -1,0 +1,1 @@
+"""`cylforce fleet`: the recordings of many machines, on one computer or on a cluster."""

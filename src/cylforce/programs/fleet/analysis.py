@@ -1,0 +1,110 @@
+"""From what each recording tells to machines and types: order in time, contradictions, and what the fleet says."""
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import NamedTuple
+
+from cylforce.estimation.model import Model
+from cylforce.fleet.coordinates import coordinates, followed_model
+from cylforce.fleet.fleet import Dated, Fleet, MachineTold, fleet
+from cylforce.programs.fleet.gathering import ABSOLUTE_S, Gathered
+from cylforce.programs.fleet.task import DOUBTFUL, OK
+
+DAY_S = 86400.0
+
+
+class Ordered(NamedTuple):
+    """Recordings of a machine that tell something of it, in order of time."""
+
+    machine: str
+    recordings: tuple[Gathered, ...]
+    dated: bool
+
+
+class OfType(NamedTuple):
+    """One type of machine: its name in the machine file, its model, its machines by name, and what the fleet says."""
+
+    name: str
+    model: Model
+    machines: Mapping[str, Ordered]
+    fleet: Fleet
+
+    def told(self, machine: str) -> MachineTold:
+        """What is told of a machine."""
+        return self.fleet.machines[machine]
+
+
+class Analysis(NamedTuple):
+    """All types, and sentences about recordings by address: why one is not used, or what to correct."""
+
+    types: tuple[OfType, ...]
+    notes: Mapping[str, str]
+
+
+def analysed(gathered: Sequence[Gathered]) -> Analysis:
+    """The fleet of each type."""
+    notes: dict[str, str] = {}
+    groups: dict[str, dict[str, list[Gathered]]] = {}
+    first: dict[str, Gathered] = {}
+    parts = _Parts()
+    for each in gathered:
+        if each.loaded is None:
+            continue
+        kind = each.machine_file.service.machine.name
+        model = first.setdefault(kind, each)
+        if parts.of(each) != parts.of(model):
+            notes[each.stored.address] = (
+                f"its machine file has other parts than that of {model.stored.machine}, which is of the type {kind!r}, "
+                "too: give one of them another name in [machine]"
+            )
+            continue
+        if each.outcome.told is None or each.outcome.facts["state"] not in (OK, DOUBTFUL):
+            continue
+        groups.setdefault(kind, {}).setdefault(each.stored.machine, []).append(each)
+    types = []
+    for kind, machines in sorted(groups.items()):
+        model_of_type = followed_model(first[kind].machine_file.service)
+        ordered = {name: _ordered(name, each, notes) for name, each in sorted(machines.items())}
+        dated = {name: _dated(each) for name, each in ordered.items()}
+        types.append(OfType(kind, model_of_type, ordered, fleet(model_of_type, dated)))
+    return Analysis(tuple(types), notes)
+
+
+class _Parts(dict[str, tuple[str, ...]]):
+    """Names of what is followed, by hash of the machine file: the same for many recordings."""
+
+    def of(self, each: Gathered) -> tuple[str, ...]:
+        loaded = each.machine_file
+        if loaded.sha256 not in self:
+            self[loaded.sha256] = tuple(c.name for c in coordinates(followed_model(loaded.service)))
+        return self[loaded.sha256]
+
+
+def _ordered(name: str, recordings: Sequence[Gathered], notes: dict[str, str]) -> Ordered:
+    """In order of time; among dated recordings one without a date has no place."""
+    dated = [each for each in recordings if each.made]
+    if not dated:
+        return Ordered(name, tuple(sorted(recordings, key=lambda each: each.stored.name)), dated=False)
+    for each in recordings:
+        if not each.made:
+            notes[each.stored.address] = "has no date in its name, as the others of the machine have: write it there"
+    ordered = sorted(dated, key=lambda each: (each.made, each.stored.name))
+    latest = 0.0
+    for each in ordered:
+        begins = float(each.outcome.facts.get("begins_s", 0.0))
+        if ABSOLUTE_S < begins < latest:
+            notes[each.stored.address] = (
+                f"its clock says {datetime.fromtimestamp(begins).date()}, which is before the recording before it: the "  # noqa: DTZ006
+                "date in its name counts; set the clock"
+            )
+        latest = max(latest, begins if begins > ABSOLUTE_S else 0.0)
+    return Ordered(name, tuple(ordered), dated=True)
+
+
+def _dated(ordered: Ordered) -> list[Dated]:
+    """Recordings with their times [d]; without dates one a day."""
+    found = []
+    for k, each in enumerate(ordered.recordings):
+        t = datetime.fromisoformat(each.made).timestamp() / DAY_S if ordered.dated else float(k)
+        found.append(Dated(t, each.evidence))
+    return found

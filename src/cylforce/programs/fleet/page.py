@@ -1,0 +1,173 @@
+"""The pages: the fleet at a glance, what is usual for each type, one page a machine; files without a server."""
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+import cylforce
+from cylforce.files.atomic import replacing
+from cylforce.fleet.changes import Altered, Shape
+from cylforce.fleet.coordinates import OFFSET, RUBBING, ZERO, Coordinate
+from cylforce.fleet.courses import Course
+from cylforce.programs.fleet.analysis import DAY_S, OfType, Ordered
+from cylforce.programs.fleet.pictures import Curve, course_svg, factor_of, spark_svg, spread_svg, title_of
+from cylforce.programs.fleet.result import FleetChange, FleetResult
+from cylforce.programs.fleet.task import FAILED
+from cylforce.programs.fleet.words import ANGLE, DRY, FRICTION, MASS
+from cylforce.programs.reports.template import templates
+from cylforce.signals.estimate import Array
+
+KNOWN = 0.5  # of the spread between machines: a quantity whose error is larger at all times is not shown
+
+
+def write_pages(path: Path, result: FleetResult) -> None:
+    """The fleet's page at `path`, machines' pages in a folder beside it. Raises RecordingError."""
+    folder = path.with_name(f"{path.stem}_machines")
+    folder.mkdir(exist_ok=True)
+    made = templates(__package__)
+    origin = {"date": datetime.now(UTC).isoformat(timespec="seconds"), "version": cylforce.__version__}
+    machines = [_machine(result, kind, ordered) for kind in result.analysis.types for ordered in kind.machines.values()]
+    for machine in machines:
+        _write(
+            folder / machine["file"],
+            made.get_template("machine.html.j2").render(**machine, origin=origin, back=path.name),
+        )
+    silent = sorted({each.stored.machine for each in result.gathered} - {machine["name"] for machine in machines})
+    lines = sorted(machines, key=lambda m: (-m["severity"], m["name"]))
+    values = {"machines": lines, "silent": silent, "cards": _cards(result, machines), "notes": result.notes}
+    values |= {"spreads": [_spreads(kind) for kind in result.analysis.types], "folder": folder.name}
+    _write(path, made.get_template("fleet.html.j2").render(**values, origin=origin))
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def file_of(machine: str) -> str:
+    """The name of a machine's page."""
+    return re.sub(r"[^\w.-]", "_", machine) + ".html"
+
+
+def _cards(result: FleetResult, machines: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    changed = sum(bool(m["lasting"]) for m in machines)
+    failed = sum(row["state"] == FAILED for row in result.rows)
+    return [
+        {"title": "Machines", "value": str(len(machines)), "note": "with recordings", "good": True, "bad": False},
+        {
+            "title": "Changed",
+            "value": str(changed),
+            "note": "lastingly, 90 % sure or more",
+            "good": not changed,
+            "bad": changed > 0,
+        },
+        {"title": "Recordings", "value": str(len(result.rows)), "note": "looked at", "good": True, "bad": False},
+        {
+            "title": "Not usable",
+            "value": str(failed),
+            "note": "their machines' pages say why",
+            "good": not failed,
+            "bad": False,
+        },
+    ]
+
+
+def _machine(result: FleetResult, kind: OfType, ordered: Ordered) -> dict[str, Any]:
+    told = kind.told(ordered.machine)
+    changes = [c for c in result.changes if c.machine == ordered.machine]
+    lasting = [c for c in changes if c.altered.shape is not Shape.DAY]
+    course, t = told.course, _times(ordered, len(told.course.own))
+    rows = [row for row in result.rows if row["machine"] == ordered.machine]
+    return {
+        "name": ordered.machine,
+        "file": file_of(ordered.machine),
+        "kind": kind.name,
+        "changes": changes,
+        "lasting": lasting,
+        "severity": _severity(lasting, changes, course),
+        "gap": _last(course.from_past),
+        "spark": _spark(kind, course, t, lasting),
+        "courses": _courses(kind, course, t, lasting),
+        "rows": rows,
+        "ask": _command(ordered, lasting[0].altered.first) if lasting else "",
+        "latest": rows[-1]["made"][:10] if rows else "",
+    }
+
+
+def _severity(lasting: Sequence[FleetChange], changes: Sequence[FleetChange], course: Course) -> float:
+    """Lasting changes first, the larger beyond its error the higher; then single days; then the latest difference."""
+    sizes = [abs(c.altered.size) / max(c.altered.error, 1e-30) for c in lasting]
+    return 1e3 * len(lasting) + min(max(sizes, default=0.0), 900.0) + 10.0 * bool(changes) + _last(course.from_past)
+
+
+def _last(values: Array) -> float:
+    return float(np.nan_to_num(values[-1])) if len(values) else 0.0
+
+
+def _times(ordered: Ordered, count: int) -> Array:
+    recordings = ordered.recordings[-count:] if count else ()
+    if not ordered.dated:
+        return np.arange(count, dtype=np.float64)
+    return np.array([datetime.fromisoformat(each.made).timestamp() / DAY_S for each in recordings])
+
+
+def _spark(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange]) -> Markup:
+    """The course of what changed; without a change, of the difference from the machine's past."""
+    k = _column(kind.fleet.quantities, lasting[0].altered) if lasting else None
+    y = np.nan_to_num(course.from_past, nan=1.0) if k is None else course.own[:, k]
+    return spark_svg(Curve(t, y, np.zeros_like(y), (0.0, 0.0)))
+
+
+def _column(quantities: Sequence[Coordinate], altered: Altered) -> int | None:
+    """The quantity that shows a change best."""
+    named = {FRICTION: RUBBING[0], DRY: RUBBING[0], MASS: "X", ANGLE: OFFSET}
+    wanted = f"{altered.at}.{named.get(altered.name, ZERO)}"
+    return next((k for k, c in enumerate(quantities) if c.name == wanted), None)
+
+
+def _courses(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange]) -> list[dict[str, Any]]:
+    """What changed first."""
+    usual, found = kind.fleet.usual, []
+    first = {_column(kind.fleet.quantities, c.altered) for c in lasting}
+    marks = [float((t[c.altered.first - 1] + t[c.altered.first]) / 2.0) for c in lasting if c.altered.first > 0]
+    for k, c in enumerate(kind.fleet.quantities):
+        if np.min(course.own_error[:, k]) > KNOWN * usual.between[k]:
+            continue
+        factor, _ = factor_of(c)
+        band = (float(usual.mean[k]) * factor, float(usual.between[k]) * factor)
+        curve = Curve(t, course.own[:, k] * factor, course.own_error[:, k] * factor, band, marks)
+        found.append({"title": title_of(c), "changed": k in first, "svg": course_svg(title_of(c), curve)})
+    return sorted(found, key=lambda each: not each["changed"])
+
+
+def _command(ordered: Ordered, first: int) -> str:
+    """How to ask for the whole diagnosis."""
+    before, after = ordered.recordings[:first], ordered.recordings[first:]
+    words = ["cylforce", "gap", before[0].stored.machine_file, *(each.stored.address for each in after[:3])]
+    for each in before[-3:]:
+        words += ["--reference", each.stored.address]
+    return shlex.join([*words, "--usual", "usual.toml", "--html", "gap.html"])
+
+
+def _spreads(kind: OfType) -> dict[str, Any]:
+    usual, names = kind.fleet.usual, list(kind.fleet.machines)
+    far = [bool(kind.told(name).lasting) for name in names]
+    drawn = []
+    for k, c in enumerate(kind.fleet.quantities):
+        values = np.array([np.average(kind.told(n).course.own[:, k]) for n in names])
+        errors = np.array([np.min(kind.told(n).course.own_error[:, k]) for n in names])
+        if np.median(errors) > KNOWN * usual.between[k]:
+            continue
+        factor, _ = factor_of(c)
+        spread = (usual.mean[k] * factor, usual.between[k] * factor, usual.days[k] * factor)
+        within = f"{usual.within[k] * factor:.3g}"
+        numbers = [f"{x:.4g}" for x in spread]
+        svg = spread_svg(title_of(c), values * factor, spread, far)
+        drawn.append({"title": title_of(c), "svg": svg, "numbers": numbers, "within": within})
+    return {"kind": kind.name, "drawn": drawn, "machines": usual.machines, "recordings": usual.recordings}

@@ -1,0 +1,193 @@
+"""The work on one recording: read it where it is, and say what it tells. It depends on the recording's content, the
+machine file and the program, and on nothing else, so that it may be done anywhere, in any order, and again."""
+
+import hashlib
+import json
+import os
+import resource
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from time import process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cylforce.commissioning.identification import identify
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.estimation.model import BetweenStrokes, Tares
+from cylforce.files.atomic import RecordingError
+from cylforce.files.logreader import with_ticks
+from cylforce.files.recording import Events, open_pieces, sensor_frames
+from cylforce.fleet.coordinates import followed_model
+from cylforce.fleet.evidence import Evidence, evidence
+from cylforce.programs.common.readings import model_of
+from cylforce.programs.common.recorded import SHORTEST_S, chosen
+from cylforce.programs.common.row_cache import program
+from cylforce.programs.fleet.store import stamp_of, stored_path
+from cylforce.programs.replay import replay
+from cylforce.service.step import Core
+from cylforce.settings.machine_file import Loaded, load_text
+
+PIECE = 1 << 20  # bytes that are read at once for the hash
+ROOMS = ("signals", "mechanics", "effects", "estimation", "service", "commissioning", "diagnosis", "fleet", "files")
+OK, DOUBTFUL, WORK, FAILED, CHANGED = "ok", "doubtful", "at work", "failed", "changed while read"
+
+
+class Job(NamedTuple):
+    """A recording at `address` of a machine whose file at `machine_file` has this `text`."""
+
+    address: str
+    machine_file: str
+    text: str
+
+
+class Summary(NamedTuple):
+    """What came out: `facts` for the table, by name (`state` and `reason` among them), and, where the recording tells
+    any, its evidence and the identified parameters."""
+
+    facts: dict[str, Any]
+    told: Evidence | None = None
+    tares: Tares | None = None
+
+
+@lru_cache(maxsize=64)
+def loaded_of(text: str, where: str) -> Loaded:
+    """The machine of a file's text. Raises SettingsError."""
+    return load_text(text, Path(where))
+
+
+def key_of(sha256: str, text: str) -> str:
+    """Under which a result is kept."""
+    parts = (sha256, hashlib.sha256(text.encode()).hexdigest(), program(ROOMS))
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def content_sha256(address: str) -> str:
+    """Hash of a recording's content."""
+    digest = hashlib.sha256()
+    with stored_path(address).open("rb") as file:
+        while piece := file.read(PIECE):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def summarised(job: Job, known: frozenset[str] = frozenset()) -> Summary:
+    """What a recording tells; whatever is wrong with it is the outcome's reason. One whose key is `known` is not looked
+    at again."""
+    begun = process_time()
+    facts: dict[str, Any] = {"state": FAILED, "reason": "", "sha256": "", "warnings": []}
+    try:
+        before = stamp_of(job.address)
+        facts["sha256"] = content_sha256(job.address)
+        if key_of(facts["sha256"], job.text) in known:
+            return Summary(facts | {"state": "known"})
+        outcome = _told(job, facts)
+        if stamp_of(job.address) != before:
+            raise _WhileReadError(f"{job.address}: changed while it was read: run again when it is complete")
+    except Exception as error:  # noqa: BLE001 - a bad file must not end the work on the others
+        state = CHANGED if isinstance(error, _WhileReadError) else FAILED
+        outcome = Summary(facts | {"state": state, "reason": _said(job.address, error)})
+    outcome.facts["took_s"] = process_time() - begun
+    outcome.facts["memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    return outcome
+
+
+class _WhileReadError(RecordingError):
+    """A recording that is still being written."""
+
+
+def _said(address: str, error: Exception) -> str:
+    text = (str(error).splitlines() or [""])[0] or type(error).__name__
+    own = isinstance(error, ValueError | RecordingError)
+    text = text if own or isinstance(error, OSError) else f"{type(error).__name__}: {text}"
+    return text.removeprefix(f"{address}: ")[:400]
+
+
+def _told(job: Job, facts: dict[str, Any]) -> Summary:
+    loaded = loaded_of(job.text, job.machine_file)
+    found = chosen(loaded, [stored_path(job.address)], {})
+    facts["begins_s"] = found.stretches[0].begins if found.stretches else 0.0
+    facts["of_seconds"] = found.looked_at[0].of_seconds
+    facts["usable"] = found.looked_at[0].seconds / max(facts["of_seconds"], 1e-9)
+    if not found.stretches:
+        raise RecordingError(f"no gapless stretch of {SHORTEST_S:.0f} s: check that no sensor drops out")
+    told = evidence(followed_model(loaded.service), found.stretches)
+    facts |= {"seconds": told.seconds, "unexplained": told.misfit}
+    if told.at_work:
+        share = f"{100.0 * told.misfit:.0f} % of the torque is not that of the empty machine"
+        return Summary(facts | {"state": WORK, "reason": f"{share}: it worked, or its machine file is another one's"})
+    return _identified(loaded, found.stretches, facts, told)
+
+
+def _identified(loaded: Loaded, stretches: Sequence[Recorded], facts: dict[str, Any], told: Evidence) -> Summary:
+    """With what `cylforce identify` says of it: a recording that it refuses is doubtful, but a change of the machine
+    may be the reason for that."""
+    segments = [each.values for each in stretches]
+    try:
+        found = identify(model_of(loaded), segments)
+    except ValueError as error:
+        return Summary(facts | {"state": DOUBTFUL, "reason": str(error)}, told)
+    names = [loaded.service.machine.links[j].name for j in loaded.service.machine.rows]
+    shares = {f"explained:{n}": float(s) for n, s in zip(names, found.explained, strict=True) if np.isfinite(s)}
+    return Summary(facts | shares | {"state": OK, "warnings": list(found.warnings)}, told, found.tares)
+
+
+class Booked(NamedTuple):
+    """Weights [kg] that a recording of work books, with their standard errors; `reason` why it could not be played."""
+
+    kg: tuple[float, ...]
+    errors: tuple[float, ...]
+    reason: str = ""
+
+
+def booked(job: Job, tares: Tares) -> Booked:
+    """The weights that the service would book with these parameters."""
+    try:
+        loaded = loaded_of(job.text, job.machine_file)
+        core = Core(loaded.service, tares)
+        source = open_pieces(stored_path(job.address), loaded.service, loaded.columns, tell=_silent)
+        if isinstance(source, Events):
+            played = replay(core, source.events, core.begin(), _nothing)
+        else:
+            frames = sensor_frames(source, loaded.service)
+            played = replay(core, with_ticks(frames, core.period_us, _silent), core.begin(), _nothing)
+    except Exception as error:  # noqa: BLE001 - a bad file must not end the work on the others
+        return Booked((), (), _said(job.address, error))
+    weights = played.bookings
+    return Booked(tuple(b.mass for b in weights), tuple(b.standard_error for b in weights))
+
+
+NONE = Booked((), ())
+
+
+def _silent(sentence: str) -> None:
+    """Say nothing."""
+
+
+def _nothing(estimate: object) -> None:
+    """Keep nothing."""
+
+
+def tares_key(tares: Tares) -> str:
+    """A hash of parameters."""
+    return hashlib.sha256(packed_tares(tares).encode()).hexdigest()
+
+
+def packed_tares(tares: Tares) -> str:
+    """Parameters as JSON, to the last digit."""
+    said = tares._asdict() | {name: getattr(tares, name).tolist() for name in ("values", "covariance", "row_error")}
+    return json.dumps(said | {"between_strokes": list(tares.between_strokes)})
+
+
+def unpacked_tares(text: str) -> Tares:
+    """Parameters from `packed_tares`."""
+    said = json.loads(text)
+    arrays = {name: np.array(said[name]) for name in ("values", "covariance", "row_error")}
+    rest = {"friction": tuple(said["friction"]), "names": tuple(said["names"])}
+    return Tares(**said | arrays | rest | {"between_strokes": BetweenStrokes(*said["between_strokes"])})
+
+
+def on_worker() -> tuple[str, int]:
+    """The program of a worker and its process: to be compared with the caller's."""
+    return program(ROOMS), os.getpid()

@@ -1,0 +1,101 @@
+"""Where the work is done: in this process, in local ones, or on any cluster of Dask by the address of its scheduler."""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from typing import Any, NamedTuple
+
+from cylforce.files.atomic import RecordingError
+from cylforce.programs.fleet.store import within
+from cylforce.programs.fleet.task import on_worker
+
+MEMORY = "800MB"  # of a local worker; beyond it Dask ends it, and a new one goes on
+RETRIES = 2  # of a task whose worker ended, after which its recording is a row with that reason
+CONNECT_S = 15.0  # in which a scheduler must answer
+AHEAD = 8  # tasks given to each worker: so many results at most are lost when this program is killed
+FEW = 2  # tasks, up to which no process is started for them
+
+Take = Callable[[Any, Any], None]  # a job, and what came out or the exception
+Say = Callable[[str], None]
+
+
+class Where(NamedTuple):
+    """`scheduler`: its address, or None for local processes, of which there are `workers`; 0: none but this one."""
+
+    scheduler: str | None = None
+    workers: int = 2
+
+
+Jobs = Sequence[tuple[Any, ...]]
+
+
+def computed(
+    function: Callable[..., Any], jobs: Jobs, common: tuple[Any, ...], where: Where, take: Take, say: Say
+) -> None:
+    """Call `function(*job, common)` for every job, wherever; `take` is given each job with what came out, as it comes.
+    Raises RecordingError when the scheduler does not answer."""
+    if where.scheduler is None and (where.workers == 0 or len(jobs) <= FEW):
+        for job in jobs:
+            take(job, function(*job, *common))
+        return
+    with _client(where, say) as client:
+        _distributed(client, function, jobs, common, take)
+
+
+def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: tuple[Any, ...], take: Take) -> None:  # noqa: ANN401 - Dask has no types
+    from distributed import as_completed
+
+    shared = client.scatter(list(common), broadcast=True) if common else []
+    waiting, job_of = iter(jobs), {}
+
+    def submit(job: Any) -> Any:  # noqa: ANN401
+        future = client.submit(function, *job, *shared, pure=False, retries=0)
+        job_of[future.key] = job
+        return future
+
+    ahead = AHEAD * max(len(client.scheduler_info()["workers"]), 1)
+    running = as_completed([submit(job) for job in islice(waiting, ahead)])
+    for future in running:
+        job = job_of.pop(future.key)
+        error = future.exception() if future.status == "error" else None
+        take(job, future.result() if error is None else error)
+        future.release()
+        following = next(waiting, None)
+        if following is not None:
+            running.add(submit(following))
+
+
+@contextmanager
+def _client(where: Where, say: Say) -> Iterator[Any]:
+    import dask
+    from distributed import Client, LocalCluster
+
+    settings = {
+        "distributed.scheduler.allowed-failures": RETRIES,
+        "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
+    }
+    with dask.config.set(settings):
+        if where.scheduler is not None:
+            cure = f"--scheduler {where.scheduler}: cannot be reached (start it, or check the address)"
+            client = within(CONNECT_S + 5.0, lambda: Client(where.scheduler, timeout=CONNECT_S), cure)
+            with client:
+                _check_version(client)
+                say(f"scheduler {where.scheduler}, {len(client.nthreads())} workers; dashboard {client.dashboard_link}")
+                yield client
+            return
+        local: dict[str, Any] = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "memory_limit": MEMORY}
+        local |= {"n_workers": where.workers, "threads_per_worker": 1, "silence_logs": logging.CRITICAL}
+        with LocalCluster(**local) as cluster, Client(cluster) as client:
+            say(f"{where.workers} workers of at most {MEMORY}; dashboard {client.dashboard_link}")
+            yield client
+
+
+def _check_version(client: Any) -> None:  # noqa: ANN401 - Dask has no types
+    """Results must not depend on where they were computed. Raises RecordingError."""
+    programs = {name: said[0] for name, said in client.run(on_worker).items()}
+    if not programs:
+        raise RecordingError("the scheduler has no worker: start one (dask worker ADDRESS)")
+    other = [name for name, said in programs.items() if said != on_worker()[0]]
+    if other:
+        raise RecordingError(f"worker {other[0]} has another version of cylforce or of its libraries: install the same")

@@ -1,0 +1,374 @@
+"""`cylforce fleet` on a small simulated fleet: what it finds, what it keeps, whatever can be wrong with its input."""
+
+import os
+import shutil
+import socket
+import time
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from cylforce.files.atomic import RecordingError
+from cylforce.fleet.changes import Shape
+from cylforce.programs.common.usual_file import everyday_of, read_usual
+from cylforce.programs.fleet import store, task, workers
+from cylforce.programs.fleet.run import Wanted, run_fleet
+from cylforce.programs.fleet.workers import Where
+from cylforce.programs.identify import JOINTLY, run_identify
+from cylforce.settings.error import SettingsError
+from cylforce.settings.machine_file import load
+from studies._fleets import MACHINE_FILE, Size, day_of, name_of, write_fleet
+
+HERE = Where(None, 0)
+SIZE = Size(machines=3, days=6, seconds=45.0, changing=1)
+SEED = 3
+OF_THE_RUN = ["took_s", "memory_mb"]
+
+
+def run(folder, output, cache, **more):
+    return run_fleet(Wanted((str(folder),), output, cache=cache, **more), HERE, say=lambda _: None)
+
+
+def looked_at(monkeypatch):
+    """Names of the recordings that are looked at from now on."""
+    seen = []
+    real = task.chosen
+
+    def chosen(loaded, paths, loads):
+        seen.extend(path.name for path in paths)
+        return real(loaded, paths, loads)
+
+    monkeypatch.setattr(task, "chosen", chosen)
+    return seen
+
+
+def rows_of(path):
+    return pq.read_table(path).drop_columns(OF_THE_RUN)
+
+
+def reasons(result):
+    return {(row["machine"], row["recording"]): row["reason"] for row in result.rows if row["reason"]}
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A fleet of which a machine changes; its folder, truth, cache, and what the program says."""
+    base = tmp_path_factory.mktemp("fleet")
+    truth = write_fleet(base / "data", SIZE, SEED, processes=1)
+    output = base / "results.parquet"
+    wanted = Wanted((str(base / "data"),), output, base / "usual.toml", base / "fleet.html", base / "cache")
+    return base, truth, run_fleet(wanted, HERE, say=lambda _: None)
+
+
+@pytest.fixture
+def few(small, tmp_path):
+    """A folder with one machine of two recordings, and the cache."""
+    base, _, _ = small
+    shutil.copytree(base / "data" / name_of(1), tmp_path / "few" / name_of(1))
+    for path in sorted((tmp_path / "few" / name_of(1)).iterdir())[2:]:
+        path.unlink()
+    shutil.copy(base / "data/machine.toml", tmp_path / "few")
+    return tmp_path / "few", base / "cache"
+
+
+def test_every_recording_is_a_row(small):
+    base, _, result = small
+    table = rows_of(base / "results.parquet")
+    assert table.num_rows == SIZE.machines * SIZE.days
+    assert set(table["state"].to_pylist()) <= {"ok", "doubtful"}
+    assert table["made"].to_pylist()[: SIZE.days] == [f"{day_of(k)}T00:00:00" for k in range(SIZE.days)]
+    assert {"value:boom.coulomb", "error:stick.X", "own:bucket_angle.angle_offset"} <= set(table.column_names)
+    left, past = (np.array(table[f"{name}:boom"].to_pylist(), dtype=float) for name in ("left_nm", "past_nm"))
+    assert np.all(left <= past * 1.5)
+    assert len(result.rows) == table.num_rows
+
+
+def test_earlier_recordings_are_a_prior(small):
+    """They make every error smaller, and say what to expect."""
+    table = rows_of(small[0] / "results.parquet").slice(SIZE.days, SIZE.days)  # a machine in order
+    own, known = (np.array(table[f"{e}:boom.X"].to_pylist()) for e in ("own_error", "error"))
+    assert np.all(known[1:] < own[1:])
+    value, expected = (np.array(table[f"{e}:boom.X"].to_pylist()) for e in ("value", "expected"))
+    assert np.all(np.abs(value[2:] - expected[2:]) < 6.0 * own[2:])
+
+
+def test_the_page_links_every_machine(small):
+    base, _, _ = small
+    text = (base / "fleet.html").read_text()
+    for number in range(SIZE.machines):
+        assert f'href="fleet_machines/{name_of(number)}.html"' in text
+        assert "Courses" in (base / "fleet_machines" / f"{name_of(number)}.html").read_text()
+    assert "http://" not in text
+    assert "https://" not in text
+
+
+def test_a_second_run_looks_at_nothing_and_says_the_same(small, tmp_path, monkeypatch):
+    base, _, _ = small
+    seen = looked_at(monkeypatch)
+    run(base / "data", tmp_path / "again.parquet", base / "cache")
+    assert seen == []
+    assert rows_of(tmp_path / "again.parquet").equals(rows_of(base / "results.parquet"))
+
+
+def test_only_new_content_is_looked_at(few, monkeypatch, tmp_path):
+    """A copy of a known recording has its hash; a new one is computed."""
+    folder, cache = few
+    one, two = sorted((folder / name_of(1)).iterdir())
+    shutil.copy(one, two.with_name(f"{day_of(20)}.parquet"))
+    seen = looked_at(monkeypatch)
+    run(folder, tmp_path / "r.parquet", cache)
+    assert seen == []
+    table = pq.read_table(two).slice(0, 2500)
+    pq.write_table(table, two.with_name(f"{day_of(21)}.parquet"))
+    run(folder, tmp_path / "r.parquet", cache)
+    assert seen == [f"{day_of(21)}.parquet"]
+
+
+def test_a_killed_run_goes_on(few, tmp_path, monkeypatch):
+    """What was done before the end is kept, and can be read."""
+    folder, _ = few
+    seen, count = looked_at(monkeypatch), []
+    real = task.evidence
+
+    def evidence(model, recorded):
+        count.append(1)
+        if len(count) == 2:
+            raise KeyboardInterrupt
+        return real(model, recorded)
+
+    monkeypatch.setattr(task, "evidence", evidence)
+    with pytest.raises(KeyboardInterrupt):
+        run(folder, tmp_path / "r.parquet", tmp_path / "cache")
+    assert len(seen) == 2
+    run(folder, tmp_path / "r.parquet", tmp_path / "cache")
+    assert len(seen) == 3
+
+
+def test_a_cluster_says_the_same(few, tmp_path):
+    from distributed import LocalCluster
+
+    folder, _ = few
+    own = run(folder, tmp_path / "one.parquet", None)
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        said = []
+        wanted = Wanted((str(folder),), tmp_path / "two.parquet")
+        other = run_fleet(wanted, Where(cluster.scheduler_address), say=said.append)
+    assert rows_of(tmp_path / "one.parquet").equals(rows_of(tmp_path / "two.parquet"))
+    assert len(own.rows) == len(other.rows) == 2
+    assert "2 workers" in said[0]
+
+
+def test_usual_is_a_prior_of_identification(small, tmp_path):
+    base, _, _ = small
+    loaded = load(base / "data/machine.toml")
+    recording = base / "data" / name_of(2) / f"{day_of(1)}.parquet"
+    found = [
+        run_identify(loaded, [recording], tmp_path / "i.toml", JOINTLY._replace(usual=usual))
+        for usual in (None, base / "usual.toml")
+    ]
+    places = [each.tares.names.index("bucket.coulomb") for each in found]
+    alone, beside = (each.tares.covariance[k, k] for each, k in zip(found, places, strict=True))
+    assert beside < alone
+
+
+def test_usual_replaces_what_the_diagnosis_states(small):
+    machine = load(MACHINE_FILE).service.machine
+    usual = read_usual(small[0] / "usual.toml", machine)
+    said = everyday_of(small[0] / "usual.toml", machine)
+    assert said["friction_level_change"] == pytest.approx(
+        np.sqrt(np.mean([usual[f"{c.name}.friction_level"].between_days ** 2 for c in machine.cylinders])) / 0.08
+    )
+    assert everyday_of(None, machine) != said
+
+
+def test_usual_of_another_type_is_refused(small):
+    other = load(MACHINE_FILE.with_name("wheel_loader.toml")).service.machine
+    with pytest.raises(SettingsError, match="tells nothing of the type"):
+        read_usual(small[0] / "usual.toml", other)
+    with pytest.raises(SettingsError, match="is not TOML"):
+        read_usual(small[0] / "results.parquet", other)
+
+
+class TestBadInput:
+    def test_a_broken_file_is_a_row_with_its_reason(self, few, tmp_path):
+        folder, cache = few
+        (folder / name_of(1) / f"{day_of(30)}.parquet").write_bytes(b"no Parquet")
+        (folder / name_of(1) / f"{day_of(31)}.csv").write_text("t_s,boom_angle\n0.0,1.0\n0.01,1.0\n")
+        (folder / name_of(1) / f"{day_of(32)}.log").write_text("(1.0) can0 zzz\n")
+        result = run(folder, tmp_path / "r.parquet", cache)
+        said = reasons(result)
+        assert "is no Parquet file" in said[name_of(1), f"{day_of(30)}.parquet"]
+        assert "has no column" in said[name_of(1), f"{day_of(31)}.csv"]
+        assert "line 1: is no frame" in said[name_of(1), f"{day_of(32)}.log"]
+        assert sum(row["state"] in ("ok", "doubtful") for row in result.rows) == 2
+
+    def test_two_machines_of_one_name_are_kept_apart_and_told(self, few, tmp_path):
+        folder, cache = few
+        shutil.copytree(folder, folder / "other")
+        result = run(folder, tmp_path / "r.parquet", cache)
+        assert {row["machine"] for row in result.rows} == {f"few/{name_of(1)}", f"other/{name_of(1)}"}
+        assert f"{name_of(1)}: is the name of 2 machines" in result.notes[0]
+
+    def test_mixed_types_are_told(self, few, tmp_path):
+        """A machine file of the same type's name, but with other parts."""
+        folder, cache = few
+        shutil.copytree(folder / name_of(1), folder / "EX-777")
+        text = MACHINE_FILE.with_name("excavator_stick_bucket.toml").read_text()
+        name = load(MACHINE_FILE).service.machine.name
+        own = load(MACHINE_FILE.with_name("excavator_stick_bucket.toml")).service.machine.name
+        (folder / "EX-777/machine.toml").write_text(text.replace(f'"{own}"', f'"{name}"', 1))
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        assert all("other parts than that of EX-001" in said["EX-777", f"{day_of(k)}.parquet"] for k in (0, 1))
+
+    def test_without_a_machine_file(self, few, tmp_path):
+        folder, cache = few
+        (folder / "machine.toml").unlink()
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        assert all(reason.startswith("no machine.toml") for reason in said.values())
+        assert len(said) == 2
+
+    def test_a_broken_machine_file(self, few, tmp_path):
+        folder, cache = few
+        (folder / "machine.toml").write_text("[machine]\nname = 3\n")
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        assert len(said) == 2
+        assert all("machine.toml" in reason for reason in said.values())
+
+    def test_a_file_that_changes_while_it_is_read(self, few, tmp_path, monkeypatch):
+        folder, _ = few
+        real = task.evidence
+
+        def evidence(model, recorded):
+            path = folder / name_of(1) / f"{day_of(0)}.parquet"
+            os.utime(path, ns=(1, time.time_ns()))
+            return real(model, recorded)
+
+        monkeypatch.setattr(task, "evidence", evidence)
+        result = run(folder, tmp_path / "r.parquet", tmp_path / "cache")
+        assert result.rows[0]["state"] == "changed while read"
+        assert "run again" in result.rows[0]["reason"]
+        monkeypatch.undo()
+        assert run(folder, tmp_path / "r.parquet", tmp_path / "cache").rows[0]["state"] == "ok"
+
+    def test_a_clock_that_runs_backwards_within_a_recording(self, few, tmp_path):
+        folder, cache = few
+        table = pq.read_table(folder / name_of(1) / f"{day_of(0)}.parquet")
+        both = table.slice(100, 200).to_pylist() + table.slice(0, 100).to_pylist()
+        header = ",".join(both[0])
+        lines = [",".join(map(repr, row.values())) for row in both]
+        (folder / name_of(1) / f"{day_of(9)}.csv").write_text("\n".join([header, *lines]) + "\n")
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        assert "does not increase" in said[name_of(1), f"{day_of(9)}.csv"]
+
+    def test_a_clock_that_contradicts_the_dates(self, few, tmp_path):
+        """The clock of a later recording says an earlier day."""
+        import pyarrow as pa
+
+        folder, cache = few
+        for k, begins in ((0, 1.8e9), (1, 1.7e9)):
+            path = folder / name_of(1) / f"{day_of(k)}.parquet"
+            table = pq.read_table(path)
+            shifted = pa.array(np.asarray(table["t_s"]) + begins)
+            pq.write_table(table.set_column(0, "t_s", shifted), path)
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        assert (
+            "its clock says 2023-11-14, which is before the recording before it"
+            in said[name_of(1), f"{day_of(1)}.parquet"]
+        )
+
+    def test_a_recording_without_a_date_among_dated_ones(self, few, tmp_path):
+        folder, cache = few
+        one = folder / name_of(1) / f"{day_of(0)}.parquet"
+        one.rename(one.with_name("first.parquet"))
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        assert "has no date in its name" in said[name_of(1), "first.parquet"]
+
+    def test_the_same_recording_twice(self, few, tmp_path):
+        folder, cache = few
+        (folder / name_of(1) / f"{day_of(0)}.csv").write_text("t_s\n")
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        assert f"is there twice, as {day_of(0)}.csv, too" in said[name_of(1), f"{day_of(0)}.parquet"]
+
+    def test_nothing_there(self, tmp_path):
+        with pytest.raises(RecordingError, match="does not exist"):
+            run(tmp_path / "absent", tmp_path / "r.parquet", None)
+        (tmp_path / "empty").mkdir()
+        with pytest.raises(RecordingError, match="holds no recording"):
+            run(tmp_path / "empty", tmp_path / "r.parquet", None)
+
+    def test_a_store_that_cannot_be_reached(self, tmp_path, monkeypatch, closed_port):
+        store_at(monkeypatch, closed_port)
+        begun = time.monotonic()
+        with pytest.raises(RecordingError, match="this place cannot be read"):
+            run("s3://fleet/data", tmp_path / "r.parquet", None)
+        assert time.monotonic() - begun < store.ANSWER_S
+
+    def test_a_store_that_does_not_answer(self):
+        with pytest.raises(RecordingError, match=r"s3://x: no answer within 0.1 s"):
+            store.within(0.1, lambda: time.sleep(1.0), "s3://x")
+
+    def test_a_scheduler_that_cannot_be_reached(self, few, tmp_path, monkeypatch, closed_port):
+        monkeypatch.setattr(workers, "CONNECT_S", 1.0)
+        wanted = Wanted((str(few[0]),), tmp_path / "r.parquet")
+        with pytest.raises(RecordingError, match="cannot be reached"):
+            run_fleet(wanted, Where(f"tcp://127.0.0.1:{closed_port}"))
+
+    def test_the_extra_that_is_missing(self, monkeypatch):
+        monkeypatch.setattr(store, "find_spec", lambda name: None)
+        with pytest.raises(RecordingError, match=r"pip install 'cylforce\[fleet\]'"):
+            store.check_fleet_extra()
+
+
+@pytest.fixture
+def closed_port():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+def store_at(monkeypatch, port):
+    """Whatever asks for s3:// asks this computer."""
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "nobody")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "nothing")
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}")
+
+
+def test_a_store_by_its_s3_interface(few, tmp_path, monkeypatch):
+    from moto.server import ThreadedMotoServer
+
+    folder, _ = few
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    try:
+        store_at(monkeypatch, server.get_host_and_port()[1])
+        there, _ = store.opened("s3://fleet")
+        there.mkdir("fleet")
+        there.put(str(folder), "fleet/data", recursive=True)
+        result = run("s3://fleet/data", tmp_path / "far.parquet", tmp_path / "cache")
+        seen = looked_at(monkeypatch)
+        run("s3://fleet/data", tmp_path / "again.parquet", tmp_path / "cache")
+        assert seen == []
+    finally:
+        server.stop()
+    run(folder, tmp_path / "near.parquet", None)
+    near, far = (rows_of(tmp_path / f"{name}.parquet").drop_columns("address") for name in ("near", "far"))
+    assert near.equals(far)
+    assert result.rows[0]["address"] == f"s3://fleet/data/{name_of(1)}/{day_of(0)}.parquet"
+
+
+def test_the_change_is_found_and_told(small):
+    """With its day, its cause and its size, and nothing else."""
+    base, truth, result = small
+    (fault,) = truth.values()
+    (change,) = [c for c in result.changes if c.altered.shape is not Shape.DAY]
+    altered = change.altered
+    assert (change.machine, altered.name, altered.at) == (fault.machine, fault.name, fault.at)
+    assert change.date == day_of(fault.first)
+    assert altered.size == pytest.approx(fault.size, abs=max(4.0 * altered.error, 0.1 * fault.size))
+    table = rows_of(base / "results.parquet")
+    at = table["recording"].to_pylist().index(f"{day_of(fault.first)}.parquet")
+    assert table["machine"][at].as_py() == fault.machine
+    assert f"mass on the {fault.at}" in table["change"][at].as_py()
+    assert f"mass on the {fault.at}" in (base / "fleet.html").read_text()
