@@ -31,7 +31,7 @@ def fleet(
         Path | None, typer.Option(help="Where results are kept for the next run; by default the user's cache folder.")
     ] = None,
 ) -> None:
-    """Say which machines of a fleet changed, when, and what is usual for their type.
+    """Say which machines of a fleet changed, and what is usual.
 
     The machine file of a type, machine.toml, is in the folder above its machines', or in each machine's own.
     A second run does only what is new."""
