@@ -92,7 +92,7 @@ def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[]
             state, out = step(core, state, event)
             if isinstance(event, Tick):
                 steps += 1
-                out.due([number for number, each in every.items() if steps % each == 0])
+                tuple(out.due([number for number, each in every.items() if steps % each == 0]))
         found["step"].append((process_time() - begin) / GROUP * 1e6)
         lines.clear()
         frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.assembler.decoders]

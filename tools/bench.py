@@ -27,7 +27,7 @@ from cylforce.programs.sim import run_sim
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Interactor
 from cylforce.service.pipeline import Pipeline
-from cylforce.service.state import Output
+from cylforce.service.publication import Encoder
 from cylforce.service.step import Core, step
 from cylforce.service.weighing import Weigher
 from cylforce.settings.machine_file import Loaded, load
@@ -42,7 +42,7 @@ PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "regressor": ((Channels, "read"), (Pipeline, "advance")),
     "recursion": ((Weigher, "left"), (Weigher, "step")),
     "force": ((Interactor, "step"),),
-    "encode": ((Output, "due"),),
+    "encode": ((Encoder, "data"),),
 }
 WORDS = {
     "decode": "frames to signals",
@@ -106,7 +106,7 @@ def step_us(core: Core, events: Sequence[Event], now: Clock = time.process_time)
         state, out = step(core, state, event)
         if isinstance(event, Tick):
             ticks += 1
-            out.due([number for number, steps in every.items() if ticks % steps == 0])
+            tuple(out.due([number for number, steps in every.items() if ticks % steps == 0]))
         if isinstance(event, Tick) and ticks % STEPS_A_YARDSTICK == 0:
             before = now()
             yardstick()

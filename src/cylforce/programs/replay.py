@@ -110,7 +110,7 @@ def replay(core: Core, events: Iterable[Event | Sent], state: State, take: Take)
             if event.can_id in ours:
                 compared += 1
                 number = ours[event.can_id]
-                different += last.due([number]) != ((number, event.data),)
+                different += [*last.due([number])] != [(number, event.data)]
             continue
         state, out = step(core, state, event)
         if out.estimate is not None:

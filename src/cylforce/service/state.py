@@ -1,6 +1,6 @@
 """What the service remembers from event to event, and what an event brings."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 from cylforce.mechanics.installation import STANDARD
@@ -95,12 +95,14 @@ class Output(NamedTuple):
     @property
     def frames(self) -> tuple[tuple[int, bytes], ...]:
         """(Number, data) of all PDOs, sent as they are."""
-        return self.due([each.number for each in self.table])
+        return tuple(self.due([each.number for each in self.table]))
 
-    def due(self, numbers: Collection[int]) -> tuple[tuple[int, bytes], ...]:
-        """Those of these numbers: what is not sent is not encoded."""
-        now = self.estimate
-        return () if now is None else tuple([(e.number, e.data(now)) for e in self.table if e.number in numbers])
+    def due(self, numbers: Collection[int]) -> Iterator[tuple[int, bytes]]:
+        """Those of these numbers, each when it is asked for: what is not sent is not encoded."""
+        if self.estimate is not None:
+            for each in self.table:
+                if each.number in numbers:
+                    yield each.number, each.data(self.estimate)
 
 
 NOTHING = Output()
