@@ -157,6 +157,7 @@ MENDABLE = [
     ("replay @/identified.toml @/run.log", r"identified\.toml: is no machine file"),
     ("commission @/broken.toml --bus virtual:a -o @/o.toml", r"broken\.toml:1: .* is not TOML"),
     ("run M --bus remote:127.0.0.1:1 --log @/a.txt", r"--log .*a\.txt: must end in \.log"),
+    ("fleet @/recordings -o @/table.csv", r"table\.csv: the table must end in \.parquet"),
     ("config copy absent.toml", r"'absent\.toml' is not shipped with cylforce: choose one of excavator_20t\.toml"),
     ("config copy cylforce.eds -o @/absent", r"absent: is not a folder"),
     ("config copy copy.toml -o @", "is not shipped"),

@@ -154,9 +154,8 @@ class Remote(PythonCan):
         if self._bus is None:
             return
         if self._loop is not None:
-            self._loop.remove_reader(
-                self._reader
-            )  # by its number: the client closes the socket itself when the relay ends
+            # by its number: when the relay ends, the client closes the socket itself
+            self._loop.remove_reader(self._reader)
         can.BusABC.shutdown(self._bus)  # RemoteBus.shutdown would wait for the relay's answer without a time limit
         self._bus.socket.close()
         self._bus = None

@@ -136,7 +136,7 @@ class FilteredRegressor:
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
     def _begun(self, static: Array) -> Array:
-        """State of the filter `_mean` before the first sample, as if the input had been zero until then. A first group
+        """State of the filter `mean` before the first sample, as if the input had been zero until then. A first group
         of four samples contains only a part of a step since then: 0, 1/3 and 2/3 of it for the first three outputs."""
         return np.stack([share * static for share in self.shares])
 

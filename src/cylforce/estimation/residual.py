@@ -29,10 +29,6 @@ class Residual(NamedTuple):
     rest: Array
     columns: Array
 
-    def only(self, rows: Array) -> "Residual":
-        """The rows marked in `rows` (R,)."""
-        return self if all(rows.tolist()) else Residual(*(part[rows] for part in self))
-
 
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     """Residual r = scale (torque - W Phi - drift) of one instant with its variances; `drift` (R,) [N m]: torque of the

@@ -75,7 +75,6 @@ def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
     if row is None:
         return Memory(booking=booking)
     zero, tare, number, target, product, tool, hung, since_us, *parts = row
-    same = 0 <= t_us - since_us <= SHORTEST_CYCLE_US
     hanging = unpacked(Weighed, json.loads(hung)) if hung else None
     sums = (
         "SELECT coalesce(sum(mass), 0.0), count(*), coalesce(sum(mass) FILTER (WHERE part = ?), 0.0) FROM bookings "
@@ -87,7 +86,7 @@ def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
     buckets = tuple(Bucket(found, mass, bool(accepted), part) for found, mass, accepted, part in reversed(rows))
     opened = Truck(number, target, product, total, filled, buckets, parts[0], in_part, *parts[1:])
     memory = Memory(Scale(zero, tare), opened, booking, tool, hanging)
-    return memory if same or hanging is None else memory.emptied()
+    return memory if 0 <= t_us - since_us <= SHORTEST_CYCLE_US else memory.emptied()
 
 
 def write(connection: sqlite3.Connection, start: int, change: Change) -> None:

@@ -1,7 +1,6 @@
 """identified.toml: the tares (identified parameters) of one machine and where they come from. Written by `cylforce
 identify`, accepted only with the machine file that it was identified with."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import tomlkit
-from pydantic import ValidationError
 
 import cylforce
 from cylforce.estimation.model import FRICTION, BetweenStrokes, Model, Tares
-from cylforce.files.atomic import LARGEST, is_large, is_stream, replacing
+from cylforce.files.atomic import replacing
 from cylforce.settings.identified_file import IdentifiedAttachment, IdentifiedFile, IdentifiedParameter, Provenance
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.settings.seal import Seal, broken, sealed
+from cylforce.settings.written import read_written
 from cylforce.signals.estimate import Array
 
 if TYPE_CHECKING:  # the service reads what identification wrote, without identification
@@ -157,22 +156,7 @@ def identified_warnings(path: Path) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> IdentifiedFile:
-    if is_stream(path):
-        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device; run `cylforce identify` first")
-    if is_large(path):
-        raise SettingsError(f"{path}: is larger than {LARGEST // 10**6} MB; run `cylforce identify` first")
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-        _check_kind(path, raw)
-        return IdentifiedFile.model_validate(raw)
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read ({error.strerror}); run `cylforce identify` first") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path}: is not TOML ({error}); run `cylforce identify` again") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise SettingsError(f"{path}: {key}: {first['msg']}; run `cylforce identify` again") from error
+    return read_written(path, IdentifiedFile, "cylforce identify", _check_kind)
 
 
 def _check_kind(path: Path, raw: Mapping[str, object]) -> None:

@@ -18,9 +18,9 @@ from cylforce.settings.arm import (
     ToolTable,
     TriangleTable,
 )
+from cylforce.settings.checks.names import CHASSIS
 from cylforce.settings.error import FaultError, Inspection
 from cylforce.settings.model import MachineFile
-from cylforce.settings.names import CHASSIS
 from cylforce.signals.kinds import Signal
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE, STANDARD_GRAVITY
 

@@ -12,12 +12,12 @@ from cylforce.files.tables import TableMap
 from cylforce.mechanics.installation import Attachment, Filters, Health, SensorNode, Service
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import nodes, own_pdos
+from cylforce.settings.checks.names import name_faults
 from cylforce.settings.checks.plausibility import attachment_doubts, doubts
 from cylforce.settings.error import FaultError, Inspection, SettingsError, Source, report, sentences
 from cylforce.settings.limits import unusual
 from cylforce.settings.machine import attachment, machine
 from cylforce.settings.model import FilterTable, HealthTable, MachineFile
-from cylforce.settings.names import name_faults
 from cylforce.settings.sections import read_sections
 from cylforce.settings.signals import columns, enough_faults, signals
 from cylforce.settings.units import file_in_si

@@ -10,9 +10,9 @@ from pydantic import ValidationError
 from cylforce.files.tables import ColumnMap, TableMap
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import period_s
+from cylforce.settings.checks.names import AT_CYLINDER, AT_LINK
 from cylforce.settings.error import FaultError, Inspection
 from cylforce.settings.model import MachineFile, SensorTable, SignalColumn
-from cylforce.settings.names import AT_CYLINDER, AT_LINK
 from cylforce.settings.sections import fault
 from cylforce.settings.units import COLUMN, in_si
 from cylforce.signals.kinds import INERTIAL, UNIT, Kind, Signal

@@ -71,7 +71,7 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
     """Data of a PDO from SI values by name; a value that is missing, not finite or outside the field's range is sent as
     "no value"."""
     found = [values.get(f.signal, nan) if f.signal else 0.0 for f in pdo.fields]
-    return _struct(pdo).pack(*[_raw(*_raw_field(f), value) for f, value in zip(pdo.fields, found, strict=True)])
+    return packed(layout(pdo), found)
 
 
 class Raw(NamedTuple):
@@ -93,13 +93,14 @@ class Layout(NamedTuple):
     fields: tuple[Raw, ...]
 
 
+@cache
 def layout(pdo: Pdo) -> Layout:
     """How a PDO is encoded."""
-    return Layout(_struct(pdo), tuple(Raw(*_raw_field(field)) for field in pdo.fields))
+    return Layout(_struct(pdo), tuple(map(_raw_field, pdo.fields)))
 
 
-def _raw_field(f: Field) -> tuple[float, float, float, float, tuple[int, int] | None, int | float]:
-    return f.low, f.high, f.scale, f.offset, _RAW_RANGES.get(f.code), not_available(f.code)
+def _raw_field(f: Field) -> Raw:
+    return Raw(f.low, f.high, f.scale, f.offset, _RAW_RANGES.get(f.code), not_available(f.code))
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:

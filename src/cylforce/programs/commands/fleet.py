@@ -37,7 +37,7 @@ def fleet(
     A second run does only what is new."""
     from rich.console import Console
 
-    from cylforce.files.atomic import check_outputs
+    from cylforce.files.atomic import RecordingError, check_outputs
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.fleet.store import check_fleet_extra
     from cylforce.programs.reports.report import check_extra
@@ -45,6 +45,8 @@ def fleet(
     check_fleet_extra()
     if report is not None:
         check_extra()
+    if output.suffix.lower() != ".parquet":
+        raise RecordingError(f"{output}: the table must end in .parquet: by that ending other programs know its format")
     check_outputs((output, usual, report), (), (".parquet", ".toml", ".html"))
     from cylforce.programs.fleet.kept import fleet_cache_folder
     from cylforce.programs.fleet.run import Wanted, run_fleet, show_fleet

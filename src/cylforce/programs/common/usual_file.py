@@ -1,7 +1,6 @@
 """usual.toml: by how much machines in order differ, between machines, between days, within a day. Written by `cylforce
 fleet`, taken by `cylforce gap --usual` and `cylforce identify --usual` in place of what is stated beforehand."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,17 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 import tomlkit
-from pydantic import ValidationError
 
 import cylforce
 from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.effects.library import LIBRARY
-from cylforce.files.atomic import is_large, is_stream, replacing
+from cylforce.files.atomic import replacing
 from cylforce.fleet.coordinates import CARRIED, LEVEL, Coordinate
 from cylforce.fleet.usual import Usual
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.usual_tables import UsualFile, UsualMade, UsualQuantity, UsualType
 from cylforce.settings.error import SettingsError
+from cylforce.settings.written import read_written
 
 FORMAT = 1
 
@@ -75,18 +74,7 @@ def _table(name: str, said: UsualOfType) -> UsualType:
 
 def read_usual(path: Path, machine: Machine) -> dict[str, UsualQuantity]:
     """What is usual of a machine's type, by name of the quantity. Raises SettingsError."""
-    if is_stream(path) or is_large(path):
-        raise SettingsError(f"{path}: is no file of `cylforce fleet`: give the usual.toml that it wrote")
-    try:
-        file = UsualFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read ({error.strerror}): give the usual.toml of a fleet") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path}: is not TOML ({error}): run `cylforce fleet --usual` again") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        raise SettingsError(f"{path}: {key}: {first['msg']}: run `cylforce fleet --usual` again") from error
+    file = read_written(path, UsualFile, "cylforce fleet --usual")
     if file.made.format != FORMAT:
         raise SettingsError(f"{path}: is of format {file.made.format}, this version reads {FORMAT}: make it again")
     for said in file.types:

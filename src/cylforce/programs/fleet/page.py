@@ -19,7 +19,7 @@ from cylforce.programs.fleet.analysis import DAY_S, OfType, Ordered
 from cylforce.programs.fleet.pictures import Curve, course_svg, factor_of, spark_svg, spread_svg, title_of
 from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.task import FAILED
-from cylforce.programs.fleet.words import ANGLE, DRY, FRICTION, MASS
+from cylforce.programs.fleet.words import ANGLE, DRY, FRICTION, MASS, cause_words
 from cylforce.programs.reports.template import templates
 from cylforce.signals.estimate import Array
 
@@ -36,7 +36,7 @@ def write_pages(path: Path, result: FleetResult) -> None:
     for machine in machines:
         _write(
             folder / machine["file"],
-            made.get_template("machine.html.j2").render(**machine, origin=origin, back=path.name),
+            made.get_template("machine.html.j2").render(**machine, origin=origin, back=path.name, cause=cause_words),
         )
     silent = sorted({each.stored.machine for each in result.gathered} - {machine["name"] for machine in machines})
     lines = sorted(machines, key=lambda m: (-m["severity"], m["name"]))

@@ -34,7 +34,7 @@ class Driven(NamedTuple):
     @property
     def level(self) -> Level:
         """How surely the forces do not belong to the motion."""
-        return max((level for level, most in FARTHEST.items() if self.path > most), default=Level.FINE)
+        return Level.of(self.path, FARTHEST)
 
 
 @dataclass(frozen=True)

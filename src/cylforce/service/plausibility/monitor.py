@@ -1,7 +1,8 @@
 """Plausibility between sensors: what motion, other chamber, known arm and redundancy of torques say about each signal.
 
-Three views of the same samples: `changing` (each pressure by itself), `driven` (forces against motion), `offsets` (all
-joints against one load). The most specific one that objects is believed."""
+Views of the same samples: `changing` (each pressure by itself), angles that leapt, `driven` (forces against motion),
+`offsets` (all joints against one load), `sweeping` (slewing against contact), and the weight of the empty bucket. The
+surest objection is believed, of several the most specific one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,8 +29,10 @@ from cylforce.signals.estimate import Array, Quantity, Status
 from cylforce.signals.kinds import Kind
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
-UNSURE = 6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %
-BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 1.8
+UNSURE = (
+    6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
+)
+BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 2.2
 
 
 class Watch(NamedTuple):

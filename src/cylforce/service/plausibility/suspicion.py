@@ -1,5 +1,6 @@
 """What is suspected: which signals, of what, how surely."""
 
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -24,6 +25,11 @@ class Level(IntEnum):
     FINE = 0
     DOUBTED = 1
     REJECTED = 2
+
+    @classmethod
+    def of(cls, value: float, limits: Mapping["Level", float]) -> "Level":
+        """The highest level whose limit the value exceeds."""
+        return max((level for level, most in limits.items() if value > most), default=cls.FINE)
 
 
 LATCHED = (

@@ -12,8 +12,8 @@ from cylforce.service.plausibility.suspicion import Level
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-# rad of slewing that no load explains, from which on the signals are doubted or rejected; chosen: twice the largest of
-# machines in order, which dump meanwhile; two swings, out and back
+# rad of slewing that no load explains, from which on the signals are doubted or rejected; chosen: more than one and a
+# half times the largest of machines in order, 0.60, which dump meanwhile; two swings, out and back
 FARTHEST = {Level.DOUBTED: 1.0, Level.REJECTED: 3.0}
 FAST = 0.2  # rad/s of the house, at which nothing touches the ground; chosen: a fifth of its full speed
 
@@ -29,7 +29,7 @@ class Swept(NamedTuple):
     @property
     def level(self) -> Level:
         """How surely a signal is wrong."""
-        return max((level for level, most in FARTHEST.items() if self.angle > most), default=Level.FINE)
+        return Level.of(self.angle, FARTHEST)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Whether a sensor's range and name fit what it measures, and the joint or cylinder that it is mounted on."""
 
 from cylforce.mechanics.machine import Machine
+from cylforce.settings.checks.names import AT_CYLINDER, AT_LINK
 from cylforce.settings.error import Inspection, Key
-from cylforce.settings.names import AT_CYLINDER, AT_LINK
 from cylforce.signals.kinds import Kind, Signal
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
 
