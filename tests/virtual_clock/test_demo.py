@@ -11,7 +11,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 PADDED = re.compile(r" *-?\d+(?:\.\d+)?")  # with the spaces that align it: -0.1 is wider than 0.1
-ROUNDING = 0.3  # of the last unit shown: processors round sums in other orders, and a weight is shown to 0.1 kg
+AGREES, SMALL = 1e-3, 0.3  # processors round sums in other orders: by this share of a figure, and small ones by so much
+COUNTS = 100  # whole numbers below it are counts (buckets, overruns, the seed): a count is equal or wrong
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +32,20 @@ def printed(tmp_path_factory):
     return [line.rstrip() for line in done.stdout.splitlines()], json.loads(figures.read_text())
 
 
+def agree(printed: str, shown: str) -> bool:
+    """Whether two figures can be one: each was rounded to its last place, so they may stand one place apart."""
+    a, b = float(printed), float(shown)
+    if "." not in shown and b < COUNTS:
+        return a == b
+    return abs(a - b) <= max(AGREES * abs(b), SMALL) + 10.0 ** -len(shown.partition(".")[2])
+
+
 def test_readme_shows_what_the_demo_prints(shown, printed):
     lines, _ = printed
     assert [PADDED.sub(" 0", line) for line in lines] == [PADDED.sub(" 0", line) for line in shown]
     for line, as_shown in zip(lines, shown, strict=True):
         numbers = zip(NUMBER.findall(line), NUMBER.findall(as_shown), strict=True)
-        assert all(float(a) == pytest.approx(float(b), rel=1e-3, abs=ROUNDING) for a, b in numbers), (line, as_shown)
+        assert all(agree(a, b) for a, b in numbers), (line, as_shown)
 
 
 def test_the_demo_books_every_bucket_within_its_error(printed):
