@@ -22,11 +22,13 @@ VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (SMOOTH, G) along each polynomial
 
 class Scatter(NamedTuple):
     """Of every joint (R,): level of the discrepancy and scale of the noise; `unsure`: times as uncertain as between
-    two recordings of one machine is what is usual, of every joint alike or (R,) (of the usual noise only)."""
+    two recordings of one machine is what is usual, of every joint alike or (R,) (of the usual noise only); `everyday`:
+    how large the machine's everyday differences are, of what is usual."""
 
     rho: Array
     v: Array
     unsure: float | Array = 1.0
+    everyday: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,10 @@ effects of the library, a smooth discrepancy of each joint, and noise.
 
     y = X (m + g) + X_h s + Q d + e,   g ~ N(0, C),   d ~ N(0, rho^2 w_k),   e ~ N(0, v^2)
 
-with mean m and covariance C from the references, everyday differences included, sizes s of a hypothesis h log-uniform
-over the plausible range, and level rho and scale v of each joint maximised under every hypothesis, with a prior around
-what the references show and a flat tail: the tail is what is unknown."""
+with mean m and covariance C from the references and everyday differences, whose size is maximised under every
+hypothesis, sizes s of a hypothesis h log-uniform over the plausible range, and level rho and scale v of each joint
+maximised under every hypothesis, with a prior around what the references show and a flat tail: the tail is what is
+unknown."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,12 +18,13 @@ from scipy.linalg import solve_triangular
 
 from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, likeliest, log_prior, settled_noise
 from cylforce.diagnosis.inference.sizes import WIDE, Terms, beside, log_size
-from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND
+from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, STEADY
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
 WIDTH, DEEPEST = 2, 8  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined
+NONE = 1e-12  # of a column's spread, squared: no everyday difference
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 
 
@@ -73,7 +75,8 @@ def _nothing(*_: object) -> float:
 
 @dataclass(frozen=True)
 class Inference:
-    """A recording, and what the machine's parameters are beforehand; `moments`: what may happen in single blocks;
+    """A recording, and what the machine's parameters are beforehand: `mean` (K,) and `covariance` (K, K) by the
+    references, and `everyday` differences (K,), standard deviations; `moments`: what may happen in single blocks;
     `taken`: sizes (M,) [of the prior spread] of forms that are taken out of the recording already; `told`: what else
     speaks for a form with sizes (M,) in their units [nats]; `apart`: the log of the probability of what is left out."""
 
@@ -82,14 +85,23 @@ class Inference:
     usual: Scatter
     mean: Array
     covariance: Array
+    everyday: Array
     moments: Moments | None = None
     taken: Mapping[int, Array] = field(default_factory=dict)
     told: Callable[[int, Array], float] = _nothing
     apart: float = 0.0
 
     @cached_property
-    def _precision(self) -> tuple[Array, float]:
-        return np.asarray(np.linalg.inv(self.covariance)), float(np.linalg.slogdet(self.covariance)[1])
+    def _precisions(self) -> dict[float, tuple[Array, float]]:
+        return {}
+
+    def _precision(self, noise: Scatter) -> tuple[Array, float]:
+        """Of the parameters beforehand, with the everyday differences of a noise (K, K), and the log determinant of its
+        inverse."""
+        if noise.everyday not in self._precisions:
+            whole = self.covariance + np.diag((noise.everyday * self.everyday) ** 2 + NONE)
+            self._precisions[noise.everyday] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
+        return self._precisions[noise.everyday]
 
     def state(self, noise: Scatter) -> Marginal:
         """Everything that follows from a noise."""
@@ -102,7 +114,7 @@ class Inference:
         common = self.sums.common(noise)
         score = told[:-1, -1] - common - known @ inside
         energy = told[-1, -1] - 2.0 * inside @ told[:-1, -1] + inside @ known @ inside
-        precision, spread = self._precision
+        precision, spread = self._precision(noise)
         known = (known + known.T) / 2.0
         root = np.linalg.cholesky(known + precision + rounding)
         half = solve_triangular(root, np.eye(len(known)), lower=True)
@@ -162,7 +174,7 @@ class Inference:
         for _ in range(ROUNDS):
             left, before = self.under(which, state)[2], noise
             energies = self._energies(left, state.covariance, noise)
-            noise = settled_noise(self.sums, energies, self.usual)
+            noise = settled_noise(self.sums, energies, self.usual)._replace(everyday=before.everyday)
             if np.array_equal(noise.rho, before.rho) and np.array_equal(noise.v, before.v):
                 break
             state = self.state(noise)
@@ -170,6 +182,11 @@ class Inference:
         prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
         errors = np.sqrt(np.diag(fitted.covariance))
         return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise))
+
+    def likeliest(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
+        """A hypothesis with the everyday differences under which it is the most probable."""
+        each = [self.hypothesis(which, noise._replace(everyday=share)) for share in STEADY]
+        return max(each, key=lambda h: h.log)
 
     def _energies(self, left: Array, covariance: Array, noise: Scatter) -> tuple[Array, Array]:
         found = self.sums.energies(left, covariance)
@@ -208,7 +225,7 @@ class Inference:
             shift.append(state.fitted - state.gain(own) @ sizes.more)
         moved = np.array(shift)
         _, log = likeliest(self.sums, *self.sums.plain(np.array(left)), self.usual)
-        log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision[0])
+        log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision(base.noise)[0])
         return [free[k] for k in np.argsort(-log).tolist()]
 
     def _in_moments(self, base: Hypothesis, asked: Sequence[int], state: Marginal) -> list[int]:
@@ -218,9 +235,18 @@ class Inference:
         return sorted(free, key=lambda p: -self.under((*base.which, p), state)[0])
 
     def searched(self, asked: Sequence[int]) -> list[Hypothesis]:
-        """Hypotheses of more and more forms, found by a beam, as long as one more is worth its prior; first of those
-        forms that are expected, then beside them of all."""
-        none = self.hypothesis((), self.usual)
+        """Hypotheses of more and more forms, each with the everyday differences under which it is the most probable."""
+        found = dict[tuple[int, ...], Hypothesis]()
+        for share in STEADY:
+            for h in self._searched(asked, self.usual._replace(everyday=share)):
+                if h.which not in found or h.log > found[h.which].log:
+                    found[h.which] = h
+        return list(found.values())
+
+    def _searched(self, asked: Sequence[int], noise: Scatter) -> list[Hypothesis]:
+        """Hypotheses under a noise at first, found by a beam, as long as one form more is worth its prior; first of
+        those forms that are expected, then beside them of all."""
+        none = self.hypothesis((), noise)
         found = dict[tuple[int, ...], Hypothesis]({(): none})
         expected = [p for p in asked if self.scene.forms[p].expected]
         beam = self._grown(found, [none], expected, 0.0) if expected else [none]
