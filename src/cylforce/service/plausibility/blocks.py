@@ -45,10 +45,12 @@ class Block(NamedTuple):
 
 class Gathering(NamedTuple):
     """State: the `load` (4,) of the block before, zero in contact; `gram` (K, K) of the running block's rows [load |
-    everyday changes | errors | torque left], number of `rows` and of `samples`."""
+    everyday changes | errors | torque left], number of `rows` and of `samples`; `last` (K, K): those of
+    the block before."""
 
     load: Array
     gram: Array
+    last: Array
     rows: int = 0
     samples: int = 0
 
@@ -101,12 +103,12 @@ class Gatherer:
         return [self.model.zero.start + c for c in self.pressed]
 
     @cached_property
-    def _prior(self) -> Array:
+    def prior(self) -> Array:
         """Information (4 + D,) on load and everyday changes."""
         return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
 
     @cached_property
-    def _memory(self) -> float:
+    def memory(self) -> float:
         """Samples that count as an independent one."""
         return max(1.0, correlated(self.model.filters, self.tares.correlation) / EVERY)
 
@@ -117,8 +119,9 @@ class Gatherer:
 
     def begin(self) -> Gathering:
         """An empty block."""
-        size = len(self._prior) + self.size + 1
-        return Gathering(np.zeros(LOAD), np.zeros((size, size)))
+        size = len(self.prior) + self.size + 1
+        nothing = np.zeros((size, size))
+        return Gathering(np.zeros(LOAD), nothing, nothing)
 
     def interrupt(self, state: Gathering) -> Gathering:
         """The state after an interruption of the measurement: the running block starts anew."""
@@ -167,17 +170,18 @@ class Gatherer:
         return np.asarray((left[1:] - left[0])[:, list(machine.rows)].T / TILTED)
 
     def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
-        gram, known = state.gram / self._memory, len(self._prior)
-        inverse = np.linalg.inv(gram[:known, :known] + np.diag(self._prior))
+        gram, known = state.gram / self.memory, len(self.prior)
+        inverse = np.linalg.inv(gram[:known, :known] + np.diag(self.prior))
         both = gram[:known, known:]  # load and everyday changes against errors and torque
         reduced = gram[known:, known:] - both.T @ inverse @ both
         square = np.maximum(np.diagonal(reduced)[:-1], 1e-12)
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
-        numbers = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self._memory)
+        numbers = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self.memory)
         left, mass, spread, weight = (np.array([x]) for x in numbers)
         block = Block(left, mass, spread, weight, reduced[:-1, -1], square, masses[:-1])
         hangs = explained(block, self.model.machine.rated_payload)
-        return self.begin()._replace(load=np.where(hangs, load, 0.0)), block
+        load = np.where(hangs, load, 0.0)
+        return self.begin()._replace(load=load, last=state.gram), block
 
 
 CONTACT = 5.0  # mean squared residual of a block from which on no load explains it, as in `recognition`
