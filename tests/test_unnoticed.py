@@ -8,10 +8,11 @@ import pytest
 
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted
-from cylforce.service.plausibility.blocks import LOAD
+from cylforce.service.plausibility.blocks import LOAD, Gatherer
 from cylforce.service.plausibility.unnoticed import MEMORY, Noticing
-from cylforce.service.step import Core
+from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
+from cylforce.signals.events import Tick
 from scenarios import EXCAVATOR, cycles, identified, through, with_value
 
 LIFT = 200  # samples of a lift, more than those of a second
@@ -32,7 +33,7 @@ class Rows:
     def begin(self):
         size = LOAD + 1 + self.size + 1
         nothing = np.zeros((size, size))
-        return SimpleNamespace(gram=nothing, last=nothing)
+        return SimpleNamespace(gram=nothing, last=nothing, errors=np.zeros((3, self.size)))
 
     def second(self, hung, off, many=200):
         """Rows (many, K) of a load (4,) and errors `off` (2,), without noise."""
@@ -49,7 +50,7 @@ def after(rows, seconds, taken=LIFT):
         for k, each in enumerate(lift):
             gathering = rows.begin()
             gathering.last = each.T @ each
-            state = noticing.step(state, gathering, (k + 1) * taken, hangs=True)
+            state = noticing.step(state, gathering, np.zeros((3, 2)), (k + 1) * taken, hangs=True)
     return state
 
 
@@ -80,6 +81,24 @@ def test_a_second_that_began_before_the_lift_does_not_count():
     rows = Rows()
     one = rows.second(np.zeros(LOAD), np.array([1.0, 0.0]))
     assert not after(rows, [[one]], taken=LIFT // 4).probable.sizes.any()
+
+
+def test_a_force_seems_to_turn_with_an_angle_that_is_off():
+    """Finite difference of the torques of a force at the tooth line."""
+    loaded = load(EXCAVATOR)
+    core, force, by = Core(loaded.service, identified(loaded)), complex(30e3, -50e3), 1e-6
+    machine, theta = core.service.machine, np.array([0.5, -1.2, -0.8])
+    channels = np.zeros(9)
+    channels[:3] = theta
+    found = Gatherer(core.model, core.tares).swung(channels, force)
+
+    def torque(q):
+        return (machine.tool_point(q).gradient.conj() * force).real
+
+    for j in range(3):
+        shifted = theta + by * (np.arange(3) == j)
+        assert found[:, 3 + j] == pytest.approx((torque(shifted) - torque(theta)) / by, rel=1e-3)
+    assert not found[:, :3].any()
 
 
 def weight(mass, slopes):
@@ -126,3 +145,22 @@ def test_a_bucket_angle_that_slides_makes_weights_as_uncertain_as_they_are_wrong
     assert abs(fine[-1] - masses[-1]) < told[-1]
     assert 3.0 * told[-1] < wrong[-1] - masses[-1] < 3.0 * more[-1]
     assert all(abs(wrong - masses[-len(wrong) :]) < 3.0 * more)
+
+
+def test_a_force_is_as_uncertain_as_signals_are_off():
+    """The same tick with and without a torque of the boom by an error of a signal."""
+    loaded = load(EXCAVATOR)
+    core = Core(loaded.service, identified(loaded))
+    events, _ = cycles(loaded, count=1)
+    last = max(k for k, event in enumerate(events) if isinstance(event, Tick))
+    state, *_ = through(core, events[:last])
+    watch = state.watch
+    found = []
+    for torque in (0.0, 20e3):
+        torques = np.zeros_like(watch.unnoticed.torques)
+        torques[0, 0] = torque
+        unnoticed = watch.unnoticed._replace(torques=torques)
+        begun = state._replace(watch=watch._replace(unnoticed=unnoticed))
+        found.append(step(core, begun, events[last])[1].estimate.force)
+    assert found[1].z.standard_error > found[0].z.standard_error + 1e3
+    assert found[1].z.value == found[0].z.value

@@ -132,8 +132,9 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift, drifting)
     lifted = weigh(curled=_curled(core, channels), beside=_beside(core, state, channels))
-    interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us)
-    (weighing, load), leapt = lifted, core.assembler.leapt(state.inputs)
+    (weighing, load), wrong = lifted, state.watch.unnoticed.torques
+    pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
+    (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
     known = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *known)
     watch, weighing = _watched(core, state, seen, weighing)

@@ -26,7 +26,7 @@ from cylforce.service.plausibility.offsets import Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
-from cylforce.signals.estimate import Array, Quantity, Status
+from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
@@ -141,7 +141,8 @@ class Monitor:
         gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
-        unnoticed = self._noticing.step(state.unnoticed, gathering, seen.taken, hangs=bool(hangs))
+        turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
+        unnoticed = self._noticing.step(state.unnoticed, gathering, turned, seen.taken, hangs=bool(hangs))
         light = self._light(state, seen.gross)
         state = state._replace(gathering=gathering, driven=driven, light=light, unnoticed=unnoticed)
         if gathering.samples:
@@ -206,3 +207,9 @@ class Monitor:
         joint = gatherer.turned[offset.signal - len(gatherer.pressed)]
         own = tuple(k for k, s in enumerate(signals) if s.kind is Kind.JOINT_ANGLE and s.index == joint)
         return SensorDoubt(level, SensorFault.SLIPPED, own, offset.size)
+
+
+def _acting(force: Force) -> complex:
+    """A force x + i z [N]; none where it is not known."""
+    known = Status.INVALID not in (force.x.status, force.z.status)
+    return complex(force.x.value, force.z.value) if known else 0j
