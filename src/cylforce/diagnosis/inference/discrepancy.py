@@ -49,7 +49,8 @@ class Sums:
         """The same of each joint (R, K+1, K+1)."""
         smooth = noise.rho[:, None] ** 2 * DECAY
         share = smooth / (noise.v[:, None] ** 2 + smooth)
-        white = self.whole - np.einsum("rk,rkij->rij", share, self.smooth)
+        joints, size = self.whole.shape[:2]
+        white = self.whole - (share[:, None] @ self.smooth.reshape(joints, SMOOTH, -1)).reshape(joints, size, size)
         return np.asarray(white / noise.v[:, None, None] ** 2)
 
     def common(self, noise: Scatter) -> Array:
@@ -69,10 +70,9 @@ class Sums:
     def energies(self, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
         """Expected energies, white (R,) and along each polynomial (R, SMOOTH), of what coefficients (K+1,) leave whose
         first K have a covariance."""
-        whole = np.einsum("i,rij,j->r", coefficients, self.whole, coefficients)
-        smooth = np.einsum("i,rkij,j->rk", coefficients, self.smooth, coefficients)
-        whole += np.einsum("rij,ij->r", self.whole[:, :-1, :-1], covariance)
-        smooth += np.einsum("rkij,ij->rk", self.smooth[:, :, :-1, :-1], covariance)
+        second = np.outer(coefficients, coefficients)
+        second[:-1, :-1] += covariance
+        whole, smooth = (each.reshape(*each.shape[:-2], -1) @ second.ravel() for each in (self.whole, self.smooth))
         return whole - np.sum(smooth, axis=1), smooth
 
     def plain(self, left: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import solve_triangular
 
 from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, likeliest, log_prior, settled_noise
 from cylforce.diagnosis.inference.sizes import WIDE, Terms, beside, log_size
@@ -49,15 +49,22 @@ class Fitted(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """A recording under a noise: marginal information (K, K) and score (K,) of sizes, the log likelihood without any,
-    what follows for the nuisances: `gain` (K, K) and `fitted` (K,)."""
+    """A recording under a noise: its information (K, K), the covariance (K, K) and the sizes (K,) of the nuisances that
+    follow, the marginal score (K,) of sizes, and the log likelihood without any."""
 
-    information: Array
+    known: Array
+    covariance: Array
+    fitted: Array
     score: Array
     log: float
-    gain: Array
-    fitted: Array
-    covariance: Array
+
+    def gain(self, own: list[int]) -> Array:
+        """How the nuisances follow sizes (K, M) of some columns."""
+        return self.covariance @ self.known[:, own]
+
+    def information(self, own: list[int]) -> Array:
+        """Marginal information (M, M) of the sizes of some columns."""
+        return self.known[np.ix_(own, own)] - self.known[own] @ self.gain(own)
 
 
 def _nothing(*_: object) -> float:
@@ -97,16 +104,14 @@ class Inference:
         energy = told[-1, -1] - 2.0 * inside @ told[:-1, -1] + inside @ known @ inside
         precision, spread = self._precision
         known = (known + known.T) / 2.0
-        root = cho_factor(known + precision + rounding)
-        gain, fitted = cho_solve(root, known), cho_solve(root, score)
-        log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root[0]))))
-        covariance = cho_solve(root, np.eye(len(known)))
-        information = known - known @ gain
+        root = np.linalg.cholesky(known + precision + rounding)
+        half = solve_triangular(root, np.eye(len(known)), lower=True)
+        covariance = half.T @ half
+        fitted = covariance @ score
+        log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root))))
         for p, sizes in self.taken.items():  # what is taken out took its noise with it
             log -= float(common[list(self.scene.forms[p].columns)] @ sizes)
-        return Marginal(
-            information, score - known @ fitted, log - cost + self.sums.norm(noise), gain, fitted, covariance
-        )
+        return Marginal(known, covariance, fitted, score - known @ fitted, log - cost + self.sums.norm(noise))
 
     def _own(self, which: tuple[int, ...]) -> list[int]:
         return [c for p in which for c in self.scene.forms[p].columns]
@@ -116,7 +121,7 @@ class Inference:
         own, taken = self._own(which), self._taken(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
         precision = np.where(certain > 0.0, certain, WIDE)
-        information = _positive(state.information[np.ix_(own, own)]) + np.diag(precision)
+        information = _positive(state.information(own)) + np.diag(precision)
         covariance = _positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
         score = state.score[own] - precision * taken
         more = covariance @ score
@@ -129,7 +134,7 @@ class Inference:
         return np.concatenate([np.zeros(0), *(self.taken.get(p, z) for p, z in zip(which, zero, strict=True))])
 
     def _left(self, own: list[int], sizes: Array, state: Marginal) -> Array:
-        left = np.append(-self.mean - state.fitted + state.gain[:, own] @ sizes, 1.0)
+        left = np.append(-self.mean - state.fitted + state.gain(own) @ sizes, 1.0)
         left[own] -= sizes
         return left
 
@@ -200,7 +205,7 @@ class Inference:
         for p in free:
             own, sizes = self._sizes((*base.which, p), state)
             left.append(self._left(own, sizes.more, state))
-            shift.append(state.fitted - state.gain[:, own] @ sizes.more)
+            shift.append(state.fitted - state.gain(own) @ sizes.more)
         moved = np.array(shift)
         _, log = likeliest(self.sums, *self.sums.plain(np.array(left)), self.usual)
         log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision[0])

@@ -224,7 +224,7 @@ class _Search:
         state, found = case.state(none.noise), dict[Key, float]()
         for form in case.scene.forms:
             k = form.columns[0]
-            told = float(state.information[k, k])
+            told = float(state.information([k])[0, 0])
             error = float(case.scene.spread[k]) * told**-0.5 if told > 0.0 else np.inf
             key = (form.name, form.at)
             found[key] = min(SIGMAS * error, found.get(key, np.inf))
