@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from cylforce.fleet.causes import Culprit
-from cylforce.fleet.changes import History, Shape, changes
+from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course
 from cylforce.fleet.gaussians import Belonging, loosened
+from cylforce.fleet.history import History
 from cylforce.fleet.usual import Levels, Usual, learnt, stated
 
 SIZE = 3

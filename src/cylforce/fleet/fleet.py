@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from cylforce.estimation.model import Model
 from cylforce.fleet.causes import Culprit, culprits
-from cylforce.fleet.changes import LONGEST, Altered, History, Shape, changes
+from cylforce.fleet.changes import LONGEST, Altered, Shape, changes
 from cylforce.fleet.coordinates import Coordinate, coordinates, data_sheet, joint_coordinates, joint_directions
 from cylforce.fleet.courses import Course, course
 from cylforce.fleet.evidence import Evidence
 from cylforce.fleet.gaussians import Belonging, loosened
+from cylforce.fleet.history import History
 from cylforce.fleet.usual import Levels, Usual, each_day, learnt, stated
 from cylforce.signals.estimate import Array
 
@@ -69,6 +70,10 @@ class _Learning:
         return coordinates(self.model)
 
     @cached_property
+    def _sheet(self) -> Array:
+        return data_sheet(self.model)
+
+    @cached_property
     def _known(self) -> tuple[Coordinate, ...]:
         return (*self._followed, *joint_coordinates(self.model))
 
@@ -80,7 +85,7 @@ class _Learning:
     def _before(self) -> Usual:
         """What is stated beforehand."""
         mean = np.zeros(len(self._known))
-        mean[: len(self._followed)] = data_sheet(self.model)
+        mean[: len(self._followed)] = self._sheet
         constant = np.array([c.constant for c in self._known])
         return stated(mean / self._unit, constant / self._unit, np.ones(len(self._unit)))
 
@@ -95,7 +100,7 @@ class _Learning:
 
     def _pooled(self, each: Sequence[Evidence]) -> Array:
         """A machine's quantities (K,) as if no day differed from another."""
-        mean, precision = data_sheet(self.model), np.diag([c.constant**-2.0 for c in self._followed])
+        mean, precision = self._sheet, np.diag([c.constant**-2.0 for c in self._followed])
         information = np.sum([e.information.sum(axis=0) for e in each], axis=0) + precision
         pull = np.sum([e.pull.sum(axis=0) for e in each], axis=0) + precision @ mean
         return np.asarray(np.linalg.solve(information, pull))

@@ -27,21 +27,24 @@ class Belonging(NamedTuple):
 
     def summed(self) -> tuple[Array, Array]:
         """All that each group knows, as if its things were one: (G, K, K) and (G, K)."""
+        order = np.argsort(self.group, kind="stable")
+        present, begins = np.unique(self.group[order], return_index=True)
         size = self.pull.shape[-1]
         information, pull = np.zeros((self.groups, size, size)), np.zeros((self.groups, size))
-        np.add.at(information, self.group, self.information)
-        np.add.at(pull, self.group, self.pull)
+        if len(present):
+            information[present] = np.add.reduceat(self.information[order], begins)
+            pull[present] = np.add.reduceat(self.pull[order], begins)
         return information, pull
 
 
 def loosened(information: Array, pull: Array, variance: Array) -> tuple[Array, Array]:
     """The same knowledge of a thing that differs from the known one by N(0, diag(variance)):
-    (S^-1 + V)^-1 = S - S r (1 + r S r)^-1 r S with r = sqrt(V), information S that need not be regular."""
+    (S^-1 + V)^-1 = r^-1 (1 - (1 + r S r)^-1) r^-1 with r = sqrt(V), information S that need not be regular. No variance
+    may be 0."""
     r = np.sqrt(variance)
-    inner = information * r[:, None] * r + np.eye(len(r))
-    wide = np.concatenate([information, pull[..., None]], axis=-1) * r[:, None]
-    told = (information * r) @ np.linalg.solve(inner, wide)
-    return np.asarray(information - told[..., :-1]), np.asarray(pull - told[..., -1])
+    scale, one = np.outer(r, r), np.eye(len(r))
+    less = np.linalg.inv(information * scale + one)
+    return np.asarray((one - less) / scale), np.asarray((less @ (r * pull)[..., None])[..., 0] / r)
 
 
 def solved(information: Array, pull: Array) -> tuple[Array, Array]:
