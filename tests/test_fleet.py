@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.numbers import MASS
 from cylforce.fleet.causes import Culprit
 from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course
@@ -92,6 +93,19 @@ def test_a_slope_is_found():
     assert (found.shape, found.name) == (Shape.SLOPE, "b")
     assert abs(found.first - 4) <= 1
     assert found.size == pytest.approx(10.0, abs=4.0 * found.error)
+
+
+def test_a_change_grows_only_if_that_is_as_sure_as_the_change():
+    """Three usual differences of a day look like a slope as often as not: they are told as a step, near its day."""
+    found = [
+        each
+        for seed in range(40)
+        for each in changes(history_of(np.random.default_rng(seed), np.where(np.arange(10) >= 6, 3.0, 0.0)), CULPRITS)
+        if each.shape is not Shape.DAY
+    ]
+    assert all((each.shape is Shape.SLOPE) == (each.growing >= MASS) for each in found)
+    assert sum(each.growing > 0.5 and each.shape is Shape.STEP for each in found) > 0
+    assert sum(abs(each.first - 6) <= 1 for each in found) >= 0.9 * len(found)
 
 
 def test_a_single_day_is_no_lasting_change():

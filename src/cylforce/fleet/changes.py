@@ -39,8 +39,9 @@ class Blame(NamedTuple):
 
 class Altered(NamedTuple):
     """A change: its course, `name` and place `at` of the likeliest culprit; the number of the `first` recording that
-    shows it; `probability` that there is a change, `when`: that it came with just this recording; `size` and its standard `error` (of a slope: at the last recording);
-    the smallest set of culprits that holds the cause with 90 %. A single day has size
+    shows it; `probability` that there is a change, `when`: that it came with just this recording, `growing`: that it
+    grows, which is told as a slope only if it holds as surely as the change itself; `size` and its standard `error` (of
+    a slope: at the last recording); the smallest set of culprits that holds the cause with 90 %. A single day has size
     0 if nothing named explains it."""
 
     shape: Shape
@@ -50,9 +51,15 @@ class Altered(NamedTuple):
     first: int
     probability: float
     when: float
+    growing: float
     size: float
     error: float
     causes: tuple[Blame, ...]
+
+    @property
+    def may_grow(self) -> bool:
+        """Whether it is told as a step, but may as well be a slope."""
+        return self.shape is Shape.STEP and self.growing > 1.0 - MASS
 
 
 class _Asked(NamedTuple):
@@ -202,7 +209,9 @@ def _likeliest(history: History, found: Sequence[Culprit]) -> _Placed | None:
     causes = _shares(found, np.exp(np.array([_log_sum(row) for row in logs]) - own))
     chosen = [k for k, c in enumerate(found) if (c.name, c.at) == causes[0][:2]]
     best = max(chosen, key=lambda k: float(np.max(logs[k])))
-    h = int(np.argmax(logs[best]))
+    slope = np.array([shape is Shape.SLOPE for shape in asked.shape])
+    growing = float(np.exp(_log_sum(logs[best][slope]) - _log_sum(logs[best])))
+    h = int(np.argmax(np.where(slope & (growing < MASS), -np.inf, logs[best])))
     at_first = logs[best][asked.first == asked.first[h]]
     when = float(np.exp(_log_sum(at_first) - _log_sum(logs[best])))
     size, error = _size(history, found[best], asked.course[[h]], answer.logs[best][h])
@@ -210,7 +219,7 @@ def _likeliest(history: History, found: Sequence[Culprit]) -> _Placed | None:
         return None
     c, shape, first = found[best], asked.shape[h], int(asked.first[h])
     kept = _smallest(causes)
-    altered = Altered(shape, c.name, c.at, c.unit, first, probability, when, size, error, kept)
+    altered = Altered(shape, c.name, c.at, c.unit, first, probability, when, growing, size, error, kept)
     return _Placed(altered, asked.course[h], c)
 
 
