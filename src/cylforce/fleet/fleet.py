@@ -17,7 +17,7 @@ from cylforce.fleet.courses import Course, course
 from cylforce.fleet.evidence import Evidence
 from cylforce.fleet.gaussians import Belonging, loosened
 from cylforce.fleet.history import History
-from cylforce.fleet.usual import Levels, Usual, each_day, learnt, stated
+from cylforce.fleet.usual import Levels, Usual, learnt, stated
 from cylforce.signals.estimate import Array
 
 ROUNDS = 2  # of learning what is usual without what changed, and finding what changed by what is usual; chosen
@@ -119,12 +119,11 @@ class _Learning:
     @property
     def told(self) -> Fleet:
         """Everything."""
-        usual = learnt(self._levels, self._before)
-        altered = self._altered(usual)
+        usual, days = learnt(self._levels, self._before)
+        altered = self._altered(usual, days)
         for _ in range(1, ROUNDS):
-            usual = learnt(self._levels.chosen(self._in_order(altered)), self._before, usual)
-            altered = self._altered(usual)
-        days = each_day(self._levels, usual.within)
+            usual, days = learnt(self._levels, self._before, usual, self._in_order(altered))
+            altered = self._altered(usual, days)
         told = {
             name: MachineTold(self._course(days, usual, k, altered[k]), tuple(altered[k]))
             for k, name in enumerate(self.recordings)
@@ -136,9 +135,8 @@ class _Learning:
     def _own(self, k: int) -> NDArray[np.intp]:
         return np.flatnonzero(self._levels.machine == k)
 
-    def _altered(self, usual: Usual) -> list[list[Altered]]:
+    def _altered(self, usual: Usual, days: Belonging) -> list[list[Altered]]:
         """The changes of every machine."""
-        days = each_day(self._levels, usual.within)
         steady = loosened(days.information, days.pull, usual.days**2)
         found = culprits(self.model.machine, self._known, usual.days * self._unit)
         scaled = [c._replace(directions=c.directions / self._unit[:, None]) for c in found]

@@ -57,22 +57,23 @@ def stated(mean: Array, constant: Array, daily: Array) -> Usual:
     return Usual(mean, constant, daily, WITHIN * daily)
 
 
-def learnt(levels: Levels, before: Usual, start: Usual | None = None) -> Usual:
-    """The usual spread, from the stated one `before`; `start`: what it was before some recordings were left out."""
+def learnt(
+    levels: Levels, before: Usual, start: Usual | None = None, in_order: NDArray[np.intp] | None = None
+) -> tuple[Usual, Belonging]:
+    """The usual spread, from the stated one `before`, and what each recording (N,) tells of its day with it, which
+    belong to machines. `in_order`: numbers of the recordings that tell the spread, by default all; `start`: what it was
+    before the others were left out."""
     start = start or before
     flat = (before.mean, before.between)
-    within = _spread(levels.parts, flat, before.within, start.within)
-    days = each_day(levels, within)
+    few = levels if in_order is None else levels.chosen(in_order)
+    within = _spread(few.parts, flat, before.within, start.within)
+    every_day = Belonging(*_loosened(levels.parts, within).summed(), levels.machine)
+    days = every_day if in_order is None else every_day.chosen(in_order)._replace(group=few.machine)
     daily = _spread(days, flat, before.days, start.days)
     machines = Belonging(*_loosened(days, daily).summed(), np.zeros(days.groups, dtype=np.intp))
     between = _spread(machines, (before.mean, 10.0 * before.between), None, start.between)
     mean = _mean(machines, between, before)
-    return Usual(mean, between, daily, within, days.groups, len(days.group), len(levels.parts.group))
-
-
-def each_day(levels: Levels, within: Array) -> Belonging:
-    """What each recording tells of its day, (N,) in all, which belong to machines."""
-    return Belonging(*_loosened(levels.parts, within).summed(), levels.machine)
+    return Usual(mean, between, daily, within, days.groups, len(days.group), len(few.parts.group)), every_day
 
 
 def _loosened(each: Belonging, spread: Array) -> Belonging:
