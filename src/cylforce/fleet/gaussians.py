@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from cylforce.signals.estimate import Array
 
+AT_ONCE = 128  # pieces of knowledge: their matrices fit the processor's cache
+
 
 class Belonging(NamedTuple):
     """N pieces of knowledge, each of a thing of its own, which belongs to `group` (N,) 0..G-1."""
@@ -27,7 +29,8 @@ class Belonging(NamedTuple):
 
     def summed(self) -> tuple[Array, Array]:
         """All that each group knows, as if its things were one: (G, K, K) and (G, K)."""
-        order = np.argsort(self.group, kind="stable")
+        sorted_by_group = bool(np.all(np.diff(self.group) >= 0))
+        order = slice(None) if sorted_by_group else np.argsort(self.group, kind="stable")
         present, begins = np.unique(self.group[order], return_index=True)
         size = self.pull.shape[-1]
         information, pull = np.zeros((self.groups, size, size)), np.zeros((self.groups, size))
@@ -43,8 +46,13 @@ def loosened(information: Array, pull: Array, variance: Array) -> tuple[Array, A
     may be 0."""
     r = np.sqrt(variance)
     scale, one = np.outer(r, r), np.eye(len(r))
-    less = np.linalg.inv(information * scale + one)
-    return np.asarray((one - less) / scale), np.asarray((less @ (r * pull)[..., None])[..., 0] / r)
+    told, force = np.empty_like(information), np.empty_like(pull)
+    for begin in range(0, len(pull), AT_ONCE):
+        some = slice(begin, begin + AT_ONCE)
+        less = np.linalg.inv(information[some] * scale + one)
+        told[some] = (one - less) / scale
+        force[some] = (less @ (r * pull[some])[..., None])[..., 0] / r
+    return told, force
 
 
 def solved(information: Array, pull: Array) -> tuple[Array, Array]:
