@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator
 from functools import partial
+from math import hypot
 
 import numpy as np
 
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual
+from cylforce.estimation.residual import GOOD_ENOUGH, Residual
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
-from cylforce.service.booking import unseen
+from cylforce.service.booking import Beside, unseen
 from cylforce.service.contact.interaction import Forces
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
@@ -17,6 +18,7 @@ from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
+from cylforce.service.plausibility.unnoticed import Unnoticed
 from cylforce.service.publication import GROSS
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.service.weighing import Weighing
@@ -25,6 +27,7 @@ from cylforce.signals.estimate import (
     Booking,
     Estimate,
     Load,
+    Quantity,
     Reason,
     Sample,
     degraded,
@@ -127,13 +130,13 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = pipe.waiting == 0
     plain, drifting = core.weigher.left(rows, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
-    curled = _curled(core, channels)
-    tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
-    lifted = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt)
-    interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us)
-    weighing, load = lifted
-    gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
-    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
+    weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift, drifting)
+    lifted = weigh(curled=_curled(core, channels), beside=_beside(core, state, channels))
+    (weighing, load), wrong = lifted, state.watch.unnoticed.torques
+    pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
+    (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
+    known = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
+    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *known)
     watch, weighing = _watched(core, state, seen, weighing)
     now = state._replace(
         pipe=pipe,
@@ -149,6 +152,12 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     )
     estimate = _estimate(core, now, load, forces, t_us)
     return _booked(now._replace(estimate=estimate), state.weighing.books.booking)
+
+
+def _beside(core: Core, state: State, channels: Array) -> Beside:
+    """What a weight is to remember: the tool's angle to the house, and what errors of signals would do to it."""
+    tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
+    return Beside(tilt, state.watch.unnoticed.slopes)
 
 
 def _curled(core: Core, channels: Array) -> bool:
@@ -211,7 +220,9 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     watch, books = core.monitor.step(state.watch, seen), weighing.books
     if watch.suspicion.level is not Level.FINE:
         books = unseen(books)
-    books = books if books.withheld is watch.unsure else books._replace(withheld=watch.unsure)
+    probable = watch.unnoticed.probable
+    if books.withheld is not watch.unsure or books.probable is not probable:
+        books = books._replace(withheld=watch.unsure, probable=probable)
     return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
@@ -241,10 +252,17 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
+    load = load._replace(mass=_with_unnoticed(load.mass, state.watch.unnoticed, rated))
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
     return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+
+
+def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed, rated: float) -> Quantity:
+    """The mass [kg] with what errors of signals add to its standard error, DEGRADED if it certainly is that far off."""
+    mass = mass._replace(standard_error=hypot(mass.standard_error, unnoticed.mass))
+    return degraded(mass, Reason.UNCERTAIN) if unnoticed.certain > GOOD_ENOUGH * rated else mass
 
 
 def _less_sure(forces: Forces, reason: Reason) -> Forces:

@@ -79,9 +79,11 @@ class Interactor:
         usable: Array,
         weighed: tuple[Weighing, Load],
         t_us: int,
+        unnoticed: Array,
     ) -> tuple[Interaction, Forces]:
         """The state and the forces after one instant: its rows, the adapted friction and zeros `drift` (D,),
-        `usable` (R,) rows, weighing and load of the same step, time [us]."""
+        `usable` (R,) rows, weighing and load of the same step, time [us], torques (R, H) [N m] by probable errors of
+        signals."""
         if not any(usable.tolist()):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
@@ -92,13 +94,16 @@ class Interactor:
         if carried.known and not contact.touching:
             moving = np.logical_and(usable, self._moves(instant))
             unrest = self._noise.learn(unrest, solved, carried.values, moving)
-        return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching)
+        wrong = self._noise.gain(solved) @ unnoticed
+        return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching, wrong @ wrong.T)
 
-    def _forces(self, solved: Solved, carried: KnownLoad, touching: bool) -> Forces:
-        """Both forces. The resultant is that of no contact while nothing touches the tool or hangs in it."""
+    def _forces(self, solved: Solved, carried: KnownLoad, touching: bool, wrong: Array) -> Forces:
+        """Both forces, `wrong`: covariance (2, 2) [N^2] by errors of signals. The resultant is that of no contact while
+        nothing touches the tool or hangs in it."""
         hanging = carried.values[0] if carried.known else self._alone(solved)[1] / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
-        return Forces(self._sensor.force(*solved[:2], acts), self._soil(solved, carried, touching))
+        resultant = self._sensor.force(solved.found, solved.spread + wrong, acts)
+        return Forces(resultant, self._soil(solved, carried, touching, wrong))
 
     def _alone(self, solved: Solved) -> tuple[Array, float]:
         """The force (2,) without the mass that explains most of it, and the weight of that mass [N]."""
@@ -114,10 +119,10 @@ class Interactor:
         fast = (np.abs(instant.speed) > STILL).tolist()
         return np.array([any(fast[c] for c in acting) for acting in self.model.acting])
 
-    def _soil(self, solved: Solved, carried: KnownLoad, touching: bool) -> Force:
+    def _soil(self, solved: Solved, carried: KnownLoad, touching: bool, wrong: Array) -> Force:
         """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
         of it."""
         if not carried.known and not touching:
-            return self._sensor.force(self._alone(solved)[0], solved.spread, touching)
+            return self._sensor.force(self._alone(solved)[0], solved.spread + wrong, touching)
         found, spread = self._noise.soil(solved, carried.values, self._carrier.covariance(carried))
-        return self._sensor.force(found, spread, touching)
+        return self._sensor.force(found, spread + wrong, touching)

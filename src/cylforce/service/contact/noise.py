@@ -94,6 +94,11 @@ class Noise:
         force = np.frombuffer(found)[2 * r : 2 * r + 6]
         return Unrest(np.frombuffer(new)), Solved(force[:2], force[2:].reshape(2, 2), found)
 
+    def gain(self, solved: Solved) -> Array:
+        """Force (2, R) [N] per unit of each row's torque."""
+        r = self._rows
+        return np.frombuffer(solved.kept)[2 * r + 6 : 4 * r + 6].reshape(2, r)
+
     def learn(self, state: Unrest, solved: Solved, load: Array, good: Array) -> Unrest:
         """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""
         learned = room(self._rows)
