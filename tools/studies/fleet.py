@@ -79,6 +79,7 @@ def main() -> None:
         default=[],
         help="time only, so many machines: in one process, with 1, 2 workers",
     )
+    parser.add_argument("--rivals", action="store_true", help="also find changes with the library ruptures")
     parser.add_argument("--plot", type=Path, help="draw the times there (SVG)")
     options = parser.parse_args()
     size = size_of(options)
@@ -103,7 +104,19 @@ def _found(
         result = run_fleet(wanted, Where(None, options.workers), say=lambda text: print(text, file=sys.stderr))
     figures = scored(truth, result, size) | {"seconds": time.monotonic() - before}
     _show(figures, truth, result)
-    return figures
+    return figures | _rivals(result, truth) if options.rivals else figures
+
+
+def _rivals(result: FleetResult, truth: dict[str, Faulty]) -> dict[str, Any]:
+    """The same courses, given to another library."""
+    from studies._fleet_rivals import Rival, rivals
+
+    found = rivals(result.analysis.types[0].fleet, truth)
+    table = Table(*Rival._fields, title="ruptures on the same courses")
+    for each in found:
+        table.add_row(each.way, *(f"{value:.4g}" for value in each[1:]))
+    Console(highlight=False).print(table)
+    return {"rivals": [each._asdict() for each in found]}
 
 
 def _timed(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
