@@ -56,3 +56,15 @@ def test_a_step_beside_others(tmp_path):
         assert 0.0 < found["rows_us"] < 5.0
         assert 0.0 < found["solve_us"] < 15.0
         assert 0.0 < found["step_over_filterpy"] < 22.0
+
+
+def test_where_the_time_goes(tmp_path):
+    """The whole step is in `step`, and its parts are in it."""
+    output = tmp_path / "functions.json"
+    command = [sys.executable, "-m", "bench", "--functions", "--rounds", "1", "--json", output]
+    done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(output.read_text())
+    whole, tick = found["step.step"], found["step._tick"]
+    assert whole["whole_us"] > tick["whole_us"] > tick["own_us"]
+    assert "step._tick" in done.stdout
