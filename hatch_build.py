@@ -6,6 +6,7 @@ of Cython. No contraction of products and sums, no library but C's own: the same
 
     python hatch_build.py     # compiles it into the source"""
 
+import ast
 import re
 import subprocess
 import sys
@@ -31,29 +32,66 @@ PARTS = (
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 # cython: infer_types=True
 cimport cython
+from cpython.buffer cimport PyBUF_FORMAT, PyBuffer_Release, PyObject_GetBuffer
+
+cdef void* place(object of, char kind, char same) except NULL:
+    cdef Py_buffer view
+    PyObject_GetBuffer(of, &view, PyBUF_FORMAT)
+    found = view.buf if view.itemsize == 8 and (view.format[0] == kind or view.format[0] == same) else NULL
+    PyBuffer_Release(&view)
+    if found == NULL:
+        raise TypeError("the kernel takes arrays of 64-bit numbers, or of 64-bit integers")
+    return found
+
+cdef inline double* as_numbers(object of) except NULL:
+    return <double*>place(of, c"d", c"d")
+
+cdef inline long long* as_counts(object of) except NULL:
+    return <long long*>place(of, c"q", c"l")
 """
 WORDS = {
     r"^from math import (.*)$": r"from libc.math cimport \1",
     r"^from (?:cylforce|typing)[\w.]* import (?:\([^)]*\)|.*)$": "",
     r"^(\w+): Count = ": r"cdef Py_ssize_t \1 = ",
     r"^(\w+): Number = ": r"cdef double \1 = ",
+    r": Sequence\[\w+\]": ": object",
     r"^@record$": "@cython.cclass",
+    r"^def (\w+)(\([^()]*\)) -> ": r"@inner\ndef in_c_\1\2 -> ",
+    r"^@inner\n@inner\ndef in_c_": r"@inner\ndef ",
     r"^@inner\ndef (\w+\([^()]*\)) -> None:": r"@inner\ndef \1 -> cython.void:",
     r"^@inner$": "@cython.cfunc\n@cython.exceptval(check=False)",
-    r"\bNumbers\b(?!`)": "cython.double[::1]",
-    r"\bCounts\b(?!`)": "cython.longlong[::1]",
+    r"\bNumbers\b(?!`)": "cython.p_double",
+    r"\bCounts\b(?!`)": "cython.p_longlong",
     r"\bNumber\b(?!`)": "cython.double",
     r"\bCount\b(?!`)": "cython.Py_ssize_t",
 }
 
 
+def gates(text: str) -> str:
+    """Of each function that the service calls the form that Python calls, which gives that of C the places of the
+    arrays' numbers: a view of each array would take longer than the arithmetic."""
+    found = []
+    for line in ast.parse(text).body:
+        if isinstance(line, ast.FunctionDef) and not line.decorator_list:
+            given = [(each.arg, ast.unparse(each.annotation or ast.Constant(None))) for each in line.args.args]
+            head = ", ".join(f"{kind} {name}" if kind.startswith("Kernel") else name for name, kind in given)
+            call = ", ".join(PASSED.get(kind, "{}").format(name) for name, kind in given)
+            result = "" if ast.unparse(line.returns or ast.Constant(None)) == "None" else "return "
+            found.append(f"def {line.name}({head}):\n    {result}in_c_{line.name}({call})\n")
+    return "\n\n".join(found)
+
+
+PASSED = {"Numbers": "as_numbers({})", "Counts": "as_counts({})"}
+
+
 def source(folder: Path) -> str:
     """The kernel as Cython reads it."""
     text = "\n\n".join((folder / name).read_text(encoding="utf-8") for name in PARTS)
+    python = gates(text)
     for word, meaning in WORDS.items():
         text = re.sub(word, meaning, text, flags=re.MULTILINE)
     checksum = zlib.crc32(b"".join((folder / name).read_bytes() for name in PARTS))
-    return f"{HEAD}\nTEXT = {checksum}\n{text}"
+    return f"{HEAD}\nTEXT = {checksum}\n{text}\n\n{python}"
 
 
 def compile_kernel(root: Path, into: Path) -> Path:
