@@ -21,6 +21,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 KERNEL = Path("src/cylforce/estimation/kernel")
 PARTS = (
+    "inputs.py",
     "plan.py",
     "bodies.py",
     "columns.py",

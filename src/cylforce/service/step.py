@@ -1,10 +1,12 @@
 """The whole service as one pure function of events: step(state, event) -> (state, output)."""
 
+from array import array
 from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual
 from cylforce.service import commands
@@ -189,7 +191,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         weighing = weighing._replace(seen_us=t_us)
     return state._replace(
         pipe=None,
-        moving=(False,) * len(state.moving),
+        moving=core.assembler.still,
         weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
@@ -251,12 +253,12 @@ def _less_sure(forces: Forces, reason: Reason) -> Forces:
     return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
 
 
-def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
-    """Per signal whether it should change, so that a repeated value means a frozen sensor: a pressure while its own
+def _moving(core: Core, pipe: Pipe) -> Numbers:
+    """Per signal whether it should change (1), so that a repeated value means a frozen sensor: a pressure while its own
     cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
-    moves = (np.abs(pipe.speed) > MOVING).tolist()
-    shaken = any(moves)
-    return tuple([shaken if c is None else moves[c] for c in core.moved_by])
+    moves = [1.0 if abs(speed) > MOVING else 0.0 for speed in pipe.speed.tolist()]
+    shaken = max(moves)
+    return array("d", [shaken if c is None else moves[c] for c in core.moved_by])
 
 
 def _tilted(core: Core, sample: Sample) -> bool:
@@ -272,7 +274,7 @@ def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
         yield Reason.OTHER_TOOL
     if state.watch.unsure or state.watch.suspicion.level is Level.DOUBTED:
         yield Reason.SENSORS_DISAGREE
-    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
+    if abs(t_us - state.inputs.long_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME
-    if state.inputs.watched.spoofed(t_us):
+    if state.inputs.spoofed(t_us):
         yield Reason.OWN_IDENTIFIER

@@ -8,12 +8,16 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import plan, pushed, rows, solver, weighed
+from cylforce.estimation.kernel import inputs, plan, pushed, rows, solver, weighed
 from cylforce.estimation.kernel.solving import listed
 
-PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")
+PARTS = ("inputs.py", "plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
+    KernelInputs=listed(inputs.KernelInputs),
+    receive=inputs.receive,
+    usable=inputs.usable,
+    leapt=inputs.leapt,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
     advance=rows.advance,
