@@ -16,6 +16,7 @@ from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.recursive import Root, solution, update
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.linkages import FourBar
+from cylforce.service.loading.lift import kept
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
@@ -198,9 +199,10 @@ def test_an_instant_is_taken_in_as_by_least_squares(kernel):
     own, columns, drifting = rng.normal(size=(3, size)), rng.normal(size=(3, 4)), rng.normal(size=(3, drifts))
     torque, variance, used = rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.array([True, False, True])
     gram = rng.normal(size=(4, size + drifts))
-    work, new = room(24), room(40 + gram.size)
+    work, nothing = room(24), np.zeros(4)
+    new = kept(root, nothing, np.zeros((4, 4)), gram)
     np.frombuffer(work)[:] = np.concatenate([columns.ravel(), torque, variance, used, np.zeros(3)])
-    kernel.take(made, own.ravel(), work, drifting.ravel(), root.factor.ravel(), root.right, gram.ravel(), new)
+    kernel.take(made, own.ravel(), work, drifting.ravel(), new)
     found, wanted = np.frombuffer(new), update(root, columns[used], torque[used], variance[used])
     factor = found[:16].reshape(4, 4)
     np.testing.assert_allclose(factor.T @ factor, wanted.factor.T @ wanted.factor, rtol=1e-12, atol=1e-12)
@@ -221,9 +223,10 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     columns, torque = rng.normal(size=(3, all_columns)), 10.0 * rng.normal(size=3)
     drift = rng.normal(size=len(model.changing))
     unrest = np.concatenate([np.eye(3).ravel(), np.zeros(cylinders), rng.uniform(1.0, 2.0, 3)])
-    new, found, nothing = room(unrest.size), room(30), np.zeros(cylinders)
-    flat = (columns.ravel(), torque, np.zeros(columns.size), nothing, np.ones(9), good.astype(float), np.zeros(4))
-    kernel.push(made, *flat, drift, unrest, new, found)
+    new, found = room(unrest.size), room(32)
+    before, after = np.zeros(columns.size + 3), (np.zeros(columns.size + cylinders), np.ones(9), np.zeros(4))
+    rows = np.concatenate([before, columns.ravel(), torque, *after])
+    kernel.push(made, rows, good.astype(float), np.zeros(4), drift, unrest, new, found)
     own, tool = columns[good, :size], columns[good][:, model.tool]
     left = tares.scale * (torque - columns[:, :size] @ tares.values - columns[:, model.changing] @ drift)
     errors = np.diag(1.0 + unrest[-3:] + (0.01 * left) ** 2)[np.ix_(good, good)]
@@ -233,6 +236,10 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     np.testing.assert_allclose(got[:3], left, rtol=1e-12)
     np.testing.assert_allclose(got[8 - 2 : 8], (spread @ weighted @ left[good])[:2], rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(got[8:12].reshape(2, 2), spread[:2, :2], rtol=1e-8, atol=1e-12)
+    weights = np.linspace(0.0, 1.0, 100_001)[:, None] * (0.0, 1.0)  # up to the heaviest of `NO_LIMITS`
+    costs = np.einsum("ki,ij,kj->k", got[6:8] + weights, np.linalg.inv(spread[:2, :2]), got[6:8] + weights)
+    assert got[-1] <= costs.min() * (1.0 + 1e-9)
+    np.testing.assert_allclose(got[-2], weights[costs.argmin(), 1], atol=1e-4)
 
 
 def test_both_forms_give_the_same_bits(monkeypatch):
@@ -248,7 +255,7 @@ def test_both_forms_give_the_same_bits(monkeypatch):
             state, out = step(core, state, event)
             if isinstance(event, Tick):
                 lift, pipe = state.weighing.lift, state.pipe
-                numbers = (lift.values.tobytes(), lift.covariance.tobytes(), state.interaction.unrest.kept.tobytes())
+                numbers = (lift.kept.tobytes(), state.inputs.kept.tobytes(), state.interaction.unrest.kept.tobytes())
                 found.append((out.frames, numbers, state.recognition.gram.tobytes(), pipe and pipe.kept.tobytes()))
         ways.append(found)
     assert choice.choice().kernel is not choice.INTERPRETED

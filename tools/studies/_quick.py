@@ -9,11 +9,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.fast import Instant
 from cylforce.estimation.kernel.inputs import NEVER
 from cylforce.estimation.regressor import Rows
 from cylforce.service.contact.interaction import Forces, Interaction
-from cylforce.service.pipeline import Pipe
+from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.monitor import Watch
 from cylforce.service.recognition import Recognition
 from cylforce.service.senders.inputs import Inputs

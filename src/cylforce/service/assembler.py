@@ -13,6 +13,7 @@ from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.inputs import NEVER, SIGNAL
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.installation import Service
 from cylforce.service.senders.inputs import QUIET_US, REASONS, Channel, Inputs, LastHeartbeat, PdoRate
 from cylforce.service.senders.supervision import Supervisor
@@ -21,7 +22,6 @@ from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
 
-ZERO = array("d", [0.0])  # repeated: a place for results of the kernel
 # rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
 FASTEST = {
     Kind.JOINT_ANGLE: 3.0,

@@ -126,7 +126,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if pipe.steps <= core.model.settle_steps:
         nothing = _nothing(state, t_us, Reason.STARTING)
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
-    usable = pipe.waiting == 0
+    usable = np.equal(pipe.waiting, 0.0).astype(np.float64)
     plain, drifting = core.weigher.left(rows, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
@@ -137,20 +137,11 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
     watch, weighing = _watched(core, state, seen, weighing)
-    now = state._replace(
-        pipe=pipe,
-        sampled_us=t_us,
-        moving=moving,
-        weighing=weighing,
-        drift=_drift(core, state.drift, watch, load, rows, left, usable),
-        recognition=core.recognizer.step(state.recognition, rows, plain, usable),
-        interaction=interaction,
-        watch=watch,
-        rocking=rocking,
-        unexplained=tuple(left.torque.tolist()),
-    )
-    estimate = _estimate(core, now, load, forces, t_us)
-    return _booked(now._replace(estimate=estimate), state.weighing.books.booking)
+    follows = _drift(core, state.drift, watch, load, rows, left, usable)
+    known = core.recognizer.step(state.recognition, rows, plain, usable)
+    kept = (state.scale, t_us, state.estimate, moving, known, interaction, watch, *state[11:16])
+    now = State(state.inputs, pipe, weighing, follows, *kept, tuple(left.torque.tolist()), rocking)
+    return _booked(now, _estimate(core, now, load, forces, t_us), state.weighing.books.booking)
 
 
 def _curled(core: Core, channels: Array) -> bool:
@@ -159,15 +150,16 @@ def _curled(core: Core, channels: Array) -> bool:
     return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
 
 
-def _booked(state: State, before: Booking | None) -> State:
-    """The state with the working cycle advanced; with a new booking it ends, and the truck has one more bucket, whose
-    mass follows the booking while that becomes more precise."""
-    cycle, booking = advanced(state.cycle, state.estimate), state.weighing.books.booking
+def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
+    """The state with its estimate and the working cycle advanced; with a new booking it ends, and the truck has one
+    more bucket, whose mass follows the booking while that becomes more precise."""
+    cycle, booking = advanced(state.cycle, estimate), state.weighing.books.booking
+    state = state.concluded(estimate, cycle)
     if booking is None or booking is before:
-        return state._replace(cycle=cycle)
+        return state
     if before is not None and not is_new(booking, before):
         truck = refined(state.truck, booking.number, booking.dumped - before.dumped)
-        return state._replace(cycle=cycle, truck=truck)
+        return state._replace(truck=truck)
     truck = loaded(state.truck, booking, state.scale.tare)
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 

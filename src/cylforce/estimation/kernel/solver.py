@@ -41,6 +41,7 @@ class KernelSolver:
     late: Number
     largest: Number
     learning: Number
+    heaviest: Number
     changing: Counts
     load_at: Counts
     places: Counts
@@ -66,6 +67,7 @@ class KernelSolver:
         self.scale, self.scale_error, self.relative, self.gate, self.break_away = (limits[i] for i in range(5))
         self.cold, self.drifted, self.memory, self.patience = (limits[i] for i in range(5, 9))
         self.keep, self.late, self.largest, self.learning = (limits[i] for i in range(9, 13))
+        self.heaviest = limits[13]
         self.changing, self.load_at = as_counts(counts[0]), as_counts(counts[1])
         self.places, self.at = as_counts(counts[2]), as_counts(counts[3])
         self.many = as_counts(counts[4])

@@ -12,13 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.fast import Instant
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
-from cylforce.service.pipeline import Pipe
+from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
 from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
