@@ -242,6 +242,32 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     np.testing.assert_allclose(got[-2], weights[costs.argmin(), 1], atol=1e-4)
 
 
+@pytest.mark.parametrize("name", MACHINES)
+def test_what_a_slipped_angle_adds_is_that_of_gravity_and_levers(kernel, name):
+    """The difference of lever force less gravity, g Re((X + i Z) exp(i q)) of the links beyond, as `mechanics` has
+    them."""
+    rng, by = np.random.default_rng(SEED), 1e-3
+    model = Model(machine_of(name), load(CONFIG / "excavator_20t.toml").service.filters, FRICTION)
+    machine, rows = model.machine, list(model.machine.rows)
+    low, high = (np.array([getattr(k, f"angle_{end}") for k in machine.links]) for end in ("low", "high"))
+    base = rng.normal(size=3) * model.channels.inertial
+    forces, house = 1e5 * rng.normal(size=len(machine.cylinders)), (0.1, 0.05, 0.0)
+    channels = np.concatenate([(low + high) / 2.0, forces, base[: 3 * model.channels.inertial], house])
+    values, turned = rng.normal(size=len(model.parameters)) * 1e3, list(range(machine.size))
+    moments = values[1 : 3 * machine.size : 3] + 1j * values[2 : 3 * machine.size : 3]
+
+    def left(angles):
+        held = machine.gravity * np.cos(0.05) * (moments * np.exp(1j * (np.cumsum(angles) + 0.1))).real
+        return forces @ machine.geometry(angles).lever - held[::-1].cumsum()[::-1]
+
+    unit = by * np.eye(machine.size)
+    wanted = np.array([(left(channels[: machine.size] + each) - left(channels[: machine.size])) / by for each in unit])
+    found = room(len(rows) * machine.size)
+    plan = making.plan(model, kernel.KernelPlan)
+    kernel.slips(plan, channels, values, making.counts(turned), machine.size, by, found)
+    np.testing.assert_allclose(np.reshape(found, (len(rows), -1)), wanted[:, rows].T, rtol=1e-9, atol=1e-3)
+
+
 def test_both_forms_give_the_same_bits(monkeypatch):
     """A digging cycle: every number of the state, and the bytes of every PDO."""
     loaded = load(CONFIG / "excavator_20t.toml")

@@ -5,6 +5,7 @@ written as an empty SYNC frame, which protocol analysers accept.
 """
 
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Event, Frame, Tick
@@ -44,9 +45,21 @@ class Line(NamedTuple):
 def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
     """The line of a frame. Of a remote frame only the length is written: it has no data."""
     seconds, micros = divmod(t_us, 1_000_000)
-    name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
     text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
-    return f"({seconds:010d}.{micros:06d}) {channel} {name}#{text}\n"
+    return f"{_begin(seconds)}{micros:06d}{_named(channel, can_id)}{text}\n"
+
+
+@lru_cache(maxsize=16)
+def _begin(seconds: int) -> str:
+    """Of all lines of a second."""
+    return f"({seconds:010d}."
+
+
+@lru_cache(maxsize=4096)
+def _named(channel: str, can_id: int) -> str:
+    """Of all lines of an identifier."""
+    name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
+    return f") {channel} {name}#"
 
 
 def _flagged(can_id: int) -> str:
@@ -60,7 +73,7 @@ def event_line(event: Event | Sent, channel: str) -> str:
     """The line of an event or of a frame that we sent; `channel` is the bus."""
     if isinstance(event, Tick):
         return line(TICK, event.t_us, _TICK_ID, b"")
-    return line(SENT if isinstance(event, Sent) else channel, *event)
+    return line(SENT if isinstance(event, Sent) else channel, event.t_us, event.can_id, event.data)
 
 
 def parsed(text: str) -> Line | None:

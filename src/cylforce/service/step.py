@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Iterator
 from functools import partial
+from math import isfinite
 
 import numpy as np
 
@@ -130,7 +131,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     plain, drifting = core.weigher.left(rows, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     curled = _curled(core, channels)
-    tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
+    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size].tolist())
     lifted = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt)
     interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us)
     weighing, load = lifted
@@ -172,7 +173,7 @@ def _channels(core: Core, sample: Sample) -> Array | Reason:
     if _tilted(core, sample):
         return Reason.TILT
     channels = core.model.channels.read(sample.values)
-    return channels if np.isfinite(channels).all() else Reason.END_STOP
+    return channels if isfinite(sum(channels.tolist())) else Reason.END_STOP
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:

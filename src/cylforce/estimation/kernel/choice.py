@@ -26,6 +26,7 @@ INTERPRETED: Any = SimpleNamespace(
     **{
         function.__name__: listed(function)
         for function in (
+            rows.slips,
             weighed.explain,
             weighed.gate,
             weighed.take,

@@ -116,10 +116,11 @@ class Monitor:
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
         changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
-        looked = seen.leapt != state.leapt or any(
-            now is not before for now, before in zip(changes[-3:], state.changes[-3:], strict=True)
+        before = state.changes
+        looked = seen.leapt != state.leapt or not (
+            changes.constant is before.constant and changes.burst is before.burst and changes.below is before.below
         )
-        state = state._replace(changes=changes, leapt=seen.leapt)
+        state = Watch(*state[:3], changes, *state[4:6], seen.leapt, *state[7:])
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
