@@ -29,6 +29,7 @@ PARTS = (
     "solver.py",
     "weighed.py",
     "pushed.py",
+    "followed.py",
 )  # as in `kernel/choice.py`
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 # cython: infer_types=True

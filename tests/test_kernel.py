@@ -13,9 +13,10 @@ from cylforce.estimation.filters import mean, slope
 from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.solving import room, solver
 from cylforce.estimation.model import FRICTION, Model
-from cylforce.estimation.recursive import Root, solution, update
-from cylforce.estimation.regressor import FilteredRegressor, Regressor
+from cylforce.estimation.recursive import Root, forget, solution, update
+from cylforce.estimation.regressor import FilteredRegressor, Regressor, Rows
 from cylforce.mechanics.linkages import FourBar
+from cylforce.service.adaptation import Adapter
 from cylforce.service.loading.lift import kept
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.step import Core, step
@@ -240,6 +241,36 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     costs = np.einsum("ki,ij,kj->k", got[6:8] + weights, np.linalg.inv(spread[:2, :2]), got[6:8] + weights)
     assert got[-1] <= costs.min() * (1.0 + 1e-9)
     np.testing.assert_allclose(got[-2], weights[costs.argmin(), 1], atol=1e-4)
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
+    """Information of `recursive.forget` and `update`, drift and covariance by an inverse of it with the prior."""
+    rng = np.random.default_rng(SEED)
+    model, tares, *_ = solving(kernel, rng)
+    adapter = Adapter(model, tares._replace(values=tares.values * (1.0 if limited else 1e3)), kernel=kernel)
+    drift, columns = adapter.begin(), rng.normal(size=(3, len(model.filtered.regressor.names)))
+    columns[:, model.at_rest] = 0.0
+    n, torque, variance = drift.root.right.size, 10.0 * rng.normal(size=3), rng.uniform(1.0, 2.0, 3)
+    root = Root(np.triu(rng.normal(size=(n, n))) + np.diag(np.diag(drift.root.factor)), rng.normal(size=n))
+    before = drift._replace(root=root, waited=4, values=0.1 * rng.normal(size=n - 4))
+    found = adapter.step(before, Rows(columns, torque), torque, variance)
+    rows = np.concatenate([columns[:, : len(model.parameters)] @ model.load, adapter.columns(Rows(columns, torque))], 1)
+    kept_root = forget(root, rows, KEEP)
+    observed = torque + rows[:, 4:] @ before.values
+    wanted = update(kept_root, rows, observed, 60.0 * variance)
+    information = wanted.factor.T @ wanted.factor
+    np.testing.assert_allclose(found.root.factor.T @ found.root.factor, information, rtol=1e-9, atol=1e-9)
+    prior = np.concatenate([np.zeros(4), adapter._spread**-2.0])
+    covariance = np.linalg.inv(information + np.diag(prior))
+    both = covariance @ (wanted.factor.T @ wanted.right)
+    low, high = adapter._limits
+    np.testing.assert_allclose(found.values, np.clip(both[4:], low, high), rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(found.covariance, covariance[4:, 4:], rtol=1e-6, atol=1e-9)
+    assert limited is bool(np.any(np.isin(found.values, [low, high])))
+
+
+KEEP = 1.0 - 5.0 / 3000.0  # five of the steps of half a minute
 
 
 @pytest.mark.parametrize("name", MACHINES)

@@ -8,10 +8,20 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import inputs, plan, pushed, rows, solver, weighed
+from cylforce.estimation.kernel import followed, inputs, plan, pushed, rows, solver, weighed
 from cylforce.estimation.kernel.solving import listed
 
-PARTS = ("inputs.py", "plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")
+PARTS = (
+    "inputs.py",
+    "plan.py",
+    "bodies.py",
+    "columns.py",
+    "rows.py",
+    "solver.py",
+    "weighed.py",
+    "pushed.py",
+    "followed.py",
+)
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
     KernelInputs=listed(inputs.KernelInputs),
@@ -20,6 +30,7 @@ INTERPRETED: Any = SimpleNamespace(
     leapt=inputs.leapt,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
+    KernelDrift=listed(followed.KernelDrift),
     advance=rows.advance,
     state_size=rows.state_size,
     rows_size=rows.rows_size,
@@ -35,6 +46,8 @@ INTERPRETED: Any = SimpleNamespace(
             pushed.soil,
             pushed.learn,
             pushed.gather,
+            followed.certain,
+            followed.follow,
         )
     },
 )
