@@ -68,3 +68,17 @@ def test_where_the_time_goes(tmp_path):
     whole, tick = found["step.step"], found["step._tick"]
     assert whole["whole_us"] > tick["whole_us"] > tick["own_us"]
     assert "step._tick" in done.stdout
+
+
+def test_a_replay_is_timed(tmp_path):
+    """A minute and a longer one: the same bytes, the same memory."""
+    output = tmp_path / "replay.json"
+    command = [sys.executable, "-m", "bench", "--replay", "--minutes", "2", "--rounds", "1", "--json", output]
+    done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    minute, longer = json.loads(output.read_text())
+    assert (minute["compared"], longer["compared"]) == (13_200, 26_400)
+    assert minute["different"] == longer["different"] == 0
+    assert longer["memory"] < 1.05 * minute["memory"]
+    assert longer["times"] == pytest.approx(longer["recorded_s"] / longer["took_s"])
+    assert longer["times"] > 10.0

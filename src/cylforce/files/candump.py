@@ -76,8 +76,17 @@ def event_line(event: Event | Sent, channel: str) -> str:
     return line(SENT if isinstance(event, Sent) else channel, event.t_us, event.can_id, event.data)
 
 
+Parts = tuple[str, int, int, bytes]  # of a `Line`
+
+
 def parsed(text: str) -> Line | None:
-    """A line of candump text, ours or another program's, parsed; None when it is not such a line.
+    """A line of candump text, ours or another program's, parsed; None when it is not such a line."""
+    found = parts(text)
+    return None if found is None else Line(*found)
+
+
+def parts(text: str) -> Parts | None:
+    """The same as a plain tuple, in two thirds of the time.
 
     Fractions of other lengths than six digits are cut or filled to microseconds; python-can's trailing R or T
     is ignored."""
@@ -88,10 +97,10 @@ def parsed(text: str) -> Line | None:
     can_id = int(name, 16)
     if len(name) == 8 and not can_id & ERROR:
         can_id |= EXTENDED
-    t_us = int(seconds) * 1_000_000 + int(fraction[:6].ljust(6, "0"))
+    t_us = int(seconds + fraction) if len(fraction) == 6 else int(seconds + fraction[:6].ljust(6, "0"))
     if remote is None:
-        return Line(channel, t_us, can_id, bytes.fromhex(data))
-    return Line(channel, t_us, can_id | REMOTE, bytes(int(remote or 0)))
+        return channel, t_us, can_id, bytes.fromhex(data)
+    return channel, t_us, can_id | REMOTE, bytes(int(remote or 0))
 
 
 def is_newer_frame(text: str) -> bool:
@@ -99,10 +108,9 @@ def is_newer_frame(text: str) -> bool:
     return _NEWER.fullmatch(text) is not None
 
 
-def own_event(said: Line) -> Event | Sent:
+def own_event(said: Parts) -> Event | Sent:
     """The event, or the frame sent, that a line of our own log stands for."""
-    if said.channel == TICK:
-        return Tick(said.t_us)
-    if said.channel == SENT:
-        return Sent(said.t_us, said.can_id, said.data)
-    return Frame(said.t_us, said.can_id, said.data)
+    channel, t_us, can_id, data = said
+    if channel == TICK:
+        return Tick(t_us)
+    return Sent(t_us, can_id, data) if channel == SENT else Frame(t_us, can_id, data)
