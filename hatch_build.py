@@ -4,9 +4,13 @@ wheel holds the interpreted kernel only.
 The files of `src/cylforce/estimation/kernel` are put one after the other and the words of `restricted.py` become those
 of Cython. No contraction of products and sums, no library but C's own: the same bits as interpreted.
 
-    python hatch_build.py     # compiles it into the source"""
+    python hatch_build.py     # compiles it into the source
+
+With `CYLFORCE_TARGET=TRIPLE:FOLDER` in the environment it is compiled for another processor by TRIPLE-gcc, with the
+headers of that processor's Python below FOLDER (`tools/cross`)."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -15,7 +19,7 @@ import zlib
 from pathlib import Path
 from shutil import copy
 from tempfile import TemporaryDirectory, mkdtemp
-from typing import Any
+from typing import Any, NamedTuple
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
@@ -96,14 +100,39 @@ def source(folder: Path) -> str:
     return f"{HEAD}\nTEXT = {checksum}\n{text}\n\n{python}"
 
 
+class Target(NamedTuple):
+    """What the kernel is compiled for: the compiler, folders of headers, the end of an extension's name, the wheel's
+    tag (empty: that of this computer)."""
+
+    compiler: list[str]
+    include: list[str]
+    suffix: str
+    tag: str = ""
+
+
+def target() -> Target:
+    """The Python that runs, or that which `CYLFORCE_TARGET` names."""
+    triple, _, folder = os.environ.get("CYLFORCE_TARGET", "").partition(":")
+    if not triple:
+        compiler = str(sysconfig.get_config_var("CC") or "cc").split()
+        return Target(compiler, [sysconfig.get_path("include")], str(sysconfig.get_config_var("EXT_SUFFIX")))
+    python, version = (
+        f"python{sys.version_info[0]}.{sys.version_info[1]}",
+        f"{sys.version_info[0]}{sys.version_info[1]}",
+    )
+    include = [f"{folder}/usr/include/{python}", f"{folder}/usr/include"]
+    tag = f"cp{version}-cp{version}-linux_{triple.partition('-')[0]}"
+    return Target([f"{triple}-gcc"], include, f".cpython-{version}-{triple}.so", tag)
+
+
 def compile_kernel(root: Path, into: Path) -> Path:
     """Compile the kernel into a folder. Raises OSError or CalledProcessError where it cannot be compiled."""
+    compiler, include, suffix, _ = target()
     with TemporaryDirectory() as name:
         (Path(name) / "compiled.pyx").write_text(source(root / KERNEL), encoding="utf-8")
-        built = f"compiled{sysconfig.get_config_var('EXT_SUFFIX')}"
+        built = f"compiled{suffix}"
         cython = [sys.executable, "-m", "cython", "--module-name", "cylforce.estimation.kernel.compiled"]
-        compiler = str(sysconfig.get_config_var("CC") or "cc").split()
-        options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", f"-I{sysconfig.get_path('include')}"]
+        options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", *(f"-I{folder}" for folder in include)]
         # names without folders: they stand in the result, which is to be the same wherever it is built
         for command in ([*cython, "compiled.pyx"], [*compiler, *options, "compiled.c", "-lm", "-o", built]):
             subprocess.run(command, check=True, cwd=name)
@@ -124,7 +153,9 @@ class KernelHook(BuildHookInterface):
         except (OSError, subprocess.CalledProcessError) as error:
             self.app.display_warning(f"the kernel is not compiled, the interpreted one will run: {error}")
             return
-        build_data["pure_python"], build_data["infer_tag"] = False, True
+        build_data["pure_python"], build_data["infer_tag"] = False, not target().tag
+        if target().tag:
+            build_data["tag"] = target().tag
         if version != "editable":
             build_data["force_include"][str(built)] = f"cylforce/estimation/kernel/{built.name}"
 

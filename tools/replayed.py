@@ -49,18 +49,23 @@ class Replay(NamedTuple):
 def measure(config: Path, minutes: float, rounds: int) -> list[Replay]:
     """A minute's, and one of so many minutes, the quickest of `rounds`."""
     with TemporaryDirectory() as name:
-        folder = Path(name)
-        moves, raw, identified = (folder / each for each in ("moves.log", "raw.log", "identified.toml"))
-        with contextlib.redirect_stdout(io.StringIO()):
-            run_sim(config, scenario="moves", seed=1, log=moves)
-            run_sim(config, scenario="cycles", cycles=ceil(60.0 * minutes / CYCLE_S) + 1, seed=1, log=raw)
-        command = [sys.executable, "-m", "cylforce", "identify", str(config), str(moves), "-o", str(identified)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        logs = (folder / "minute.log", 60.0), (folder / "long.log", 60.0 * minutes)
-        for log, seconds in logs:
-            written(config, raw, identified, log, seconds)
-        each = [[replayed(config, log, identified) for log, _ in logs] for _ in range(rounds)]
+        identified, *paths = recorded(config, Path(name), 1.0, minutes)
+        each = [[replayed(config, log, identified) for log in paths] for _ in range(rounds)]
         return [min(same, key=lambda one: one.took_s) for same in zip(*each, strict=True)]
+
+
+def recorded(config: Path, folder: Path, *minutes: float) -> list[Path]:
+    """The identified file of a simulated machine, and logs of its service of so many minutes."""
+    moves, raw, identified = (folder / each for each in ("moves.log", "raw.log", "identified.toml"))
+    with contextlib.redirect_stdout(io.StringIO()):
+        run_sim(config, scenario="moves", seed=1, log=moves)
+        run_sim(config, scenario="cycles", cycles=ceil(60.0 * max(minutes) / CYCLE_S) + 1, seed=1, log=raw)
+    command = [sys.executable, "-m", "cylforce", "identify", str(config), str(moves), "-o", str(identified)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    logs = [folder / f"served_{k}.log" for k, _ in enumerate(minutes)]
+    for log, length in zip(logs, minutes, strict=True):
+        written(config, raw, identified, log, 60.0 * length)
+    return [identified, *logs]
 
 
 def written(config: Path, raw: Path, identified: Path, log: Path, seconds: float) -> None:
