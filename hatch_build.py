@@ -33,6 +33,7 @@ PARTS = (
     "solver.py",
     "weighed.py",
     "pushed.py",
+    "recognised.py",
     "followed.py",
 )  # as in `kernel/choice.py`
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False

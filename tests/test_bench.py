@@ -1,9 +1,10 @@
 """The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
 
-A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.45 to 0.47 with the compiled kernel and
-2.0 with the interpreted one. Against filterpy's update a step is 8.8 to 9.0, its kernel's residual, recursion, weight and
-forces take 5.6 to 6.0 us; decoding a frame is 0.22 to 0.24 of canopen's, interpreted 0.67. The limits are a third above:
-what is done to the step in Python varies by a tenth between processors, and more beside other programs.
+A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.45 to 0.47 with the compiled kernel
+and 2.0 with the interpreted one. Against filterpy's update a step is 8.8 to 9.0, its kernel's residual, recursion,
+weight and forces take 5.6 to 6.0 us; decoding a frame is 0.22 to 0.24 of canopen's, interpreted 0.67. The limits are
+a third above: what is done to the step in Python varies by a tenth between processors, and more beside other
+programs.
 """
 
 import json

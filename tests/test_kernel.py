@@ -224,10 +224,10 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     columns, torque = rng.normal(size=(3, all_columns)), 10.0 * rng.normal(size=3)
     drift = rng.normal(size=len(model.changing))
     unrest = np.concatenate([np.eye(3).ravel(), np.zeros(cylinders), rng.uniform(1.0, 2.0, 3)])
-    new, found = room(unrest.size), room(32)
+    new, found, wrong = room(unrest.size), room(35), rng.normal(size=(3, 2))
     before, after = np.zeros(columns.size + 3), (np.zeros(columns.size + cylinders), np.ones(9), np.zeros(4))
     rows = np.concatenate([before, columns.ravel(), torque, *after])
-    kernel.push(made, rows, good.astype(float), np.zeros(4), drift, unrest, new, found)
+    kernel.push(made, rows, good.astype(float), np.zeros(4), drift, wrong.ravel(), 2, unrest, new, found)
     own, tool = columns[good, :size], columns[good][:, model.tool]
     left = tares.scale * (torque - columns[:, :size] @ tares.values - columns[:, model.changing] @ drift)
     errors = np.diag(1.0 + unrest[-3:] + (0.01 * left) ** 2)[np.ix_(good, good)]
@@ -237,10 +237,12 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     np.testing.assert_allclose(got[:3], left, rtol=1e-12)
     np.testing.assert_allclose(got[8 - 2 : 8], (spread @ weighted @ left[good])[:2], rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(got[8:12].reshape(2, 2), spread[:2, :2], rtol=1e-8, atol=1e-12)
+    off = got[12:18].reshape(2, 3) @ wrong
+    np.testing.assert_allclose(got[-3:], (off @ off.T)[np.triu_indices(2)], rtol=1e-12)
     weights = np.linspace(0.0, 1.0, 100_001)[:, None] * (0.0, 1.0)  # up to the heaviest of `NO_LIMITS`
     costs = np.einsum("ki,ij,kj->k", got[6:8] + weights, np.linalg.inv(spread[:2, :2]), got[6:8] + weights)
-    assert got[-1] <= costs.min() * (1.0 + 1e-9)
-    np.testing.assert_allclose(got[-2], weights[costs.argmin(), 1], atol=1e-4)
+    assert got[-4] <= costs.min() * (1.0 + 1e-9)
+    np.testing.assert_allclose(got[-5], weights[costs.argmin(), 1], atol=1e-4)
 
 
 @pytest.mark.parametrize("limited", [False, True])

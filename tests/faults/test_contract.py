@@ -18,10 +18,10 @@ from cylforce.programs.live.doubts import Doubts
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
-from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.estimate import Booking, Reason, Status
 from cylforce.signals.units import DEGREE
 from faulting.edits import BAR, Fault, edited
-from faulting.runs import followed
+from faulting.runs import errors, followed
 from scenarios import EXCAVATOR, SEED, identified
 
 HERE = Path(__file__).parent
@@ -123,3 +123,14 @@ def test_a_fault_of_a_sensor(work, fault, cause, code, within):
     assert told.lines[0][1]["signals"] == [work.machine.signals[k].name for k in first[1].signals]
     doubts.look(NOTHING_SUSPECTED)
     assert sent[1][:2] == bytes(2)
+
+
+def test_bookings_are_compared_with_those_of_the_same_bucket():
+    """One in time, one that waited, one of a bucket that was booked already, none before."""
+    order = [booking(20, 900.0), booking(40, 700.0)]
+    assert errors([booking(19, 905.0), booking(46, 690.0), booking(50, 300.0)], order) == [5.0, -10.0, 300.0]
+    assert errors([booking(10, 400.0), booking(21, 905.0)], order) == [400.0, 5.0]
+
+
+def booking(seconds, mass):
+    return Booking(1, seconds * 1_000_000, mass, 5.0, 0.0, 5.0, mass, 5.0)

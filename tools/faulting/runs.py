@@ -14,7 +14,7 @@ from cylforce.signals.events import Event
 
 CLEAR = 3.0  # standard errors by which a value is wrong
 LONG_S = 1.0  # s for which a wrong value is to be shown at most
-SAME_S = 3.0  # s by which bookings of the same bucket may differ
+SAME_S = 3.0  # s by which a bucket may be booked earlier than in order; later it may be until the next one is
 
 
 class Course(NamedTuple):
@@ -110,7 +110,8 @@ def wrong(course: Course, order: Course) -> Wrong:
     told = CLEAR * np.hypot(course.errors, np.where(np.isfinite(order.errors), order.errors, 0.0))
     bad = np.logical_and(course.ok, away > told)
     seconds = float(np.median(np.diff(course.t_s)))
-    booked = [(_error(b, order.bookings), b.standard_error) for b in course.bookings]
+    off = errors(course.bookings, order.bookings)
+    booked = [(e, b.standard_error) for e, b in zip(off, course.bookings, strict=True)]
     false = sum(abs(e) > CLEAR * s for e, s in booked)
     runs = lengths(np.asarray(bad.any(axis=1)))
     shown = np.where(np.logical_and(course.ok, np.isfinite(away)), away, 0.0)
@@ -131,9 +132,15 @@ def wrong(course: Course, order: Course) -> Wrong:
     )
 
 
-def _error(booking: Booking, order: list[Booking]) -> float:
-    own = [b for b in order if abs(b.t_us - booking.t_us) < 1e6 * SAME_S]
-    return booking.mass - (own[0].mass if own else 0.0)
+def errors(booked: list[Booking], order: list[Booking]) -> list[float]:
+    """By how much [kg] each booking differs from that of the same bucket in `order`: the last one before it, or SAME_S
+    after it, unless a booking before was of that bucket; else it is of none, and all of its mass is wrong."""
+    found, seen = [], 0
+    for each in booked:
+        number = sum(b.t_us <= each.t_us + 1e6 * SAME_S for b in order)
+        found.append(each.mass - (order[number - 1].mass if number > seen else 0.0))
+        seen = number
+    return found
 
 
 def _first(course: Course, level: Level) -> float:

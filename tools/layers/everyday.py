@@ -17,7 +17,7 @@ def differences(machine: InOrder, case: Inference, noise: Scatter) -> dict[str, 
     """Expected squares of the everyday differences in a recording of the machine in order under its noise, of the
     least plausible size, by name of the effect."""
     state, found = case.state(noise), dict[str, list[float]]()
-    share = machine.usual**2 / np.diag(case.covariance)
+    share = machine.usual**2 / (np.diag(case.covariance) + machine.usual**2)
     for p in machine.scene.forms:
         k = p.columns[0]
         # what is fitted is the reference's error and the everyday difference together

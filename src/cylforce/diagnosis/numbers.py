@@ -25,6 +25,10 @@ AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generator
 RUN_TO_RUN = ("coulomb_friction", "friction_level_change", "pressure_offset")  # learnt from a machine's own references
 EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 
+# Of those, how large one machine's are: as stated, a half, a quarter; each as probable. Convention: steps of a factor
+# of two, as for the level of the discrepancy; smaller ones were never the likeliest (study of the decisions).
+STEADY = (1.0, 0.5, 0.25)
+
 # What a data sheet does not know, dry friction and where the masses are: there as probably as not. Beside it only what
 # else an identification determines is asked of a machine that nobody identified: sensors cannot be told from the sheet.
 EXPECTED = ("coulomb_friction", "first_moment_change")

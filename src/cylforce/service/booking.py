@@ -24,7 +24,8 @@ class Weighed(NamedTuple):
     """A weight at some instant of a lift: `mass` [kg] as it would be without drift; `noise` [kg^2]: variance of what
     averages out within the lift; `gain` (P,) and `drifted` (D,): change of the mass per unit of each tare and of each
     drift; `moving`: number of samples in motion on which it is based; `tilt` [rad]: angle of the tool to the house when
-    this load was first weighed, None where the tool does not empty by tilting."""
+    this load was first weighed, None where the tool does not empty by tilting; `slopes` (H,): change of the mass per
+    unit of an error of each signal that is not noticed, None: not known."""
 
     mass: float
     noise: float
@@ -32,6 +33,25 @@ class Weighed(NamedTuple):
     drifted: Array
     moving: int
     tilt: float | None = None
+    slopes: Array | None = None
+
+
+class Probable(NamedTuple):
+    """Of H signals the errors that explain the torques best (`sizes`), and how much of them is `certain`: the root of
+    the square less its variance, which is the mean square of an error without noise (0: less than its noise)."""
+
+    sizes: Array
+    certain: Array
+
+
+class Beside(NamedTuple):
+    """What a weight remembers besides: `tilt` and `slopes` as above."""
+
+    tilt: float | None = None
+    slopes: Array | None = None
+
+
+NOTHING_BESIDE = Beside()
 
 
 class Missed(NamedTuple):
@@ -51,7 +71,7 @@ class Books(NamedTuple):
     the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last,
     while the bucket returns (`dumped`); the last booking; the last load that is not booked; whether the candidate is
     `remembered` from before an interruption: no load has hung since, so that it may be gone; whether bookings are
-    `withheld`, because it is not sure that the sensors agree."""
+    `withheld`, because it is not sure that the sensors agree; `probable` errors of the signals, None: not known."""
 
     newest: Weighed | None = None
     candidate: Weighed | None = None
@@ -60,6 +80,7 @@ class Books(NamedTuple):
     missed: Missed = NONE_MISSED
     remembered: bool = False
     withheld: bool = False
+    probable: Probable | None = None
 
 
 def corrected(weight: Weighed, drift: Drift) -> float:
@@ -67,17 +88,26 @@ def corrected(weight: Weighed, drift: Drift) -> float:
     return weight.mass - float(weight.drifted @ drift.values)
 
 
-def error(weight: Weighed, tares: Tares, drift: Drift) -> float:
-    """Standard error [kg] of the corrected mass: noise, tares, drift, scale."""
+def error(weight: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> float:
+    """Standard error [kg] of the corrected mass: noise, tares, drift, scale, signals off by `sizes` (H,)."""
     mass = corrected(weight, drift)
-    return _error(weight.noise, weight.gain, weight.drifted, mass, tares, drift)
+    noise = weight.noise + _unnoticed(weight.slopes, sizes)
+    return _error(noise, weight.gain, weight.drifted, mass, tares, drift)
 
 
-def difference_error(lifted: Weighed, left: Weighed, tares: Tares, drift: Drift) -> float:
+def difference_error(lifted: Weighed, left: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> float:
     """Standard error [kg] of what left the bucket, with the errors that both weights have in common."""
     mass = corrected(lifted, drift) - corrected(left, drift)
     gain, drifted = lifted.gain - left.gain, lifted.drifted - left.drifted
-    return _error(lifted.noise + left.noise, gain, drifted, mass, tares, drift)
+    noise = lifted.noise + left.noise
+    if lifted.slopes is not None and left.slopes is not None:
+        noise += _unnoticed(lifted.slopes - left.slopes, sizes)
+    return _error(noise, gain, drifted, mass, tares, drift)
+
+
+def _unnoticed(slopes: Array | None, sizes: Array | None) -> float:
+    """Variance [kg^2] by errors of the signals, each by itself."""
+    return 0.0 if slopes is None or sizes is None else float(((slopes * sizes) ** 2).sum())
 
 
 def _error(noise: float, gain: Array, drifted: Array, mass: float, tares: Tares, drift: Drift) -> float:
@@ -95,14 +125,16 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
         better = _better(books.candidate, settled, tares, drift)
         return _passed(books, settled, tares, drift)._replace(candidate=better, dumped=None, remembered=False)
     lifted = books.candidate or books.dumped
-    if lifted is None or books.withheld or not _known(lifted, settled, enough, tares, drift):
+    if lifted is None or books.withheld or not _known(books, lifted, settled, enough, tares, drift):
         return books._replace(candidate=books.candidate and books.candidate._replace(moving=GONE))
     return _returned(books, lifted, settled, t_us, tares, drift)
 
 
-def _known(lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
-    """Whether the lifted weight is known well enough, and what is `left` in the bucket or what left it is, too."""
-    if error(lifted, tares, drift) > enough:
+def _known(books: Books, lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
+    """Whether the lifted weight is known well enough, also if signals are off by what is certain of that, and what is
+    `left` in the bucket or what left it is, too."""
+    certain = None if books.probable is None else books.probable.certain
+    if error(lifted, tares, drift) > enough or _unnoticed(lifted.slopes, certain) > enough**2:
         return False
     return min(error(left, tares, drift), difference_error(lifted, left, tares, drift)) <= enough
 
@@ -122,7 +154,7 @@ def unseen(books: Books) -> Books:
     """The state after a time in which the bucket may have been emptied and filled again: it is not known when, and
     whether, the load that hung left it."""
     missed = books.missed if books.candidate is None else _missed(books, books.candidate.mass, interrupted=True)
-    return Books(booking=books.booking, missed=missed)
+    return Books(booking=books.booking, missed=missed, withheld=books.withheld, probable=books.probable)
 
 
 def _missed(books: Books, mass: float, *, interrupted: bool) -> Missed:
@@ -175,14 +207,15 @@ def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Ta
     else:
         number, t_us = last.number, last.t_us
     mass, remains = corrected(lifted, drift), corrected(left, drift)
+    sizes = None if books.probable is None else books.probable.sizes
     booking = Booking(
         number,
         t_us,
         mass,
-        error(lifted, tares, drift),
+        error(lifted, tares, drift, sizes),
         remains,
-        error(left, tares, drift),
+        error(left, tares, drift, sizes),
         mass - remains,
-        difference_error(lifted, left, tares, drift),
+        difference_error(lifted, left, tares, drift, sizes),
     )
     return books._replace(candidate=None, dumped=lifted, booking=booking, remembered=False)

@@ -3,16 +3,16 @@
 from array import array
 from collections.abc import Iterator
 from functools import partial
-from math import isfinite
+from math import hypot, isfinite
 
 import numpy as np
 
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual
+from cylforce.estimation.residual import GOOD_ENOUGH, Residual
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
-from cylforce.service.booking import unseen
+from cylforce.service.booking import Beside, unseen
 from cylforce.service.contact.interaction import Forces
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
@@ -20,6 +20,7 @@ from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
+from cylforce.service.plausibility.unnoticed import Unnoticed
 from cylforce.service.publication import GROSS
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.service.weighing import Weighing
@@ -28,6 +29,7 @@ from cylforce.signals.estimate import (
     Booking,
     Estimate,
     Load,
+    Quantity,
     Reason,
     Sample,
     degraded,
@@ -130,19 +132,25 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     usable = np.equal(pipe.waiting, 0.0).astype(np.float64)
     plain, drifting = core.weigher.left(rows, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
-    curled = _curled(core, channels)
-    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size].tolist())
-    lifted = core.weigher.step(state.weighing, left, usable, t_us, state.drift, drifting, curled=curled, tilt=tilt)
-    interaction, forces = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us)
-    weighing, load = lifted
-    gross, leapt = less(load.mass, state.scale.zero), core.assembler.leapt(state.inputs)
-    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, state.drift, gross, leapt)
+    weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift, drifting)
+    lifted = weigh(curled=_curled(core, channels), beside=_beside(core, state, channels))
+    (weighing, load), wrong = lifted, state.watch.unnoticed.torques
+    pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
+    (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
+    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
+    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *told)
     watch, weighing = _watched(core, state, seen, weighing)
     follows = _drift(core, state.drift, watch, load, rows, left, usable)
     known = core.recognizer.step(state.recognition, rows, plain, usable)
     kept = (state.scale, t_us, state.estimate, moving, known, interaction, watch, *state[11:16])
     now = State(state.inputs, pipe, weighing, follows, *kept, tuple(left.torque.tolist()), rocking)
     return _booked(now, _estimate(core, now, load, forces, t_us), state.weighing.books.booking)
+
+
+def _beside(core: Core, state: State, channels: Array) -> Beside:
+    """What a weight is to remember: the tool's angle to the house, and what errors of signals would do to it."""
+    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size].tolist())
+    return Beside(tilt, state.watch.unnoticed.slopes)
 
 
 def _curled(core: Core, channels: Array) -> bool:
@@ -206,7 +214,9 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     watch, books = core.monitor.step(state.watch, seen), weighing.books
     if watch.suspicion.level is not Level.FINE:
         books = unseen(books)
-    books = books if books.withheld is watch.unsure else books._replace(withheld=watch.unsure)
+    probable = watch.unnoticed.probable
+    if books.withheld is not watch.unsure or books.probable is not probable:
+        books = books._replace(withheld=watch.unsure, probable=probable)
     return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
@@ -236,10 +246,17 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
+    load = Load(_with_unnoticed(load.mass, state.watch.unnoticed, rated), load.centre_x, load.centre_z)
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
     return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+
+
+def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed, rated: float) -> Quantity:
+    """The mass [kg] with what errors of signals add to its standard error, DEGRADED if it certainly is that far off."""
+    mass = Quantity(mass.value, hypot(mass.standard_error, unnoticed.mass), mass.status, mass.reason)
+    return degraded(mass, Reason.UNCERTAIN) if unnoticed.certain > GOOD_ENOUGH * rated else mass
 
 
 def _less_sure(forces: Forces, reason: Reason) -> Forces:

@@ -25,7 +25,7 @@ from cylforce.estimation.residual import (
     load_spread,
 )
 from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.booking import Books, Weighed, noted, parted, spilled, unseen
+from cylforce.service.booking import NOTHING_BESIDE, Beside, Books, Weighed, noted, parted, spilled, unseen
 from cylforce.service.loading.lift import Lift, Weight, kept
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
@@ -132,12 +132,12 @@ class Weigher:
         drifting: Array | None = None,
         *,
         curled: bool = True,
-        tilt: float | None = None,
+        beside: Beside = NOTHING_BESIDE,
     ) -> tuple[Weighing, Load]:
         """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
         [us]; the `drift`, which is already subtracted from the residual, and its columns `drifting` (R, D). Without
-        them friction and zeros are those of the tares. A load is noted for booking while the bucket is `curled`; `tilt`
-        [rad]: see `Weighed`."""
+        them friction and zeros are those of the tares. A load is noted for booking while the bucket is `curled`; with
+        what is `beside` it."""
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
@@ -153,7 +153,7 @@ class Weigher:
         load = self._judge(lift, weight)
         if not curled and weight.mass >= SMALLEST * self.model.machine.rated_payload:
             return state, Load(*(degraded(q, Reason.NOT_CURLED) for q in load))
-        return self._note(state, weight, t_us, drift, tilt), load
+        return self._note(state, weight, t_us, drift, beside), load
 
     def is_empty(self, load: Load) -> bool:
         """Whether the bucket is known to be empty and in the air: a load without a value is no empty bucket."""
@@ -272,12 +272,13 @@ class Weigher:
         impossible = not plausible and (weight.mass < 0.0 or not certain)
         return checked(check, weight.mass, limit, empty=plausible and not certain, impossible=impossible)
 
-    def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift, tilt: float | None) -> Weighing:
+    def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift, beside: Beside) -> Weighing:
         """The state with what is to be booked, looked at every LATER_S of a lift."""
         if state.lift.taken % self._looks[1]:
             return state
         state = state._replace(tool=self._checked(state.tool, state.lift, weight))
         if self._doubt(state.lift, weight) is not None:
             return state
-        rated, weighed = self.model.machine.rated_payload, self._weighed(state.lift)._replace(tilt=tilt)
-        return state._replace(books=noted(state.books, weighed, rated, t_us, self.tares, drift))
+        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift)
+        seen = seen._replace(tilt=beside.tilt, slopes=beside.slopes)
+        return state._replace(books=noted(state.books, seen, rated, t_us, self.tares, drift))

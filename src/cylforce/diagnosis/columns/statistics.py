@@ -59,9 +59,9 @@ def _one(rows: Array, good: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
     usable = blocked(good.astype(np.float64))
     counted = usable.sum(axis=1)
     basis = polynomials(usable)
-    whole = np.einsum("tri,trj->rij", rows, rows, optimize=True)
-    smooth = np.einsum("btrk,btri->brki", basis, padded, optimize=True)
-    return np.asarray(whole), np.asarray(smooth), np.asarray(counted)
+    whole = np.stack([rows[:, r].T @ rows[:, r] for r in range(rows.shape[1])])
+    smooth = np.moveaxis(basis, 2, 1).swapaxes(2, 3) @ np.moveaxis(padded, 2, 1)
+    return whole, np.asarray(smooth), np.asarray(counted)
 
 
 def blocked(rows: Array) -> Array:

@@ -22,11 +22,13 @@ VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (SMOOTH, G) along each polynomial
 
 class Scatter(NamedTuple):
     """Of every joint (R,): level of the discrepancy and scale of the noise; `unsure`: times as uncertain as between
-    two recordings of one machine is what is usual, of every joint alike or (R,) (of the usual noise only)."""
+    two recordings of one machine is what is usual, of every joint alike or (R,) (of the usual noise only); `everyday`:
+    how large the machine's everyday differences are, of what is usual."""
 
     rho: Array
     v: Array
     unsure: float | Array = 1.0
+    everyday: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,8 @@ class Sums:
         """The same of each joint (R, K+1, K+1)."""
         smooth = noise.rho[:, None] ** 2 * DECAY
         share = smooth / (noise.v[:, None] ** 2 + smooth)
-        white = self.whole - np.einsum("rk,rkij->rij", share, self.smooth)
+        joints, size = self.whole.shape[:2]
+        white = self.whole - (share[:, None] @ self.smooth.reshape(joints, SMOOTH, -1)).reshape(joints, size, size)
         return np.asarray(white / noise.v[:, None, None] ** 2)
 
     def common(self, noise: Scatter) -> Array:
@@ -69,10 +72,9 @@ class Sums:
     def energies(self, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
         """Expected energies, white (R,) and along each polynomial (R, SMOOTH), of what coefficients (K+1,) leave whose
         first K have a covariance."""
-        whole = np.einsum("i,rij,j->r", coefficients, self.whole, coefficients)
-        smooth = np.einsum("i,rkij,j->rk", coefficients, self.smooth, coefficients)
-        whole += np.einsum("rij,ij->r", self.whole[:, :-1, :-1], covariance)
-        smooth += np.einsum("rkij,ij->rk", self.smooth[:, :, :-1, :-1], covariance)
+        second = np.outer(coefficients, coefficients)
+        second[:-1, :-1] += covariance
+        whole, smooth = (each.reshape(*each.shape[:-2], -1) @ second.ravel() for each in (self.whole, self.smooth))
         return whole - np.sum(smooth, axis=1), smooth
 
     def plain(self, left: Array) -> tuple[Array, Array]:

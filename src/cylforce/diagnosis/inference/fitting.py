@@ -67,4 +67,5 @@ def without_step(found: Found) -> tuple[Asking, Inference]:
         sums=plain.sums(faulty, plain.noisy.faulty),
         mean=case.mean[:size],
         covariance=case.covariance[:size, :size],
+        everyday=case.everyday[:size],
     )

@@ -3,9 +3,10 @@ effects of the library, a smooth discrepancy of each joint, and noise.
 
     y = X (m + g) + X_h s + Q d + e,   g ~ N(0, C),   d ~ N(0, rho^2 w_k),   e ~ N(0, v^2)
 
-with mean m and covariance C from the references, everyday differences included, sizes s of a hypothesis h log-uniform
-over the plausible range, and level rho and scale v of each joint maximised under every hypothesis, with a prior around
-what the references show and a flat tail: the tail is what is unknown."""
+with mean m and covariance C from the references and everyday differences, whose size is maximised under every
+hypothesis, sizes s of a hypothesis h log-uniform over the plausible range, and level rho and scale v of each joint
+maximised under every hypothesis, with a prior around what the references show and a flat tail: the tail is what is
+unknown."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,16 +14,17 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import solve_triangular
 
 from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, likeliest, log_prior, settled_noise
 from cylforce.diagnosis.inference.sizes import WIDE, Terms, beside, log_size
-from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND
+from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, STEADY
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
 WIDTH, DEEPEST = 2, 8  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined
+NONE = 1e-12  # of a column's spread, squared: no everyday difference
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 
 
@@ -49,15 +51,22 @@ class Fitted(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """A recording under a noise: marginal information (K, K) and score (K,) of sizes, the log likelihood without any,
-    what follows for the nuisances: `gain` (K, K) and `fitted` (K,)."""
+    """A recording under a noise: its information (K, K), the covariance (K, K) and the sizes (K,) of the nuisances that
+    follow, the marginal score (K,) of sizes, and the log likelihood without any."""
 
-    information: Array
+    known: Array
+    covariance: Array
+    fitted: Array
     score: Array
     log: float
-    gain: Array
-    fitted: Array
-    covariance: Array
+
+    def gain(self, own: list[int]) -> Array:
+        """How the nuisances follow sizes (K, M) of some columns."""
+        return self.covariance @ self.known[:, own]
+
+    def information(self, own: list[int]) -> Array:
+        """Marginal information (M, M) of the sizes of some columns."""
+        return self.known[np.ix_(own, own)] - self.known[own] @ self.gain(own)
 
 
 def _nothing(*_: object) -> float:
@@ -66,7 +75,8 @@ def _nothing(*_: object) -> float:
 
 @dataclass(frozen=True)
 class Inference:
-    """A recording, and what the machine's parameters are beforehand; `moments`: what may happen in single blocks;
+    """A recording, and what the machine's parameters are beforehand: `mean` (K,) and `covariance` (K, K) by the
+    references, and `everyday` differences (K,), standard deviations; `moments`: what may happen in single blocks;
     `taken`: sizes (M,) [of the prior spread] of forms that are taken out of the recording already; `told`: what else
     speaks for a form with sizes (M,) in their units [nats]; `apart`: the log of the probability of what is left out."""
 
@@ -75,14 +85,23 @@ class Inference:
     usual: Scatter
     mean: Array
     covariance: Array
+    everyday: Array
     moments: Moments | None = None
     taken: Mapping[int, Array] = field(default_factory=dict)
     told: Callable[[int, Array], float] = _nothing
     apart: float = 0.0
 
     @cached_property
-    def _precision(self) -> tuple[Array, float]:
-        return np.asarray(np.linalg.inv(self.covariance)), float(np.linalg.slogdet(self.covariance)[1])
+    def _precisions(self) -> dict[float, tuple[Array, float]]:
+        return {}
+
+    def _precision(self, noise: Scatter) -> tuple[Array, float]:
+        """Of the parameters beforehand, with the everyday differences of a noise (K, K), and the log determinant of its
+        inverse."""
+        if noise.everyday not in self._precisions:
+            whole = self.covariance + np.diag((noise.everyday * self.everyday) ** 2 + NONE)
+            self._precisions[noise.everyday] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
+        return self._precisions[noise.everyday]
 
     def state(self, noise: Scatter) -> Marginal:
         """Everything that follows from a noise."""
@@ -95,18 +114,16 @@ class Inference:
         common = self.sums.common(noise)
         score = told[:-1, -1] - common - known @ inside
         energy = told[-1, -1] - 2.0 * inside @ told[:-1, -1] + inside @ known @ inside
-        precision, spread = self._precision
+        precision, spread = self._precision(noise)
         known = (known + known.T) / 2.0
-        root = cho_factor(known + precision + rounding)
-        gain, fitted = cho_solve(root, known), cho_solve(root, score)
-        log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root[0]))))
-        covariance = cho_solve(root, np.eye(len(known)))
-        information = known - known @ gain
+        root = np.linalg.cholesky(known + precision + rounding)
+        half = solve_triangular(root, np.eye(len(known)), lower=True)
+        covariance = half.T @ half
+        fitted = covariance @ score
+        log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root))))
         for p, sizes in self.taken.items():  # what is taken out took its noise with it
             log -= float(common[list(self.scene.forms[p].columns)] @ sizes)
-        return Marginal(
-            information, score - known @ fitted, log - cost + self.sums.norm(noise), gain, fitted, covariance
-        )
+        return Marginal(known, covariance, fitted, score - known @ fitted, log - cost + self.sums.norm(noise))
 
     def _own(self, which: tuple[int, ...]) -> list[int]:
         return [c for p in which for c in self.scene.forms[p].columns]
@@ -116,7 +133,7 @@ class Inference:
         own, taken = self._own(which), self._taken(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
         precision = np.where(certain > 0.0, certain, WIDE)
-        information = _positive(state.information[np.ix_(own, own)]) + np.diag(precision)
+        information = _positive(state.information(own)) + np.diag(precision)
         covariance = _positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
         score = state.score[own] - precision * taken
         more = covariance @ score
@@ -129,7 +146,7 @@ class Inference:
         return np.concatenate([np.zeros(0), *(self.taken.get(p, z) for p, z in zip(which, zero, strict=True))])
 
     def _left(self, own: list[int], sizes: Array, state: Marginal) -> Array:
-        left = np.append(-self.mean - state.fitted + state.gain[:, own] @ sizes, 1.0)
+        left = np.append(-self.mean - state.fitted + state.gain(own) @ sizes, 1.0)
         left[own] -= sizes
         return left
 
@@ -157,7 +174,7 @@ class Inference:
         for _ in range(ROUNDS):
             left, before = self.under(which, state)[2], noise
             energies = self._energies(left, state.covariance, noise)
-            noise = settled_noise(self.sums, energies, self.usual)
+            noise = settled_noise(self.sums, energies, self.usual)._replace(everyday=before.everyday)
             if np.array_equal(noise.rho, before.rho) and np.array_equal(noise.v, before.v):
                 break
             state = self.state(noise)
@@ -165,6 +182,11 @@ class Inference:
         prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
         errors = np.sqrt(np.diag(fitted.covariance))
         return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise))
+
+    def likeliest(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
+        """A hypothesis with the everyday differences under which it is the most probable."""
+        each = [self.hypothesis(which, noise._replace(everyday=share)) for share in STEADY]
+        return max(each, key=lambda h: h.log)
 
     def _energies(self, left: Array, covariance: Array, noise: Scatter) -> tuple[Array, Array]:
         found = self.sums.energies(left, covariance)
@@ -200,10 +222,10 @@ class Inference:
         for p in free:
             own, sizes = self._sizes((*base.which, p), state)
             left.append(self._left(own, sizes.more, state))
-            shift.append(state.fitted - state.gain[:, own] @ sizes.more)
+            shift.append(state.fitted - state.gain(own) @ sizes.more)
         moved = np.array(shift)
         _, log = likeliest(self.sums, *self.sums.plain(np.array(left)), self.usual)
-        log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision[0])
+        log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision(base.noise)[0])
         return [free[k] for k in np.argsort(-log).tolist()]
 
     def _in_moments(self, base: Hypothesis, asked: Sequence[int], state: Marginal) -> list[int]:
@@ -213,9 +235,18 @@ class Inference:
         return sorted(free, key=lambda p: -self.under((*base.which, p), state)[0])
 
     def searched(self, asked: Sequence[int]) -> list[Hypothesis]:
-        """Hypotheses of more and more forms, found by a beam, as long as one more is worth its prior; first of those
-        forms that are expected, then beside them of all."""
-        none = self.hypothesis((), self.usual)
+        """Hypotheses of more and more forms, each with the everyday differences under which it is the most probable."""
+        found = dict[tuple[int, ...], Hypothesis]()
+        for share in STEADY:
+            for h in self._searched(asked, self.usual._replace(everyday=share)):
+                if h.which not in found or h.log > found[h.which].log:
+                    found[h.which] = h
+        return list(found.values())
+
+    def _searched(self, asked: Sequence[int], noise: Scatter) -> list[Hypothesis]:
+        """Hypotheses under a noise at first, found by a beam, as long as one form more is worth its prior; first of
+        those forms that are expected, then beside them of all."""
+        none = self.hypothesis((), noise)
         found = dict[tuple[int, ...], Hypothesis]({(): none})
         expected = [p for p in asked if self.scene.forms[p].expected]
         beam = self._grown(found, [none], expected, 0.0) if expected else [none]

@@ -99,7 +99,7 @@ class InOrder:
         """The log of the probability of each reference by the others, summed, with everyday differences (K,)."""
         log = 0.0
         for each, (noise, mean, covariance) in zip(self.references, self._others, strict=True):
-            case = Inference(self.scene, each, noise, mean, covariance + np.diag(usual**2 + 1e-12))
+            case = Inference(self.scene, each, noise, mean, covariance, usual)
             log += case.hypothesis((), noise).log
         return log
 
@@ -120,7 +120,7 @@ class InOrder:
     def asked(self, recording: Sums) -> "Inference":
         """The question put to a recording."""
         noise, mean, covariance = self.fit
-        return Inference(self.scene, recording, noise, mean, covariance + np.diag(self.usual**2 + 1e-12))
+        return Inference(self.scene, recording, noise, mean, covariance, self.usual)
 
 
 def _where_shown(noise: Scatter, rows: Array) -> Scatter:

@@ -26,7 +26,7 @@ def settled(case: Inference, moments: Moments, left: Array) -> tuple[Hypothesis,
         where = again
         held = replace(case, moments=moments.only(where))
         found = held.hypothesis((), found.noise)
-    return found, where
+    return held.likeliest((), found.noise), where
 
 
 def changed(question: Asking, case: Inference, left: Array) -> Step | None:

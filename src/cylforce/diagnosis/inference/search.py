@@ -162,8 +162,8 @@ class _Search:
         covariance = np.eye(size) * 1e-12
         covariance[: size - more, : size - more] = case.covariance
         recording = question.sums(problem.faulty, self.plain.noisy.faulty)
-        mean = np.append(case.mean, np.zeros(more))
-        found = replace(case, scene=question.scene, sums=recording, mean=mean, covariance=covariance)
+        mean, everyday = (np.append(each, np.zeros(more)) for each in (case.mean, case.everyday))
+        found = replace(case, scene=question.scene, sums=recording, mean=mean, covariance=covariance, everyday=everyday)
         return found if kept is None else Work(question, found).on(kept)
 
     @property
@@ -182,7 +182,7 @@ class _Search:
         hypotheses = case.searched(self._wanted)
         known = {h.which for h in hypotheses}
         jumps = [p for p in self._wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
-        hypotheses += [case.hypothesis((p,), case.usual) for p in jumps if (p,) not in known]
+        hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
         happened, when = self._happened(case)
         part = self._apart(case, hypotheses, happened)
         if part and part.share > SELDOM:
@@ -224,7 +224,7 @@ class _Search:
         state, found = case.state(none.noise), dict[Key, float]()
         for form in case.scene.forms:
             k = form.columns[0]
-            told = float(state.information[k, k])
+            told = float(state.information([k])[0, 0])
             error = float(case.scene.spread[k]) * told**-0.5 if told > 0.0 else np.inf
             key = (form.name, form.at)
             found[key] = min(SIGMAS * error, found.get(key, np.inf))

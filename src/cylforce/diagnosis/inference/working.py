@@ -123,7 +123,8 @@ class Work:
         if best is None:
             case = self.on(kept)
             return case.hypothesis(which, noise)._replace(log=-np.inf), case, kept
-        return best
+        found, case, kept = best
+        return case.likeliest(which, found.noise), case, kept
 
 
 class AtWork(NamedTuple):

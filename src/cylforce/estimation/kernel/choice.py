@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import followed, inputs, plan, pushed, rows, solver, weighed
+from cylforce.estimation.kernel import followed, inputs, plan, pushed, recognised, rows, solver, weighed
 from cylforce.estimation.kernel.solving import listed
 
 PARTS = (
@@ -20,6 +20,7 @@ PARTS = (
     "solver.py",
     "weighed.py",
     "pushed.py",
+    "recognised.py",
     "followed.py",
 )
 COMPILED = "compiled"
@@ -45,7 +46,7 @@ INTERPRETED: Any = SimpleNamespace(
             pushed.push,
             pushed.soil,
             pushed.learn,
-            pushed.gather,
+            recognised.gather,
             followed.certain,
             followed.follow,
         )

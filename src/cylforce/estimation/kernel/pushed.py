@@ -1,11 +1,11 @@
-"""The force at the tool at one instant, its errors, and what a block of motion tells of whose machine it is:
-`service.contact.noise`, `service.force` and `service.recognition`, in plain numbers."""
+"""The force at the tool at one instant, and its errors: `service.contact.noise` and `service.force`, in plain
+numbers."""
 
 from math import sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver
-from cylforce.estimation.kernel.weighed import add, loaded, quadratic
+from cylforce.estimation.kernel.weighed import loaded, quadratic
 
 
 def push(
@@ -14,14 +14,17 @@ def push(
     usable: Numbers,
     load: Numbers,
     drift: Numbers,
+    wrong: Numbers,
+    errors: Count,
     unrest: Numbers,
     new: Numbers,
     found: Numbers,
 ) -> None:
     """Of the `rows` of a step (`rows.rows_size`) those of the instant, the load in the bucket (4,), the values of the
-    drift (D,), and the errors before, inertia (R, R), reversing (C,), variance (R,), one after the other: `new`, the
-    same errors after it; `found`: torque left (R,), variance of friction whose sign is not known (R,), force (2,), its
-    covariance (2, 2), gain (2, R), columns of the load (R, 4), and of `alone` two numbers."""
+    drift (D,), torques `wrong` (R, H) by errors of H signals, each by itself, and the errors before, inertia (R, R),
+    reversing (C,), variance (R,), one after the other: `new`, the same errors after it; `found`: torque left (R,),
+    variance of friction whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the
+    load (R, 4), of `alone` two numbers, what `wrong` adds to xx, xz and zz of the covariance."""
     gains, size = 2 * s.r + 6, s.r * s.k
     now, reversing = size + s.r, 3 * size + 2 * s.r
     lever = reversing + s.c
@@ -42,6 +45,7 @@ def push(
     doubt(s, found, new)
     solve(s, rows, now, usable, found)
     alone(s, found, 2 * s.r, 8 * s.r + 6)
+    widen(s, wrong, errors, found, 8 * s.r + 8)
 
 
 @inner
@@ -53,6 +57,20 @@ def alone(s: KernelSolver, found: Numbers, o: Count, to: Count) -> None:
     weight = min(max((xz * x - xx * z) / xx, 0.0), s.heaviest)
     z += weight
     found[to], found[to + 1] = weight, (zz * x * x - 2.0 * xz * x * z + xx * z * z) / (xx * zz - xz * xz)
+
+
+@inner
+def widen(s: KernelSolver, wrong: Numbers, errors: Count, found: Numbers, to: Count) -> None:
+    """Covariance of the force, xx, xz and zz, by torques `wrong` (R, H)."""
+    gains = 2 * s.r + 6
+    for h in range(errors):
+        x, z = 0.0, 0.0
+        for r in range(s.r):
+            x += found[gains + r] * wrong[r * errors + h]
+            z += found[gains + s.r + r] * wrong[r * errors + h]
+        found[to] += x * x
+        found[to + 1] += x * z
+        found[to + 2] += z * z
 
 
 @inner
@@ -252,41 +270,3 @@ def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest:
             expected = found[s.r + r] + unrest[r * s.r + r] + variance
             variance *= 1.0 + (min(left * left / expected, s.largest) - 1.0) / s.learning
         unrest[o + r] = max(variance, s.row_error[r] * s.row_error[r])
-
-
-def gather(
-    s: KernelSolver,
-    columns: Numbers,
-    torques: Numbers,
-    variances: Numbers,
-    rests: Numbers,
-    usable: Numbers,
-    change: Numbers,
-    memory: Number,
-    gram: Numbers,
-) -> Count:
-    """The gram (K, K) becomes that with the rows of one instant that are usable and in motion, [load | changes in units
-    of `change` (D,) | torque left], in units of their standard errors, over `memory`; how many these are. Columns
-    (R, K); torque, variance, that of friction at rest (R,)."""
-    telling = 0
-    for r in range(s.r):
-        telling += usable[r] != 0.0 and rests[r] < variances[r]
-    if telling == 0:
-        return 0
-    size = 5 + s.d
-    own_columns(s, columns, 0)
-    loaded(s, s.own, s.spread)
-    for r in range(s.r):
-        if usable[r] != 0.0 and rests[r] < variances[r]:
-            x = s.other
-            unsure = quadratic(s, s.covariance, 0, s.p, s.own, r * s.p)
-            weight = 1.0 / sqrt((variances[r] + rests[r] + unsure) * memory)
-            for i in range(4):
-                x[i] = s.spread[4 * r + i] * weight
-            for i in range(s.d):
-                x[4 + i] = columns[r * s.k + s.changing[i]] * change[i] * weight
-            x[size - 1] = torques[r] * weight
-            for i in range(size):
-                if x[i] != 0.0:
-                    add(gram, i * size, x[i], x, 0, size)
-    return telling

@@ -78,32 +78,36 @@ class Interactor:
         usable: Array,
         weighed: tuple[Weighing, Load],
         t_us: int,
+        unnoticed: Array,
     ) -> tuple[Interaction, Forces]:
         """The state and the forces after one instant: its rows, the adapted friction and zeros `drift` (D,),
-        `usable` (R,) rows, weighing and load of the same step, time [us]."""
+        `usable` (R,) rows, weighing and load of the same step, time [us], torques (R, H) [N m] by probable errors of
+        signals."""
         if not any(usable.tolist()):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
-        unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift)
+        unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift, unnoticed)
         contact = self._watcher.step(state.contact, t_us, solved, instant.place, instant.velocity)
         if carried.known and not contact.touching:
             unrest = self._noise.learn(unrest, solved, carried.values, self._moving(usable, instant))
         return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching)
 
     def _forces(self, solved: Solved, carried: KnownLoad, touching: bool) -> Forces:
-        """Both forces. The resultant is that of no contact while nothing touches the tool or hangs in it. That of the
-        soil is the resultant less the load; in the air with a load that is not known yet: less the mass that explains
-        most of it."""
+        """Both forces, wider by errors of signals. The resultant is that of no contact while nothing touches the tool
+        or hangs in it. That of the soil is the resultant less the load; in the air with a load that is not known yet:
+        less the mass that explains most of it."""
         x, z, xx, xz, zz, weight = solved[:6]
+        wider_xx, wider_xz, wider_zz = solved.wider
         hanging = carried.values[0] if carried.known else weight / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
-        resultant = self._sensor.force(x, z, xx, xz, zz, acts)
+        resultant = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, acts)
         if carried.known or touching:
             x, z, xx, xz, _, zz = self._noise.soil(solved, carried.values, self._carrier.covariance(carried))
         else:
             z += weight
-        return Forces(resultant, self._sensor.force(x, z, xx, xz, zz, touching))
+        soil = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, touching)
+        return Forces(resultant, soil)
 
     def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
         known = load.mass.status is not Status.INVALID

@@ -35,7 +35,8 @@ class Unrest(NamedTuple):
 
 class Solved(NamedTuple):
     """Force `x`, `z` [N] with covariance `xx`, `xz`, `zz` [N^2]; the weight [N] of the mass in the bucket that explains
-    most of it; how clear the rest is, f' C^-1 f; `kept`: what the kernel asks for again."""
+    most of it; how clear the rest is, f' C^-1 f; `wider`: what errors of signals add to xx, xz, zz; `kept`: what the
+    kernel asks for again."""
 
     x: float
     z: float
@@ -44,6 +45,7 @@ class Solved(NamedTuple):
     zz: float
     weight: float
     clearness: float
+    wider: tuple[float, float, float]
     kept: Numbers
 
 
@@ -83,15 +85,18 @@ class Noise:
         return Unrest(ZERO * self._size + state.kept[self._size :])
 
     def solve(
-        self, state: Unrest, instant: Instant, usable: Array, load: Numbers, drift: Array
+        self, state: Unrest, instant: Instant, usable: Array, load: Numbers, drift: Array, unnoticed: Array
     ) -> tuple[Unrest, Solved]:
         """The state, and the force that explains the torque of the rows marked in `usable` (R,), after one instant with
-        a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros."""
+        a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros; torques
+        `unnoticed` (R, H) [N m] by probable errors of signals."""
         r = self._rows
-        new, found = ZERO * len(state.kept), ZERO * (8 * r + 8)
-        self.kernel.push(self._solver, instant.kept, usable, load, drift, state.kept, new, found)
+        new, found = ZERO * len(state.kept), ZERO * (8 * r + 11)
+        wrong, size = np.ascontiguousarray(unnoticed).ravel(), unnoticed.shape[1]
+        self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, new, found)
         x, z, xx, xz, _, zz = found[2 * r : 2 * r + 6]
-        return Unrest(new), Solved(x, z, xx, xz, zz, found[-2], found[-1], found)
+        weight, clearness, *wider = found[-5:]
+        return Unrest(new), Solved(x, z, xx, xz, zz, weight, clearness, (wider[0], wider[1], wider[2]), found)
 
     def learn(self, state: Unrest, solved: Solved, load: Numbers, good: Numbers) -> Unrest:
         """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""

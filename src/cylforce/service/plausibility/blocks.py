@@ -48,10 +48,13 @@ class Block(NamedTuple):
 
 class Gathering(NamedTuple):
     """State: the `load` (4,) of the block before, zero in contact; `gram` (K, K) of the running block's rows [load |
-    everyday changes | errors | torque left], number of `rows` and of `samples`."""
+    everyday changes | errors | torque left], number of `rows` and of `samples`; `last` (K, K): those of
+    the block before; `errors` (R, H) [N m]: torque by a unit of each error at the last sample."""
 
     load: Array
     gram: Array
+    last: Array
+    errors: Array
     rows: int = 0
     samples: int = 0
 
@@ -105,12 +108,12 @@ class Gatherer:
         return [self.model.zero.start + c for c in self.pressed]
 
     @cached_property
-    def _prior(self) -> Array:
+    def prior(self) -> Array:
         """Information (4 + D,) on load and everyday changes."""
         return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
 
     @cached_property
-    def _memory(self) -> float:
+    def memory(self) -> float:
         """Samples that count as an independent one."""
         return max(1.0, correlated(self.model.filters, self.tares.correlation) / EVERY)
 
@@ -121,12 +124,13 @@ class Gatherer:
 
     def begin(self) -> Gathering:
         """An empty block."""
-        size = len(self._prior) + self.size + 1
-        return Gathering(np.zeros(LOAD), np.zeros((size, size)))
+        size = len(self.prior) + self.size + 1
+        nothing = np.zeros((size, size))
+        return Gathering(np.zeros(LOAD), nothing, nothing, np.zeros((len(self.model.machine.rows), self.size)))
 
     def interrupt(self, state: Gathering) -> Gathering:
         """The state after an interruption of the measurement: the running block starts anew."""
-        return self.begin()._replace(load=state.load)
+        return self.begin()._replace(load=state.load, errors=state.errors)
 
     def step(
         self, state: Gathering, rows: Rows, usable: Array, channels: Array, drift: Drift
@@ -134,15 +138,18 @@ class Gatherer:
         """One sample: rows, `usable` (R,), `channels` (D,) about which they are, drift so far. With the block's last
         sample the block, unless the machine hardly moved. Of the drift only friction is believed: a zero that drifts
         may be a fault."""
-        each = self._columns(rows, usable, drift, self._angles(channels, state.load))
-        state = state._replace(gram=state.gram + each.T @ each, rows=state.rows + len(each), samples=state.samples + 1)
+        forces = rows.columns[:, self._zeros] * self._per_bar
+        errors = self.tares.scale * np.concatenate([forces, self._angles(channels, state.load)], axis=1)
+        each = self._columns(rows, usable, drift, errors)
+        gram, many = state.gram + each.T @ each, state.rows + len(each)
+        state = state._replace(gram=gram, errors=errors, rows=many, samples=state.samples + 1)
         if state.samples < SAMPLES:
             return state, None
         if state.rows < IN_MOTION * SAMPLES * len(usable):
             return self.interrupt(state), None
         return self._ended(state)
 
-    def _columns(self, rows: Rows, usable: Array, drift: Drift, angles: Array) -> Array:
+    def _columns(self, rows: Rows, usable: Array, drift: Drift, errors: Array) -> Array:
         """Rows of the block from one sample, in units of their standard errors; none that is not in motion."""
         changing = rows.columns[:, self.model.changing]
         adapted = changing[:, : self._frictions] @ drift.values[: self._frictions]
@@ -150,8 +157,6 @@ class Gatherer:
         telling = np.logical_and(usable, left.rest < left.variance)
         own = left.columns
         unsure = ((own @ self.tares.covariance) * own).sum(axis=1)
-        forces = rows.columns[:, self._zeros] * self._per_bar
-        errors = self.tares.scale * np.concatenate([forces, angles], axis=1)
         changes = changing * self._everyday(drift)
         each = np.concatenate([own @ self.model.load, changes, errors, left.torque[:, None]], axis=1)
         return np.asarray((each / np.sqrt(left.variance + left.rest + unsure)[:, None])[telling])
@@ -169,18 +174,28 @@ class Gatherer:
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.plan(self.model, self.kernel.KernelPlan)
 
+    def swung(self, channels: Array, force: complex) -> Array:
+        """Torque (R, H) [N m] that a unit of each error seems to take from a `force` x + i z [N] at the tool, at
+        `channels` (D,): an angle that is read too large turns all that is beyond its joint."""
+        machine = self.model.machine
+        arms = machine.arms * np.exp(1j * (channels[: machine.size].cumsum() + channels[-3]))
+        beyond = arms[::-1].cumsum()[::-1]  # from each pin to the tool
+        outer = beyond[np.maximum.outer(machine.rows, self.turned)]
+        return np.concatenate([np.zeros((len(outer), len(self.pressed))), -(outer.conj() * force).real], axis=1)
+
     def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
-        gram, known = state.gram / self._memory, len(self._prior)
-        inverse = np.linalg.inv(gram[:known, :known] + np.diag(self._prior))
+        gram, known = state.gram / self.memory, len(self.prior)
+        inverse = np.linalg.inv(gram[:known, :known] + np.diag(self.prior))
         both = gram[:known, known:]  # load and everyday changes against errors and torque
         reduced = gram[known:, known:] - both.T @ inverse @ both
         square = np.maximum(np.diagonal(reduced)[:-1], 1e-12)
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
-        numbers = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self._memory)
+        numbers = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self.memory)
         left, mass, spread, weight = (np.array([x]) for x in numbers)
         block = Block(left, mass, spread, weight, reduced[:-1, -1], square, masses[:-1])
         hangs = explained(block, self.model.machine.rated_payload)
-        return self.begin()._replace(load=np.where(hangs, load, 0.0)), block
+        load = np.where(hangs, load, 0.0)
+        return self.begin()._replace(load=load, last=state.gram, errors=state.errors), block
 
 
 CONTACT = 5.0  # mean squared residual of a block from which on no load explains it, as in `recognition`

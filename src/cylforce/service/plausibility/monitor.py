@@ -24,7 +24,8 @@ from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.offsets import Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
-from cylforce.signals.estimate import Array, Quantity, Status
+from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
+from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
@@ -44,6 +45,7 @@ class Watch(NamedTuple):
     offset: Offset
     changes: Changes
     driven: Driven
+    unnoticed: Unnoticed
     swept: Swept = Swept()
     leapt: tuple[int, ...] = ()
     light: bool = False
@@ -58,8 +60,8 @@ class Watch(NamedTuple):
 
 class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
-    `left` by the tares and the drift (R,) [N m], forces, the drift so far, gross weight [kg], signals that `leapt` and
-    stayed there."""
+    `left` by the tares and the drift (R,) [N m], forces, the drift so far, gross weight [kg], samples `taken` of the
+    lift, signals that `leapt` and stayed there."""
 
     values: Array
     pipe: Pipe
@@ -70,6 +72,7 @@ class Samples(NamedTuple):
     forces: Forces
     drift: Drift
     gross: Quantity
+    taken: int
     leapt: tuple[int, ...] = ()
 
 
@@ -90,6 +93,10 @@ class Monitor:
         return Voting(self._gatherer)
 
     @cached_property
+    def _noticing(self) -> Noticing:
+        return Noticing(self._gatherer)
+
+    @cached_property
     def _watching(self) -> Watching:
         return Watching(self.model.machine)
 
@@ -105,13 +112,15 @@ class Monitor:
     def begin(self) -> Watch:
         """Nothing was seen, nothing is suspected."""
         blocks, changes = self._voting.begin(), self._watching.begin()
-        return Watch(self._gatherer.begin(), blocks, Offset(0, 0.0, 0.0), changes, self._driving.begin())
+        gathering, driven, unnoticed = self._gatherer.begin(), self._driving.begin(), self._noticing.begin()
+        return Watch(gathering, blocks, Offset(0, 0.0, 0.0), changes, driven, unnoticed)
 
     def interrupt(self, state: Watch) -> Watch:
         """The measurement stopped: what was gathered in part is dropped, what is suspected stays."""
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
         swept = self._sweeping.ended(state.swept, explained=None)
-        return state._replace(gathering=gathering, changes=changes, driven=self._driving.begin(), swept=swept)
+        driven, unnoticed = self._driving.begin(), self._noticing.interrupt(state.unnoticed)
+        return state._replace(gathering=gathering, changes=changes, driven=driven, swept=swept, unnoticed=unnoticed)
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
@@ -120,7 +129,7 @@ class Monitor:
         looked = seen.leapt != state.leapt or not (
             changes.constant is before.constant and changes.burst is before.burst and changes.below is before.below
         )
-        state = Watch(*state[:3], changes, *state[4:6], seen.leapt, *state[7:])
+        state = Watch(*state[:3], changes, *state[4:7], seen.leapt, *state[8:])
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
@@ -131,10 +140,13 @@ class Monitor:
         middle = smooth.mean(axis=0)
         gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
-        state = state._replace(gathering=gathering, driven=driven, light=self._light(state, seen.gross))
+        hangs = None if block is None else explained(block, self.model.machine.rated_payload)
+        turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
+        unnoticed = self._noticing.step(state.unnoticed, gathering, turned, seen.taken, hangs=bool(hangs))
+        light = self._light(state, seen.gross)
+        state = state._replace(gathering=gathering, driven=driven, light=light, unnoticed=unnoticed)
         if gathering.samples:
             return state._replace(swept=swept)
-        hangs = None if block is None else explained(block, self.model.machine.rated_payload)
         state = state._replace(swept=self._sweeping.ended(swept, explained=hangs))
         if block is None:
             return state
@@ -195,3 +207,9 @@ class Monitor:
         joint = gatherer.turned[offset.signal - len(gatherer.pressed)]
         own = tuple(k for k, s in enumerate(signals) if s.kind is Kind.JOINT_ANGLE and s.index == joint)
         return SensorDoubt(level, SensorFault.SLIPPED, own, offset.size)
+
+
+def _acting(force: Force) -> complex:
+    """A force x + i z [N]; none where it is not known."""
+    known = Status.INVALID not in (force.x.status, force.z.status)
+    return complex(force.x.value, force.z.value) if known else 0j

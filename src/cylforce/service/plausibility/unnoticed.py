@@ -1,0 +1,85 @@
+"""Which error of each signal does the motion allow, and what would it do to a weight or a force?
+
+Each signal is off by something. What is far off is noticed. For the rest the torques of all joints tell how large it
+probably is: the size with which they are explained best, beside a load of its own in each lift and everyday changes of
+friction and zeros. A load explains nearly as much, so that this is hardly ever evidence, and yet its mass would change.
+Such changes, of each signal by itself, are a part of the standard errors of weight and force."""
+
+from dataclasses import dataclass
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.service.booking import Probable
+from cylforce.service.plausibility.blocks import EVERY, LOAD, SAMPLES, Gatherer, Gathering
+from cylforce.signals.estimate import Array
+
+# Seconds in the air after which older ones have faded to 1/e: about a working cycle's, so that an error that has just
+# come counts as soon; 10 to 48 give the same standard errors in order.
+MEMORY = 10.0
+
+
+class Unnoticed(NamedTuple):
+    """State, of H signals: rows (K, K) of the `lift` so far, in seconds that a load explains; those of the lifts
+    `before` (K-4, K-4), their loads taken out, faded; samples `taken` of the lift; probable error of each signal,
+    in the gatherer's units; change of the mass [kg] in the bucket per unit of each (`slopes`) (H,); `torques` (R, H)
+    [N m] by these errors at the moment; standard error `mass` [kg] of the mass in the bucket by these errors, and the
+    part of it that is `certain` [kg]."""
+
+    lift: Array
+    before: Array
+    taken: int
+    probable: Probable
+    slopes: Array
+    torques: Array
+    mass: float = 0.0
+    certain: float = 0.0
+
+
+@dataclass(frozen=True)
+class Noticing:
+    """The errors of one machine's signals."""
+
+    gatherer: Gatherer
+
+    def begin(self) -> Unnoticed:
+        """Nothing was seen."""
+        empty, none = self.gatherer.begin(), np.zeros(self.gatherer.size)
+        return Unnoticed(empty.gram, empty.gram[LOAD:, LOAD:], 0, Probable(none, none), none, empty.errors)
+
+    def interrupt(self, state: Unnoticed) -> Unnoticed:
+        """The lift has ended, or the measurement stopped."""
+        before = state.before + self._without_load(state.lift)
+        return state._replace(lift=np.zeros_like(state.lift), before=before, taken=0)
+
+    def step(self, state: Unnoticed, gathering: Gathering, turned: Array, taken: int, *, hangs: bool) -> Unnoticed:
+        """The state after a sample of `gathering`, what errors seem to take from a force at the tool (`turned` (R, H)
+        [N m]), the lift's `taken` samples, and whether this was the last one of a second that a load explains."""
+        state = (self.interrupt(state) if taken < state.taken else state)._replace(taken=taken)
+        if hangs and taken >= SAMPLES * EVERY:
+            state = self._with(state, gathering.last)
+        rows = (state.lift + gathering.gram)[:LOAD] / self.gatherer.memory
+        mass = np.linalg.inv(rows[:, :LOAD] + np.diag(self.gatherer.prior[:LOAD]))[0]
+        slopes = mass @ rows[:, -1 - self.gatherer.size : -1]
+        mass, certain = (float(np.linalg.norm(slopes * each)) for each in state.probable)
+        torques = (gathering.errors + turned) * state.probable.sizes
+        return state._replace(slopes=slopes, torques=torques, mass=mass, certain=certain)
+
+    def _with(self, state: Unnoticed, block: Array) -> Unnoticed:
+        """With one more second of the lift, (K, K)."""
+        state = state._replace(lift=state.lift + block, before=state.before * exp(-1.0 / MEMORY))
+        left = state.before + self._without_load(state.lift)
+        known = len(left) - self.gatherer.size - 1
+        changes = np.linalg.inv(left[:known, :known] + np.eye(known))
+        own = left[known:, known:] - left[known:, :known] @ changes @ left[:known, known:]
+        square = np.diagonal(own)[:-1]
+        square = np.where(square > 0.0, square, np.inf)
+        sizes = own[:-1, -1] / square
+        return state._replace(probable=Probable(sizes, np.sqrt(np.maximum(sizes**2 - 1.0 / square, 0.0))))
+
+    def _without_load(self, rows: Array) -> Array:
+        """Rows (K-4, K-4) of a lift (K, K), its load taken out."""
+        own = rows / self.gatherer.memory
+        load = np.linalg.inv(own[:LOAD, :LOAD] + np.diag(self.gatherer.prior[:LOAD]))
+        return np.asarray(own[LOAD:, LOAD:] - own[LOAD:, :LOAD] @ load @ own[:LOAD, LOAD:])

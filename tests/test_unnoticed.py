@@ -1,0 +1,166 @@
+"""Errors of signals that nobody notices: how large they probably are, and what they add to a standard error. The truth
+is drawn, not estimated."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cylforce.estimation.residual import GOOD_ENOUGH
+from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted
+from cylforce.service.plausibility.blocks import LOAD, Gatherer
+from cylforce.service.plausibility.unnoticed import MEMORY, Noticing
+from cylforce.service.step import Core, step
+from cylforce.settings.machine_file import load
+from cylforce.signals.events import Tick
+from scenarios import EXCAVATOR, cycles, identified, through, with_value
+
+LIFT = 200  # samples of a lift, more than those of a second
+PRIOR = np.full(LOAD + 1, 0.01)
+RATED = 1500.0
+TARES = SimpleNamespace(covariance=np.zeros((1, 1)), scale_error=0.0)
+STILL = SimpleNamespace(values=np.zeros(1), covariance=np.zeros((1, 1)))
+
+
+class Rows:
+    """A gatherer of two signals, and seconds of motion: load, one everyday change, two errors, torque."""
+
+    size, memory, prior = 2, 1.0, PRIOR
+
+    def __init__(self, seed=3):
+        self.rng = np.random.default_rng(seed)
+
+    def begin(self):
+        size = LOAD + 1 + self.size + 1
+        nothing = np.zeros((size, size))
+        return SimpleNamespace(gram=nothing, last=nothing, errors=np.zeros((3, self.size)))
+
+    def second(self, hung, off, many=200):
+        """Rows (many, K) of a load (4,) and errors `off` (2,), without noise."""
+        columns = self.rng.normal(size=(many, LOAD + 1 + self.size))
+        torque = columns[:, :LOAD] @ hung + columns[:, LOAD + 1 :] @ off
+        return np.column_stack([columns, torque])
+
+
+def after(rows, seconds, taken=LIFT):
+    """What is known after seconds of rows; those of one list are one lift."""
+    noticing = Noticing(rows)
+    state = noticing.begin()
+    for lift in seconds:
+        for k, each in enumerate(lift):
+            gathering = rows.begin()
+            gathering.last = each.T @ each
+            state = noticing.step(state, gathering, np.zeros((3, 2)), (k + 1) * taken, hangs=True)
+    return state
+
+
+def test_the_size_of_an_error_is_found_beside_loads_of_each_lift():
+    rows, off = Rows(), np.array([0.7, 0.0])
+    lifts = [[rows.second(hung, off) for _ in range(2)] for hung in (np.array([900.0, 1, 2, 3]), np.zeros(LOAD))]
+    assert after(rows, lifts).probable.sizes[0] == pytest.approx(0.7, rel=1e-3)
+
+
+def test_the_slope_is_by_how_much_the_mass_of_the_lift_would_change():
+    """As by least squares from the rows themselves, with the load's prior as rows of their own."""
+    rows = Rows()
+    own = rows.second(np.array([900.0, 1, 2, 3]), np.zeros(2), many=12)
+    known = np.vstack([own[:, :LOAD], np.diag(np.sqrt(PRIOR[:LOAD]))])
+    torque = np.vstack([own[:, LOAD + 1 : -1], np.zeros((LOAD, 2))])
+    expected = np.linalg.lstsq(known, torque, rcond=None)[0][0]
+    assert after(rows, [[own]]).slopes == pytest.approx(expected)
+
+
+def test_an_error_that_is_over_is_forgotten():
+    rows = Rows()
+    was, now = rows.second(np.zeros(LOAD), np.array([1.0, 0.0])), np.zeros(2)
+    seconds = [[was]] + [[rows.second(np.zeros(LOAD), now)] for _ in range(round(3.0 * MEMORY))]
+    assert abs(after(rows, seconds).probable.sizes[0]) < 0.1
+
+
+def test_a_second_that_began_before_the_lift_does_not_count():
+    rows = Rows()
+    one = rows.second(np.zeros(LOAD), np.array([1.0, 0.0]))
+    assert not after(rows, [[one]], taken=LIFT // 4).probable.sizes.any()
+
+
+def test_a_force_seems_to_turn_with_an_angle_that_is_off():
+    """Finite difference of the torques of a force at the tooth line."""
+    loaded = load(EXCAVATOR)
+    core, force, by = Core(loaded.service, identified(loaded)), complex(30e3, -50e3), 1e-6
+    machine, theta = core.service.machine, np.array([0.5, -1.2, -0.8])
+    channels = np.zeros(9)
+    channels[:3] = theta
+    found = Gatherer(core.model, core.tares).swung(channels, force)
+
+    def torque(q):
+        return (machine.tool_point(q).gradient.conj() * force).real
+
+    for j in range(3):
+        shifted = theta + by * (np.arange(3) == j)
+        assert found[:, 3 + j] == pytest.approx((torque(shifted) - torque(theta)) / by, rel=1e-3)
+    assert not found[:, :3].any()
+
+
+def weight(mass, slopes):
+    return Weighed(mass, 4.0, np.zeros(1), np.zeros(1), 100, slopes=np.array(slopes))
+
+
+def test_a_weight_is_as_uncertain_as_signals_are_off():
+    """Each signal by itself, in squares; what is the same in lift and return cancels."""
+    lifted, sizes = weight(900.0, (3.0, -4.0)), np.array([2.0, 3.0])
+    assert error(lifted, TARES, STILL) == pytest.approx(2.0)
+    assert error(lifted, TARES, STILL, sizes) == pytest.approx(np.sqrt(4.0 + 36.0 + 144.0))
+    assert difference_error(lifted, weight(0.0, (3.0, -4.0)), TARES, STILL, sizes) == pytest.approx(np.sqrt(8.0))
+
+
+def test_nothing_is_booked_while_signals_may_be_so_far_off():
+    """By more than what is good enough, certainly: the booking waits. What is probable is told with it."""
+    enough, bookings = GOOD_ENOUGH * RATED, []
+    for size in (1.01 * enough, 0.99 * enough):
+        books = Books(probable=Probable(np.array([2.0 * enough]), np.array([size])))
+        for t, mass in enumerate((900.0, 900.0, 0.0, 0.0)):
+            books = noted(books, weight(mass, (1.0,)), RATED, t, TARES, STILL)
+        bookings.append(books.booking)
+    assert bookings[0] is None
+    assert bookings[1].standard_error == pytest.approx(np.hypot(2.0, 2.0 * enough))
+
+
+def booked(core, events):
+    """Masses and standard errors [kg] of bookings when they are made, by number."""
+    found = {}
+    for estimate in through(core, events)[1]:
+        if estimate.booking is not None:
+            found.setdefault(estimate.booking.number, estimate.booking)
+    return np.array([(b.mass, b.standard_error) for b in found.values()]).T
+
+
+def test_a_bucket_angle_that_slides_makes_weights_as_uncertain_as_they_are_wrong():
+    """By six degrees in three seconds, before the first load is lifted; a load in the bucket explains as much. The last
+    weight is off by more than three of the standard errors in order."""
+    loaded = load(EXCAVATOR)
+    core = Core(loaded.service, identified(loaded))
+    events, masses = cycles(loaded, count=3)
+    slid = with_value(events, core.service, "bucket_angle", lambda t, q: q + 0.1 * min(t / 3.0, 1.0))
+    (fine, told), (wrong, more) = booked(core, events), booked(core, slid)
+    assert abs(fine[-1] - masses[-1]) < told[-1]
+    assert 3.0 * told[-1] < wrong[-1] - masses[-1] < 3.0 * more[-1]
+    assert all(abs(wrong - masses[-len(wrong) :]) < 3.0 * more)
+
+
+def test_a_force_is_as_uncertain_as_signals_are_off():
+    """The same tick with and without a torque of the boom by an error of a signal."""
+    loaded = load(EXCAVATOR)
+    core = Core(loaded.service, identified(loaded))
+    events, _ = cycles(loaded, count=1)
+    last = max(k for k, event in enumerate(events) if isinstance(event, Tick))
+    state, *_ = through(core, events[:last])
+    watch = state.watch
+    found = []
+    for torque in (0.0, 20e3):
+        torques = np.zeros_like(watch.unnoticed.torques)
+        torques[0, 0] = torque
+        unnoticed = watch.unnoticed._replace(torques=torques)
+        begun = state._replace(watch=watch._replace(unnoticed=unnoticed))
+        found.append(step(core, begun, events[last])[1].estimate.force)
+    assert found[1].z.standard_error > found[0].z.standard_error + 1e3
+    assert found[1].z.value == found[0].z.value
