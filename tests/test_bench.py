@@ -1,8 +1,8 @@
 """The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
 
-A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.45 to 0.47 with the compiled kernel
-and 2.0 with the interpreted one. Against filterpy's update a step is 8.8 to 9.0, its kernel's residual, recursion,
-weight and forces take 5.6 to 6.0 us; decoding a frame is 0.22 to 0.24 of canopen's, interpreted 0.67. The limits are
+A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.46 to 0.55 with the compiled kernel
+and 2.0 with the interpreted one. Against filterpy's update a step is 8.8 to 10.3, its kernel's residual, recursion,
+weight and forces take 5.6 to 6.6 us; decoding a frame is 0.22 to 0.24 of canopen's, interpreted 0.67. The limits are
 a third above: what is done to the step in Python varies by a tenth between processors, and more beside other
 programs.
 """
@@ -17,7 +17,7 @@ import pytest
 from cylforce.estimation.kernel.choice import INTERPRETED, chosen
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMIT = {True: 0.62, False: 2.7}  # yardsticks, compiled and interpreted
+LIMIT = {True: 0.73, False: 2.7}  # yardsticks, compiled and interpreted
 DECODE = {True: 0.32, False: 0.9}  # of a frame by python-can and canopen
 
 
@@ -57,8 +57,8 @@ def test_a_step_beside_others(tmp_path):
     assert 0.0 < found["decode_over_canopen"] < DECODE[chosen() is not INTERPRETED]
     if chosen() is not INTERPRETED:
         assert 0.0 < found["rows_us"] < 5.0
-        assert 0.0 < found["solve_us"] < 8.0
-        assert 0.0 < found["step_over_filterpy"] < 12.0
+        assert 0.0 < found["solve_us"] < 8.8
+        assert 0.0 < found["step_over_filterpy"] < 13.8
 
 
 def test_where_the_time_goes(tmp_path):
