@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.numbers import MASS
 from cylforce.fleet.causes import Culprit
-from cylforce.fleet.changes import History, Shape, changes
+from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course
 from cylforce.fleet.gaussians import Belonging, loosened
+from cylforce.fleet.history import History
 from cylforce.fleet.usual import Levels, Usual, learnt, stated
 
 SIZE = 3
@@ -49,7 +51,7 @@ def history_of(rng, course_of_size, n=10):
 
 
 def test_the_spreads_of_a_simulated_fleet_are_found():
-    found = learnt(fleet_of(40, 8, np.random.default_rng(1)), stated(MEAN, 3.0 * BETWEEN, 2.0 * DAYS))
+    found, _ = learnt(fleet_of(40, 8, np.random.default_rng(1)), stated(MEAN, 3.0 * BETWEEN, 2.0 * DAYS))
     assert found.machines == 40
     assert found.recordings == 320
     assert found.days == pytest.approx(DAYS, rel=0.2)
@@ -65,14 +67,15 @@ def test_what_no_recording_tells_stays_as_stated():
     pull = levels.parts.pull.copy()
     pull[:, 2] = 0.0
     before = stated(MEAN, 3.0 * BETWEEN, DAYS)
-    found = learnt(levels._replace(parts=levels.parts._replace(information=blind, pull=pull)), before)
+    found, _ = learnt(levels._replace(parts=levels.parts._replace(information=blind, pull=pull)), before)
     assert found.days[2] == pytest.approx(before.days[2], rel=0.05)
     assert found.between[2] == pytest.approx(before.between[2], rel=0.3)
 
 
 def test_three_machines_do_not_narrow_the_spread_between_machines():
     before = stated(MEAN, 3.0 * BETWEEN, DAYS)
-    assert np.array_equal(learnt(fleet_of(3, 4, np.random.default_rng(3)), before).between, before.between)
+    found, _ = learnt(fleet_of(3, 4, np.random.default_rng(3)), before)
+    assert np.array_equal(found.between, before.between)
 
 
 @pytest.mark.parametrize("first", [1, 4, 7])
@@ -91,6 +94,19 @@ def test_a_slope_is_found():
     assert (found.shape, found.name) == (Shape.SLOPE, "b")
     assert abs(found.first - 4) <= 1
     assert found.size == pytest.approx(10.0, abs=4.0 * found.error)
+
+
+def test_a_change_grows_only_if_that_is_as_sure_as_the_change():
+    """Three usual differences of a day look like a slope as often as not: they are told as a step, near its day."""
+    found = [
+        each
+        for seed in range(40)
+        for each in changes(history_of(np.random.default_rng(seed), np.where(np.arange(10) >= 6, 3.0, 0.0)), CULPRITS)
+        if each.shape is not Shape.DAY
+    ]
+    assert all((each.shape is Shape.SLOPE) == (each.growing >= MASS) for each in found)
+    assert sum(each.growing > 0.5 and each.shape is Shape.STEP for each in found) > 0
+    assert sum(abs(each.first - 6) <= 1 for each in found) >= 0.9 * len(found)
 
 
 def test_a_single_day_is_no_lasting_change():

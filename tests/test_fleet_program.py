@@ -2,17 +2,20 @@
 
 import os
 import shutil
+import signal
 import socket
 import time
 
+import can
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from cylforce.files.atomic import RecordingError
+from cylforce.files.recording import open_pieces, sensor_frames
 from cylforce.fleet.changes import Shape
 from cylforce.programs.common.usual_file import everyday_of, read_usual
-from cylforce.programs.fleet import store, task, workers
+from cylforce.programs.fleet import gathering, store, task, workers
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
 from cylforce.programs.identify import JOINTLY, run_identify
@@ -143,6 +146,59 @@ def test_a_killed_run_goes_on(few, tmp_path, monkeypatch):
     assert len(seen) == 2
     run(folder, tmp_path / "r.parquet", tmp_path / "cache")
     assert len(seen) == 3
+
+
+def test_a_worker_that_ends_for_want_of_memory(few, tmp_path, monkeypatch):
+    """The system ends it as it does when memory is short: its recording is a row with the cure, the others are done
+    and kept."""
+    folder, _ = few
+    bad = folder / name_of(1) / f"{day_of(8)}.csv"
+    bad.write_text("t_s\n")
+    real = task.summarised
+
+    def summarised(job, known):
+        if job.address.endswith(".csv"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(job, known)
+
+    monkeypatch.setattr(gathering, "summarised", summarised)
+    monkeypatch.setattr(workers, "RETRIES", 0)
+    wanted = Wanted((str(folder),), tmp_path / "r.parquet", cache=tmp_path / "cache")
+    result = run_fleet(wanted, Where(None, 1), say=lambda _: None)
+    states = {row["recording"]: row["state"] for row in result.rows}
+    assert states.pop(bad.name) == "failed"
+    assert set(states.values()) <= {"ok", "doubtful"}
+    assert "for want of memory: split the file" in reasons(result)[name_of(1), bad.name]
+    monkeypatch.undo()
+    seen = looked_at(monkeypatch)
+    run(folder, tmp_path / "r.parquet", tmp_path / "cache")
+    assert seen == [bad.name]
+
+
+def write_bus(loaded, table, path):
+    """What candump or python-can would have recorded while the sensors sent a table's samples."""
+    path.parent.mkdir(parents=True)
+    pieces = open_pieces(table, loaded.service, loaded.columns, tell=lambda _: None)
+    with can.Logger(path) as log:
+        for frame in sensor_frames(pieces, loaded.service):
+            message = can.Message(1.7e9 + frame.t_us / 1e6, frame.can_id, is_extended_id=False, data=frame.data)
+            log(message)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".blf"])
+def test_a_fleet_of_logs_of_the_bus(few, tmp_path, suffix):
+    """The frames of the sensors tell the same as the table from which they were made, to the resolution of the bus."""
+    folder, cache = few
+    table = folder / name_of(1) / f"{day_of(0)}.parquet"
+    loaded = load(folder / "machine.toml")
+    near = run(folder, tmp_path / "near.parquet", cache)
+    write_bus(loaded, table, tmp_path / "bus" / name_of(1) / f"{day_of(0)}{suffix}")
+    shutil.copy(folder / "machine.toml", tmp_path / "bus")
+    far = run(tmp_path / "bus", tmp_path / "far.parquet", tmp_path / "cache")
+    assert [row["state"] for row in far.rows] == ["ok"]
+    for name in ("boom.X", "stick.coulomb", "bucket_angle.angle_offset"):
+        error = near.rows[0][f"own_error:{name}"]
+        assert far.rows[0][f"own:{name}"] == pytest.approx(near.rows[0][f"own:{name}"], abs=3.0 * error)
 
 
 def test_a_cluster_says_the_same(few, tmp_path):

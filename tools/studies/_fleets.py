@@ -1,5 +1,6 @@
 """A simulated fleet: machines of one type, recorded on several days, of which some change on a known day."""
 
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from datetime import date, timedelta
@@ -44,6 +45,24 @@ class Size(NamedTuple):
     days: int
     seconds: float
     changing: int
+
+
+def add_size(parser: ArgumentParser) -> None:
+    """Options that say how large a fleet is, and where it is kept."""
+    parser.add_argument("--machines", type=int, default=100)
+    parser.add_argument("--days", type=int, default=10, help="recordings of each machine, a week apart")
+    parser.add_argument("--seconds", type=float, default=180.0, help="length of a recording")
+    parser.add_argument("--changing", type=int, default=10, help="machines that change")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--folder", type=Path, help="keep the recordings there; what is there is not made again")
+    parser.add_argument("--cache", type=Path, help="keep results there")
+    parser.add_argument("--json", type=Path)
+
+
+def size_of(options: Namespace) -> Size:
+    """By these options."""
+    return Size(options.machines, options.days, options.seconds, options.changing)
 
 
 class Faulty(NamedTuple):

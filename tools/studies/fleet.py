@@ -3,7 +3,7 @@ number of recordings and of workers?"""
 
 import argparse
 import json
-import shutil
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -19,7 +19,8 @@ from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.task import FAILED
 from cylforce.programs.fleet.workers import Where
-from studies._fleets import Faulty, Size, day_of, name_of, write_fleet
+from studies._fleet_times import Timed, plot, timed
+from studies._fleets import Faulty, Size, add_size, day_of, size_of, write_fleet
 
 
 def scored(truth: dict[str, Faulty], result: FleetResult, size: Size) -> dict[str, Any]:
@@ -49,87 +50,91 @@ def _near(change: FleetChange, fault: Faulty, days: Sequence[str]) -> bool:
     return abs(days.index(change.date) - fault.first) <= 1
 
 
-def _place(fault: Faulty) -> str:
+def place_of(fault: Faulty) -> str:
     """Where the fleet tells a fault: zeros at the cylinder."""
     return fault.at.partition("_")[0] if fault.name == "pressure_offset" else fault.at
 
 
+def alike(fault: Faulty) -> set[str]:
+    """Names of a fault that mean the same."""
+    return {fault.name, "coulomb_friction"} if fault.name == "friction_level_change" else {fault.name}
+
+
 def _named(change: FleetChange, fault: Faulty) -> bool:
-    alike = {fault.name, "coulomb_friction"} if fault.name == "friction_level_change" else {fault.name}
-    return change.altered.name in alike and change.altered.at == _place(fault)
+    return change.altered.name in alike(fault) and change.altered.at == place_of(fault)
 
 
 def _right(change: FleetChange, fault: Faulty) -> bool:
-    alike = {fault.name, "coulomb_friction"} if fault.name == "friction_level_change" else {fault.name}
-    return any(blame.name in alike and blame.at == _place(fault) for blame in change.altered.causes)
-
-
-def timed(folder: Path, machines: int, size: Size, workers: int) -> dict[str, Any]:
-    """Time and memory of a first and of a second run on some of the machines, then with one new recording."""
-    with TemporaryDirectory() as name:
-        base = Path(name)
-        (base / "data").mkdir()
-        shutil.copy(folder / "machine.toml", base / "data")
-        for k in range(machines):
-            (base / "data" / name_of(k)).symlink_to(folder / name_of(k))
-        wanted = Wanted((str(base / "data"),), base / "results.parquet", cache=base / "cache")
-        before = time.monotonic()
-        result = run_fleet(wanted, Where(None, workers), say=_silent)
-        first = time.monotonic() - before
-        before = time.monotonic()
-        run_fleet(wanted, Where(None, workers), say=_silent)
-        again = time.monotonic() - before
-    memory = max(float(row.get("memory_mb") or 0.0) for row in result.rows)
-    return {
-        "recordings": machines * size.days,
-        "workers": workers,
-        "first_s": first,
-        "processor_s": sum(float(row.get("took_s") or 0.0) for row in result.rows),
-        "again_s": again,
-        "memory_mb": memory,
-    }
-
-
-def _silent(sentence: str) -> None:
-    """Say nothing."""
+    return any(blame.name in alike(fault) and blame.at == place_of(fault) for blame in change.altered.causes)
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="accuracy fleet", description=__doc__)
-    parser.add_argument("--machines", type=int, default=100)
-    parser.add_argument("--days", type=int, default=10, help="recordings of each machine, a week apart")
-    parser.add_argument("--seconds", type=float, default=180.0, help="length of a recording")
-    parser.add_argument("--changing", type=int, default=10, help="machines that change")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--folder", type=Path, help="keep the recordings there; what is there is not made again")
-    parser.add_argument("--cache", type=Path, help="keep results there")
+    add_size(parser)
     parser.add_argument(
-        "--times", type=int, nargs="*", default=[], help="also time so many machines, with 1 and 2 workers"
+        "--times",
+        type=int,
+        nargs="*",
+        default=[],
+        help="time only, so many machines: in one process, with 1, 2 workers",
     )
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--rivals", action="store_true", help="also find changes with the library ruptures")
+    parser.add_argument("--plot", type=Path, help="draw the times there (SVG)")
     options = parser.parse_args()
-    size = Size(options.machines, options.days, options.seconds, options.changing)
+    size = size_of(options)
     with TemporaryDirectory() as scratch:
         folder = options.folder or Path(scratch) / "data"
         truth = write_fleet(folder, size, options.seed, max(options.workers, 1))
-        wanted = Wanted(
-            (str(folder),), Path(scratch) / "results.parquet", cache=options.cache or Path(scratch) / "cache"
-        )
+        if options.times:
+            figures = _timed(folder, options)
+        else:
+            figures = _found(folder, truth, size, options, options.cache or Path(scratch) / "cache")
+    if options.json:
+        options.json.write_text(json.dumps(figures | {"seed": options.seed}, indent=1) + "\n")
+
+
+def _found(
+    folder: Path, truth: dict[str, Faulty], size: Size, options: argparse.Namespace, cache: Path
+) -> dict[str, Any]:
+    """What is found of a fleet."""
+    with TemporaryDirectory() as scratch:
+        wanted = Wanted((str(folder),), Path(scratch) / "results.parquet", cache=cache)
         before = time.monotonic()
         result = run_fleet(wanted, Where(None, options.workers), say=lambda text: print(text, file=sys.stderr))
-        seconds = time.monotonic() - before
-        figures = scored(truth, result, size) | {"seconds": seconds}
-        times = [timed(folder, n, size, workers) for n in options.times for workers in (1, 2)]
-    _show(figures, times, truth, result)
-    if options.json:
-        options.json.write_text(json.dumps(figures | {"times": times, "seed": options.seed}, indent=1) + "\n")
+    figures = scored(truth, result, size) | {"seconds": time.monotonic() - before}
+    _show(figures, truth, result)
+    return figures | _rivals(result, truth) if options.rivals else figures
 
 
-def _show(
-    figures: dict[str, Any], times: Sequence[dict[str, Any]], truth: dict[str, Faulty], result: FleetResult
-) -> None:
+def _rivals(result: FleetResult, truth: dict[str, Faulty]) -> dict[str, Any]:
+    """The same courses, given to another library."""
+    from studies._fleet_rivals import Rival, rivals
+
+    found = rivals(result.analysis.types[0].fleet, truth)
+    table = Table(*Rival._fields, title="ruptures on the same courses")
+    for each in found:
+        table.add_row(each.way, *(f"{value:.4g}" for value in each[1:]))
+    Console(highlight=False).print(table)
+    return {"rivals": [each._asdict() for each in found]}
+
+
+def _timed(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+    """Time and memory by number of recordings and workers."""
+    times = [timed(folder, machines, workers) for machines in options.times for workers in (0, 1, 2)]
+    table = Table(
+        *(name.replace("_", " ") for name in Timed._fields),
+        title=f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
+    )
+    for each in times:
+        table.add_row(*(f"{value:.4g}" for value in each))
+    Console(highlight=False, soft_wrap=True).print(table)
+    if options.plot:
+        plot(times, options.plot)
+    return {"times": [each._asdict() for each in times]}
+
+
+def _show(figures: dict[str, Any], truth: dict[str, Faulty], result: FleetResult) -> None:
     console = Console(highlight=False, soft_wrap=True)
     for fault in truth.values():
         console.print(f"true: {fault.machine} {fault.name}@{fault.at} {fault.size:.4g} since {day_of(fault.first)}")
@@ -139,11 +144,6 @@ def _show(
     for name, value in figures.items():
         table.add_row(name, f"{value:.4g}")
     console.print(table)
-    if times:
-        table = Table(*times[0])
-        for each in times:
-            table.add_row(*(f"{value:.4g}" for value in each.values()))
-        console.print(table)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.priors.bars import balanced
@@ -71,6 +70,8 @@ def consistent(model: Model, tares: Tares) -> Tares:
     broken. Raises ValueError when none are found."""
     if not violations(model, tares.values):
         return tares
+    from scipy import optimize
+
     scale = np.sqrt(np.diag(tares.covariance))
     root = np.linalg.cholesky(np.linalg.inv(tares.covariance / np.outer(scale, scale))).T
 

@@ -8,7 +8,6 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import optimize
 
 from cylforce.commissioning.emptiness import FITTING, not_empty
 from cylforce.commissioning.explained import FAR, criterion, quality, row_noise, unseen
@@ -196,6 +195,8 @@ def _with_machine(case: Case, machine: Machine) -> Case:
 
 
 def _searched(search: SizeSearch) -> Repair:
+    from scipy import optimize
+
     def score(size: float) -> float:
         return min(score_of(search.changed(size), 1), HOPELESS)
 

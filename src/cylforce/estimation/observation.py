@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
 
 from cylforce.estimation import blocks
 from cylforce.estimation.blocks import Factors, joined, row_factors
@@ -88,6 +87,8 @@ def noise_like(values: Array, first: int) -> Array:
     """White noise (T, S) as strong as that of the samples (T, S). Its level is estimated from their third differences,
     in which smooth motion vanishes; its signs are a maximal-length sequence, a different part of it for each signal,
     counted from step `first` of the recording, so that the result is reproducible."""
+    from scipy import ndimage
+
     steps, signals = values.shape
     differences = np.abs(np.diff(values, n=3, axis=0, prepend=values[:2], append=values[-1:]))
     squares = np.minimum(differences, np.quantile(differences, NOISE_SHARE, axis=0)) ** 2 / 20.0
@@ -99,6 +100,8 @@ def noise_like(values: Array, first: int) -> Array:
 
 @cache
 def _signs() -> Array:
+    from scipy import signal  # not needed by who reads results of recordings
+
     return np.asarray(2.0 * signal.max_len_seq(SEQUENCE)[0] - 1.0)
 
 

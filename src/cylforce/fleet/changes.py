@@ -3,18 +3,18 @@
 On recording k a machine's quantities are x = c + d_k, what it always has and what differs from day to day; after a
 change x = c + d_k + w_k B s: B the directions of a `Culprit`, s its sizes, w_k the course: 0 before and 1 after a step,
 rising in proportion to time after a bend, 1 on a single day. Everything is normal, so that all but the course and the
-culprit is integrated out."""
+culprit is integrated out (see `History`)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from cylforce.diagnosis.numbers import HAPPENS, IN_ORDER, MASS
 from cylforce.fleet.causes import FRICTIONS, UNKNOWN, Culprit
+from cylforce.fleet.history import History
 from cylforce.signals.estimate import Array
 
 MOST_CHANGES = 3  # of one machine; chosen: beyond that it is another machine
@@ -39,9 +39,10 @@ class Blame(NamedTuple):
 
 class Altered(NamedTuple):
     """A change: its course, `name` and place `at` of the likeliest culprit; the number of the `first` recording that
-    shows it; `probability` that there is a change, `when`: that it came with just this recording; `size` and its
-    standard `error` (of a slope: at the last recording); the smallest set of culprits that holds the cause with 90 %.
-    A single day has size 0 if nothing named explains it."""
+    shows it; `probability` that there is a change, `when`: that it came with just this recording, `growing`: that it
+    grows, which is told as a slope only if it holds as surely as the change itself; `size` and its standard `error` (of
+    a slope: at the last recording); the smallest set of culprits that holds the cause with 90 %. A single day has size
+    0 if nothing named explains it."""
 
     shape: Shape
     name: str
@@ -50,70 +51,15 @@ class Altered(NamedTuple):
     first: int
     probability: float
     when: float
+    growing: float
     size: float
     error: float
     causes: tuple[Blame, ...]
 
-
-@dataclass(frozen=True)
-class History:
-    """A machine's n recordings at times `t` (n,) [d]: `information` (n, K, K) and `pull` (n, K) about what it always
-    has (the differences of days are in them), of which N(`mean`, `spread`^2) is known beforehand; what changed already:
-    courses (n,), each with its directions (K, M) and the
-    standard deviations (M,) of its sizes beforehand."""
-
-    t: Array
-    information: Array
-    pull: Array
-    mean: Array
-    spread: Array
-    courses: tuple[tuple[Array, Array, Array], ...] = ()
-
-    @cached_property
-    def size(self) -> int:
-        """K."""
-        return int(self.pull.shape[1])
-
-    @cached_property
-    def _designs(self) -> Array:
-        """(n, K, Z): what a recording has of what is common to all, and of the changes that are known."""
-        parts = [np.broadcast_to(np.eye(self.size), (len(self.t), self.size, self.size))]
-        parts += [course[:, None, None] * directions for course, directions, _ in self.courses]
-        return np.concatenate(parts, axis=-1)
-
-    @cached_property
-    def _common(self) -> tuple[Array, Array]:
-        """Inverse information (Z, Z) and pull (Z,) about those."""
-        designs = self._designs
-        information = np.einsum("nkz,nkl,nly->zy", designs, self.information, designs, optimize=True)
-        pull = np.einsum("nkz,nk->z", designs, self.pull)
-        own = np.concatenate([self.spread, *(spread for *_, spread in self.courses)]) ** -2.0
-        pull[: self.size] += own[: self.size] * self.mean
-        return np.linalg.inv(information + np.diag(own)), pull
-
     @property
-    def always(self) -> Array:
-        """What the machine always had (K,), changes apart."""
-        inverse, pull = self._common
-        return np.asarray((inverse @ pull)[: self.size])
-
-    def told(self, course: Array) -> tuple[Array, Array]:
-        """Information (H, K, K) and pull (H, K) about what follows each `course` (H, n)."""
-        inverse, pull = self._common
-        weighed = np.einsum("nkz,nkl->nzl", self._designs, self.information)
-        with_common = np.einsum("hn,nzl->hzl", course, weighed)
-        alone = np.einsum("hn,nkl->hkl", course**2, self.information)
-        own = course @ self.pull
-        return (
-            alone - np.swapaxes(with_common, 1, 2) @ (inverse @ with_common),
-            own - np.einsum("hzl,z->hl", with_common, inverse @ pull),
-        )
-
-    def without(self, k: int) -> "History":
-        """The same, recording k telling nothing."""
-        information, pull = self.information.copy(), self.pull.copy()
-        information[k], pull[k] = 0.0, 0.0
-        return replace(self, information=information, pull=pull)
+    def may_grow(self) -> bool:
+        """Whether it is told as a step, but may as well be a slope."""
+        return self.shape is Shape.STEP and self.growing > 1.0 - MASS
 
 
 class _Asked(NamedTuple):
@@ -207,25 +153,45 @@ def _answered(history: History, found: Sequence[Culprit], asked: _Asked) -> _Ans
     shares = dict.fromkeys(((c.name, c.at) for c in found), 0)
     for c in found:
         shares[c.name, c.at] += 1
+    # what one recording shows of no known form is a single day until the next one shows it, too
+    once = (asked.first == len(history.t) - 1) & np.array([shape is not Shape.DAY for shape in asked.shape])
     logs = []
-    for c in found:
+    for c, own in zip(found, _evidence(information, pull, found), strict=True):
         prior = np.log(asked.prior) - np.log(len(shares) * shares[c.name, c.at] * len(c.spreads))
-        # what one recording shows of no known form is a single day until the next one shows it, too
-        once = (asked.first == len(history.t) - 1) & np.array([shape is not Shape.DAY for shape in asked.shape])
-        own = np.where(once & (c.name == UNKNOWN), -np.inf, _evidence(information, pull, c).T).T
-        logs.append(own + prior[:, None])
+        logs.append(own + np.where(once & (c.name == UNKNOWN), -np.inf, prior)[:, None])
     return _Answer(tuple(logs), float(np.log(IN_ORDER)))
 
 
-def _evidence(information: Array, pull: Array, c: Culprit) -> Array:
-    """log of the Bayes factor (H, G): r' (Q + T^-1)^-1 r / 2 - log det(1 + T Q) / 2, Q and r the information and the
-    pull about the sizes, T their variances."""
-    q = np.einsum("km,hkl,lj->hmj", c.directions, information, c.directions, optimize=True)
-    r = np.einsum("km,hk->hm", c.directions, pull)
-    scaled = q[:, None] * c.spreads[:, :, None] * c.spreads[:, None, :] + np.eye(c.spreads.shape[1])
-    force = r[:, None] * c.spreads
-    gain = np.einsum("hgm,hgm->hg", force, np.linalg.solve(scaled, force[..., None])[..., 0])
-    return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(scaled)[1])
+def _evidence(information: Array, pull: Array, found: Sequence[Culprit]) -> list[Array]:
+    """log of the Bayes factor (H, G) of each culprit; those with equally many directions and spreads at once."""
+    told: dict[int, Array] = {}
+    alike: dict[tuple[int, ...], list[int]] = {}
+    for k, c in enumerate(found):
+        alike.setdefault(c.spreads.shape, []).append(k)
+    for group in alike.values():
+        directions, spreads = (
+            np.stack([found[k].directions for k in group]),
+            np.stack([found[k].spreads for k in group]),
+        )
+        told.update(zip(group, _bayes_factors(information, pull, directions, spreads), strict=True))
+    return [told[k] for k in range(len(found))]
+
+
+def _bayes_factors(information: Array, pull: Array, directions: Array, spreads: Array) -> Array:
+    """Their logs (C, H, G) for C culprits with `directions` (C, K, M) and `spreads` (C, G, M):
+    r' (Q + T^-1)^-1 r / 2 - log det(1 + T Q) / 2, Q and r the information and the pull about the sizes, T their
+    variances."""
+    q = np.swapaxes(directions, 1, 2)[:, None] @ information @ directions[:, None]
+    force, count = (pull @ directions)[:, :, None] * spreads[:, None], spreads.shape[-1]
+    square = np.sum(force**2, axis=-1)
+    both = np.empty((*force.shape[:3], count + 1, count + 1))
+    both[..., :-1, :-1] = q[:, :, None] * (spreads[..., None] * spreads[..., None, :])[:, None] + np.eye(count)
+    both[..., :-1, -1] = both[..., -1, :-1] = force
+    both[..., -1, -1] = square + 1.0
+    # The last pivot is what the force leaves of its square: one factorisation gives the gain and the determinant.
+    pivots = np.einsum("...mm->...m", np.linalg.cholesky(both))
+    gain = square + 1.0 - pivots[..., -1] ** 2
+    return np.asarray(0.5 * gain - np.sum(np.log(pivots[..., :-1]), axis=-1))
 
 
 def _likeliest(history: History, found: Sequence[Culprit]) -> _Placed | None:
@@ -243,7 +209,9 @@ def _likeliest(history: History, found: Sequence[Culprit]) -> _Placed | None:
     causes = _shares(found, np.exp(np.array([_log_sum(row) for row in logs]) - own))
     chosen = [k for k, c in enumerate(found) if (c.name, c.at) == causes[0][:2]]
     best = max(chosen, key=lambda k: float(np.max(logs[k])))
-    h = int(np.argmax(logs[best]))
+    slope = np.array([shape is Shape.SLOPE for shape in asked.shape])
+    growing = float(np.exp(_log_sum(logs[best][slope]) - _log_sum(logs[best])))
+    h = int(np.argmax(np.where(slope & (growing < MASS), -np.inf, logs[best])))
     at_first = logs[best][asked.first == asked.first[h]]
     when = float(np.exp(_log_sum(at_first) - _log_sum(logs[best])))
     size, error = _size(history, found[best], asked.course[[h]], answer.logs[best][h])
@@ -251,7 +219,7 @@ def _likeliest(history: History, found: Sequence[Culprit]) -> _Placed | None:
         return None
     c, shape, first = found[best], asked.shape[h], int(asked.first[h])
     kept = _smallest(causes)
-    altered = Altered(shape, c.name, c.at, c.unit, first, probability, when, size, error, kept)
+    altered = Altered(shape, c.name, c.at, c.unit, first, probability, when, growing, size, error, kept)
     return _Placed(altered, asked.course[h], c)
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.fleet.gaussians import Belonging, loosened
+from cylforce.fleet.gaussians import Belonging, loosened, solved
 from cylforce.fleet.usual import Usual
 from cylforce.signals.estimate import Array
 
@@ -32,36 +32,28 @@ def course(days: Belonging, usual: Usual, past: Array, whole: Array) -> Course:
     """The course of one machine's recordings `days` (n,) in order of time; `past` (n,): the first recording that counts
     as earlier (after a change, what was before is none); `whole` (K, K'): the quantities that are told, as sums of
     those that are estimated."""
-    return Course(*(np.array(part) for part in zip(*_each(days, usual, past, whole), strict=True)))
+    information, pull = loosened(days.information, days.pull, usual.days**2)
+    earlier = [slice(int(first), k) for k, first in enumerate(past)]
+    precision = np.array([information[each].sum(axis=0) for each in earlier]) + np.diag(usual.between**-2.0)
+    weighted = np.array([pull[each].sum(axis=0) for each in earlier]) + usual.between**-2.0 * usual.mean
+    expected, covariance = solved(precision, weighted)
+    own, own_error, from_type = _updated(days, usual.mean, np.diag(usual.between**2 + usual.days**2), whole)
+    value, error, from_past = _updated(days, expected, covariance + np.diag(usual.days**2), whole)
+    from_past = np.where(np.arange(len(past)) > past, from_past, np.nan)
+    return Course(own, own_error, value, error, expected @ whole.T, from_past, from_type)
 
 
-def _each(days: Belonging, usual: Usual, past: Array, whole: Array) -> list[tuple[Array | float, ...]]:
-    steady = loosened(days.information, days.pull, usual.days**2)
-    kind = usual.mean, np.diag(usual.between**2 + usual.days**2)
-    found: list[tuple[Array | float, ...]] = []
-    for k, (information, pull) in enumerate(zip(days.information, days.pull, strict=True)):
-        earlier = slice(int(past[k]), k)
-        precision = steady[0][earlier].sum(axis=0) + np.diag(usual.between**-2.0)
-        covariance = np.linalg.inv(precision)
-        mean = covariance @ (steady[1][earlier].sum(axis=0) + usual.between**-2.0 * usual.mean)
-        before = mean, covariance + np.diag(usual.days**2)
-        own, value = (_updated(information, pull, m, p, whole) for m, p in (kind, before))
-        apart = [_apart(information, pull, m, p) for m, p in (before, kind)]
-        apart[0] = apart[0] if k > past[k] else np.nan
-        found.append((*own, *value, whole @ mean, *apart))
-    return found
-
-
-def _updated(information: Array, pull: Array, mean: Array, covariance: Array, whole: Array) -> tuple[Array, Array]:
-    """Mean and standard error (K,) of what N(mean, covariance) and a recording tell together of the `whole` (K, K')."""
-    gain = np.linalg.solve(np.eye(len(mean)) + covariance @ information, covariance)
-    middle = mean + gain @ (pull - information @ mean)
-    return whole @ middle, np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", whole, gain, whole), 0.0))
-
-
-def _apart(information: Array, pull: Array, mean: Array, covariance: Array) -> float:
-    """Distance of what a recording finds from N(mean, covariance), rms over the quantities."""
-    whole = information + RIDGE * np.eye(len(mean))
-    away = np.linalg.solve(whole, pull + RIDGE * mean) - mean
-    square = float(away @ np.linalg.solve(np.linalg.inv(whole) + covariance, away))
-    return float(np.sqrt(max(square, 0.0) / len(mean)))
+def _updated(days: Belonging, mean: Array, covariance: Array, whole: Array) -> tuple[Array, Array, Array]:
+    """Means and standard errors (n, K) of what N(mean, covariance) and each recording tell together of the `whole`
+    (K, K'), and the distance (n,) of what the recording finds from the former, rms over the quantities."""
+    size = days.pull.shape[-1]
+    joined = np.linalg.solve(
+        np.eye(size) + covariance @ days.information, np.broadcast_to(covariance, days.information.shape)
+    )
+    force = days.pull - (days.information @ np.broadcast_to(mean, days.pull.shape)[..., None])[..., 0]
+    moved = (joined @ force[..., None])[..., 0]
+    error = np.sqrt(np.maximum(np.sum((whole @ joined) * whole, axis=-1), 0.0))
+    away = np.linalg.solve(days.information + RIDGE * np.eye(size), force[..., None])[..., 0]
+    # (S^-1 + P)^-1 of the difference S^-1 f is f - S (S + P^-1)^-1 f
+    square = np.sum(force * (away - moved), axis=-1)
+    return (mean + moved) @ whole.T, error, np.sqrt(np.maximum(square, 0.0) / size)

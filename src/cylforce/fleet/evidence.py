@@ -59,11 +59,12 @@ class Evidence(NamedTuple):
         return self.misfit > MISFIT
 
     def left(self, values: Array) -> Array:
-        """Torque [N m] that values (K,) leave at each joint, rms (R,); NaN at one that never moved."""
-        with_torque = np.append(values, -1.0)
-        squares = np.einsum("i,rij,j->r", with_torque, self.joints, with_torque)
+        """Torque [N m] that each of several values (W, K) leaves at each joint, rms (R, W); NaN at one that never
+        moved."""
+        with_torque = np.column_stack([values, np.full(len(values), -1.0)]).T
+        squares = np.sum(with_torque * (self.joints @ with_torque), axis=1)
         count = np.where(self.samples > 0, self.samples, np.nan)
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0) / count))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0) / count[:, None]))
 
 
 def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from cylforce.estimation.model import Model
 from cylforce.fleet.causes import Culprit, culprits
-from cylforce.fleet.changes import LONGEST, Altered, History, Shape, changes
+from cylforce.fleet.changes import LONGEST, Altered, Shape, changes
 from cylforce.fleet.coordinates import Coordinate, coordinates, data_sheet, joint_coordinates, joint_directions
 from cylforce.fleet.courses import Course, course
 from cylforce.fleet.evidence import Evidence
 from cylforce.fleet.gaussians import Belonging, loosened
-from cylforce.fleet.usual import Levels, Usual, each_day, learnt, stated
+from cylforce.fleet.history import History
+from cylforce.fleet.usual import Levels, Usual, learnt, stated
 from cylforce.signals.estimate import Array
 
 ROUNDS = 2  # of learning what is usual without what changed, and finding what changed by what is usual; chosen
@@ -69,6 +70,10 @@ class _Learning:
         return coordinates(self.model)
 
     @cached_property
+    def _sheet(self) -> Array:
+        return data_sheet(self.model)
+
+    @cached_property
     def _known(self) -> tuple[Coordinate, ...]:
         return (*self._followed, *joint_coordinates(self.model))
 
@@ -80,7 +85,7 @@ class _Learning:
     def _before(self) -> Usual:
         """What is stated beforehand."""
         mean = np.zeros(len(self._known))
-        mean[: len(self._followed)] = data_sheet(self.model)
+        mean[: len(self._followed)] = self._sheet
         constant = np.array([c.constant for c in self._known])
         return stated(mean / self._unit, constant / self._unit, np.ones(len(self._unit)))
 
@@ -95,7 +100,7 @@ class _Learning:
 
     def _pooled(self, each: Sequence[Evidence]) -> Array:
         """A machine's quantities (K,) as if no day differed from another."""
-        mean, precision = data_sheet(self.model), np.diag([c.constant**-2.0 for c in self._followed])
+        mean, precision = self._sheet, np.diag([c.constant**-2.0 for c in self._followed])
         information = np.sum([e.information.sum(axis=0) for e in each], axis=0) + precision
         pull = np.sum([e.pull.sum(axis=0) for e in each], axis=0) + precision @ mean
         return np.asarray(np.linalg.solve(information, pull))
@@ -114,12 +119,11 @@ class _Learning:
     @property
     def told(self) -> Fleet:
         """Everything."""
-        usual = learnt(self._levels, self._before)
-        altered = self._altered(usual)
+        usual, days = learnt(self._levels, self._before)
+        altered = self._altered(usual, days)
         for _ in range(1, ROUNDS):
-            usual = learnt(self._levels.chosen(self._in_order(altered)), self._before, usual)
-            altered = self._altered(usual)
-        days = each_day(self._levels, usual.within)
+            usual, days = learnt(self._levels, self._before, usual, self._in_order(altered))
+            altered = self._altered(usual, days)
         told = {
             name: MachineTold(self._course(days, usual, k, altered[k]), tuple(altered[k]))
             for k, name in enumerate(self.recordings)
@@ -131,9 +135,8 @@ class _Learning:
     def _own(self, k: int) -> NDArray[np.intp]:
         return np.flatnonzero(self._levels.machine == k)
 
-    def _altered(self, usual: Usual) -> list[list[Altered]]:
+    def _altered(self, usual: Usual, days: Belonging) -> list[list[Altered]]:
         """The changes of every machine."""
-        days = each_day(self._levels, usual.within)
         steady = loosened(days.information, days.pull, usual.days**2)
         found = culprits(self.model.machine, self._known, usual.days * self._unit)
         scaled = [c._replace(directions=c.directions / self._unit[:, None]) for c in found]

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from cylforce.signals.estimate import Array
 
+AT_ONCE = 128  # pieces of knowledge: their matrices fit the processor's cache
+
 
 class Belonging(NamedTuple):
     """N pieces of knowledge, each of a thing of its own, which belongs to `group` (N,) 0..G-1."""
@@ -27,21 +29,30 @@ class Belonging(NamedTuple):
 
     def summed(self) -> tuple[Array, Array]:
         """All that each group knows, as if its things were one: (G, K, K) and (G, K)."""
+        sorted_by_group = bool(np.all(np.diff(self.group) >= 0))
+        order = slice(None) if sorted_by_group else np.argsort(self.group, kind="stable")
+        present, begins = np.unique(self.group[order], return_index=True)
         size = self.pull.shape[-1]
         information, pull = np.zeros((self.groups, size, size)), np.zeros((self.groups, size))
-        np.add.at(information, self.group, self.information)
-        np.add.at(pull, self.group, self.pull)
+        if len(present):
+            information[present] = np.add.reduceat(self.information[order], begins)
+            pull[present] = np.add.reduceat(self.pull[order], begins)
         return information, pull
 
 
 def loosened(information: Array, pull: Array, variance: Array) -> tuple[Array, Array]:
     """The same knowledge of a thing that differs from the known one by N(0, diag(variance)):
-    (S^-1 + V)^-1 = S - S r (1 + r S r)^-1 r S with r = sqrt(V), information S that need not be regular."""
+    (S^-1 + V)^-1 = r^-1 (1 - (1 + r S r)^-1) r^-1 with r = sqrt(V), information S that need not be regular. No variance
+    may be 0."""
     r = np.sqrt(variance)
-    inner = information * r[:, None] * r + np.eye(len(r))
-    wide = np.concatenate([information, pull[..., None]], axis=-1) * r[:, None]
-    told = (information * r) @ np.linalg.solve(inner, wide)
-    return np.asarray(information - told[..., :-1]), np.asarray(pull - told[..., -1])
+    scale, one = np.outer(r, r), np.eye(len(r))
+    told, force = np.empty_like(information), np.empty_like(pull)
+    for begin in range(0, len(pull), AT_ONCE):
+        some = slice(begin, begin + AT_ONCE)
+        less = np.linalg.inv(information[some] * scale + one)
+        told[some] = (one - less) / scale
+        force[some] = (less @ (r * pull[some])[..., None])[..., 0] / r
+    return told, force
 
 
 def solved(information: Array, pull: Array) -> tuple[Array, Array]:

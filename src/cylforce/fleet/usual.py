@@ -3,7 +3,9 @@ within a day.
 
 A quantity of a machine is m + b, on a day m + b + d, in a minute of it m + b + d + w, with b, d and w normal of
 variances that are to be found for each quantity: by expectation maximisation (Dempster, Laird, Rubin 1977), level by
-level, from the innermost on. What is stated beforehand counts as much as PRIOR_COUNT things that were seen."""
+level, from the innermost on. What is stated beforehand counts as much as PRIOR_COUNT things that were seen. With it the
+rounds are those of MacKay (1992), which lead to the same variances in a third of the time; without it they could run
+to zero."""
 
 from typing import NamedTuple
 
@@ -14,7 +16,7 @@ from cylforce.fleet.gaussians import Belonging, loosened, solved
 from cylforce.signals.estimate import Array
 
 PRIOR_COUNT = 4.0  # things seen, to which the stated spread amounts; chosen: three machines change it, one hardly does
-ROUNDS = 40  # at most, of expectation maximisation
+ROUNDS = 40  # at most
 FEWEST = 3  # machines, up to which their spread is the stated one
 SETTLED = 0.01  # relative change of a standard deviation, below which it ends
 MOST = 320  # things of a level from which its spread is told, evenly taken: then it is known to some four per cent
@@ -55,22 +57,23 @@ def stated(mean: Array, constant: Array, daily: Array) -> Usual:
     return Usual(mean, constant, daily, WITHIN * daily)
 
 
-def learnt(levels: Levels, before: Usual, start: Usual | None = None) -> Usual:
-    """The usual spread, from the stated one `before`; `start`: what it was before some recordings were left out."""
+def learnt(
+    levels: Levels, before: Usual, start: Usual | None = None, in_order: NDArray[np.intp] | None = None
+) -> tuple[Usual, Belonging]:
+    """The usual spread, from the stated one `before`, and what each recording (N,) tells of its day with it, which
+    belong to machines. `in_order`: numbers of the recordings that tell the spread, by default all; `start`: what it was
+    before the others were left out."""
     start = start or before
     flat = (before.mean, before.between)
-    within = _spread(levels.parts, flat, before.within, start.within)
-    days = each_day(levels, within)
+    few = levels if in_order is None else levels.chosen(in_order)
+    within = _spread(few.parts, flat, before.within, start.within)
+    every_day = Belonging(*_loosened(levels.parts, within).summed(), levels.machine)
+    days = every_day if in_order is None else every_day.chosen(in_order)._replace(group=few.machine)
     daily = _spread(days, flat, before.days, start.days)
     machines = Belonging(*_loosened(days, daily).summed(), np.zeros(days.groups, dtype=np.intp))
     between = _spread(machines, (before.mean, 10.0 * before.between), None, start.between)
     mean = _mean(machines, between, before)
-    return Usual(mean, between, daily, within, days.groups, len(days.group), len(levels.parts.group))
-
-
-def each_day(levels: Levels, within: Array) -> Belonging:
-    """What each recording tells of its day, (N,) in all, which belong to machines."""
-    return Belonging(*_loosened(levels.parts, within).summed(), levels.machine)
+    return Usual(mean, between, daily, within, days.groups, len(days.group), len(few.parts.group)), every_day
 
 
 def _loosened(each: Belonging, spread: Array) -> Belonging:
@@ -92,10 +95,14 @@ def _spread(each: Belonging, flat: tuple[Array, Array], before: Array | None, st
     count = float(len(few.group))
     if few.groups == count or (before is None and count <= FEWEST):
         return start
-    known, counted = (0.0, count) if before is None else (PRIOR_COUNT * before**2, PRIOR_COUNT + count)
     variance = start**2
     for _ in range(ROUNDS):
-        found = (known + np.sum(_squares(few, flat, variance), axis=0)) / counted
+        middle, left = _deviations(few, flat, variance)
+        if before is None:
+            found = np.sum(middle**2 + left, axis=0) / count
+        else:
+            seen = np.sum(1.0 - left / variance, axis=0)  # so many of the deviations, as far as they are known
+            found = (PRIOR_COUNT * before**2 + np.sum(middle**2, axis=0)) / (PRIOR_COUNT + seen)
         settled = np.max(np.abs(np.log(found / variance))) < 2.0 * SETTLED
         variance = found
         if settled:
@@ -111,18 +118,16 @@ def _evenly(each: Belonging) -> Belonging:
     return few._replace(group=np.unique(few.group, return_inverse=True)[1])
 
 
-def _squares(each: Belonging, flat: tuple[Array, Array], variance: Array) -> Array:
-    """Expected squares (N, K) of the deviation of each thing from what its group has in common."""
+def _deviations(each: Belonging, flat: tuple[Array, Array], variance: Array) -> tuple[Array, Array]:
+    """Means and variances (N, K) of the deviation d of each thing from what its group has in common, c. With
+    information L and pull l about c, d = V (l - L c), leaving V - V L V of its variance V; c itself is known to the
+    covariance C by all."""
     mean, spread = flat
-    own, own_pull = loosened(each.information, each.pull, variance)
-    information, pull = Belonging(own, own_pull, each.group).summed()
+    information, pull = loosened(each.information, each.pull, variance)
+    common, common_pull = Belonging(information, pull, each.group).summed()
     known = np.diag(spread**-2.0)
-    others = information[each.group] + known - own  # of what is common, by all but the thing itself
-    centre, _ = solved(others, pull[each.group] + known @ mean - own_pull)
-    away = each.pull - (each.information @ centre[..., None])[..., 0]
-    # (S^-1 + P)^-1 = S - S (S + P^-1)^-1 S
-    both = np.concatenate([each.information, away[..., None]], axis=-1)
-    less = each.information @ np.linalg.solve(each.information + others, both)
-    told, force = each.information - less[..., :-1], away - less[..., -1]
-    middle, left = solved(told + np.diag(1.0 / variance), force)
-    return np.asarray(middle**2 + np.einsum("nkk->nk", left))
+    centre, covariance = solved(common + known, common_pull + known @ mean)
+    middle = variance * (pull - (information @ centre[each.group][..., None])[..., 0])
+    by_centre = np.sum((information @ covariance[each.group]) * information, axis=-1)
+    left = variance - variance**2 * (np.einsum("nkk->nk", information) - by_centre)
+    return middle, np.asarray(left)

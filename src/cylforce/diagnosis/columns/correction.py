@@ -36,15 +36,26 @@ class Applied(NamedTuple):
 
 def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied]) -> Problem:
     """The problem with the applied effects taken out of its faulty recordings."""
-    model, effects = viewer.model, [a.imposed for a in sorted(applied, key=lambda a: a.clock)]
-    other = Viewer(replace(model, machine=altered(model.machine, effects)), viewer.tares)
     faulty = []
     for seen in problem.faulty:
-        values = seen.recorded.values
-        t = seen.recorded.begins + np.arange(len(values)) / model.filters.rate_hz
-        found = seen.recorded._replace(values=undistorted(model.machine, effects, values, t))
+        other, found = _without(seen.recorded, viewer, applied)
         faulty.append(Seen(found, _renewed(problem, other, seen.rows, found, applied)))
     return replace(problem, faulty=tuple(faulty), base=problem.riding)
+
+
+def left_without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied]) -> Array:
+    """What is left (T', R) of a recording, its known load taken off, with some effects taken out."""
+    other, found = _without(recorded, viewer, applied)
+    rows = other.rows(found, ())
+    return np.asarray(rows.left - (rows.base @ other.model.load)[..., 0] * recorded.load)
+
+
+def _without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied]) -> tuple[Viewer, Recorded]:
+    """The altered machine and the corrected readings."""
+    model, effects = viewer.model, [a.imposed for a in sorted(applied, key=lambda a: a.clock)]
+    other = Viewer(replace(model, machine=altered(model.machine, effects)), viewer.tares)
+    t = recorded.begins + np.arange(len(recorded.values)) / model.filters.rate_hz
+    return other, recorded._replace(values=undistorted(model.machine, effects, recorded.values, t))
 
 
 def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded, applied: Sequence[Applied]) -> GapRows:

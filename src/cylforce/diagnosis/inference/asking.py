@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.diagnosis.columns.correction import Applied, left_without
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen, looked_at
+from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
 from cylforce.diagnosis.columns.statistics import White, crossed, statistics, white
-from cylforce.diagnosis.columns.whitening import Floor
+from cylforce.diagnosis.columns.whitening import Floor, whitened
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.sizes import Column, Terms
@@ -145,7 +147,8 @@ class Asking:
         not what limits the floor, as on a slow machine with better sensors than its file says."""
         if not self.problem.clean:
             return self
-        nothing = Noisy(*(tuple(np.zeros_like(each) for each in group) for group in self.noisy))
+        clean, faulty = (tuple(np.zeros_like(each) for each in group) for group in self.noisy[:2])
+        nothing = Noisy(clean, faulty)
         plain, own = replace(self, noisy=nothing), self.references
         plain.__dict__["references"] = tuple(replace(s, crossed=np.zeros_like(s.crossed)) for s in own)
         corrected, least = (asking.machine({}).left for asking in (self, plain))
@@ -155,6 +158,19 @@ class Asking:
         """The machine as its references show it; a step is the field's alone."""
         plain = replace(self, step=None) if self.step else self
         return InOrder(plain.scene, plain.references, everyday, len(self.floor.rms))
+
+    def noise_without(self, applied: Sequence[Applied]) -> Array:
+        """Energy of the sensors' noise in what is left (R,), per row in units of the floor's white noise, with some
+        effects taken out of the readings; zeros where it is not known."""
+        energy, count = np.zeros(len(self.floor.rms)), np.zeros(len(self.floor.rms))
+        for pair in zip(self.noisy.plain, self.noisy.twins, strict=True):
+            plain, twin = (left_without(each, self.viewer, applied) for each in pair)
+            added = twin - plain
+            for r in range(added.shape[1]):
+                noise = whitened(added[:, r : r + 1], self.floor.memory[r]) / self.floor.white[r]
+                energy[r] += np.nansum(noise**2)
+                count[r] += np.count_nonzero(np.isfinite(noise))
+        return energy / np.maximum(count, 1.0)
 
     @cached_property
     def references(self) -> tuple[Sums, ...]:
@@ -182,10 +198,13 @@ def _padded(noise: Array, size: int) -> Array:
 
 
 class Noisy(NamedTuple):
-    """Of every recording, clean and faulty, the noise that its columns share with what is left (R, N+1)."""
+    """Of every recording, clean and faulty, the noise that its columns share with what is left (R, N+1); the beginnings
+    of the faulty ones, `plain`, and the same with the sensors' noise once more, `twins`."""
 
     clean: tuple[Array, ...]
     faulty: tuple[Array, ...]
+    plain: tuple[Recorded, ...] = ()
+    twins: tuple[Recorded, ...] = ()
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
@@ -212,4 +231,5 @@ def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generat
     for group, others in ((problem.clean, twin.clean), (problem.faulty, twin.faulty)):
         pairs = [(problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True)]
         found.append(tuple(crossed(a[: len(b)], b, floor, own) for a, b in pairs))
-    return Noisy(*found)
+    begun = tuple(seen.recorded._replace(values=seen.recorded.values[:steps]) for seen in problem.faulty)
+    return Noisy(found[0], found[1], begun, tuple(seen.recorded for seen in twin.faulty))

@@ -3,7 +3,7 @@ not linear."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -57,7 +57,13 @@ class AtSizes:
         problem = without(self.question.problem, self.question.viewer, [a for _, a in applied])
         unit = {p: case.scene.spread[list(case.scene.forms[p].columns)] for p, _ in applied}
         taken = {p: a.sizes / unit[p] for p, a in applied}
-        return problem, replace(self.put(problem, kept), taken=taken, told=case.told, apart=apart)
+        put = self.put(problem, kept)
+        noise = self._noise - self.question.noise_without([a for _, a in applied])
+        return problem, replace(put, sums=put.sums.with_noise(noise), taken=taken, told=case.told, apart=apart)
+
+    @cached_property
+    def _noise(self) -> Array:
+        return self.question.noise_without(())
 
     def _applied(self, h: Hypothesis, case: Inference) -> list[tuple[int, Applied]]:
         """What of a hypothesis bends, with its sizes."""

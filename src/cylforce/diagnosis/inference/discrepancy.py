@@ -2,7 +2,7 @@
 scale that are likeliest, and what may happen at single moments."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -62,6 +62,15 @@ class Sums:
         white = 1.0 - self.blocks * np.sum(share, axis=1) / np.maximum(self.rows, 1.0)
         theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
         return np.asarray((white / np.maximum(noise.v**2, theirs)) @ self.crossed[:, :-1])
+
+    def with_noise(self, lost: Array) -> "Sums":
+        """The same with the energy of the sensors' noise (R,) per row that a correction of the readings took away:
+        recordings with less noise are not by that more probable. No more of it than there is noise at all."""
+        theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
+        share = np.minimum(1.0, 1.0 / np.maximum(theirs, 1e-300))
+        whole = self.whole.copy()
+        whole[:, -1, -1] += self.rows * share * lost
+        return replace(self, whole=whole)
 
     def norm(self, noise: Scatter) -> float:
         """What of the logarithm of the likelihood depends on noise alone."""

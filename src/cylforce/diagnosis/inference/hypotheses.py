@@ -121,8 +121,6 @@ class Inference:
         covariance = half.T @ half
         fitted = covariance @ score
         log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root))))
-        for p, sizes in self.taken.items():  # what is taken out took its noise with it
-            log -= float(common[list(self.scene.forms[p].columns)] @ sizes)
         return Marginal(known, covariance, fitted, score - known @ fitted, log - cost + self.sums.norm(noise))
 
     def _own(self, which: tuple[int, ...]) -> list[int]:

@@ -13,7 +13,7 @@ from cylforce.programs.common.progress import Watch
 from cylforce.programs.fleet.kept import KeptResults
 from cylforce.programs.fleet.store import ANSWER_S, Stored, stored_path, within
 from cylforce.programs.fleet.task import CHANGED, FAILED, Job, Summary, key_of, loaded_of, summarised
-from cylforce.programs.fleet.workers import RETRIES, Say, Where, computed
+from cylforce.programs.fleet.workers import Say, Where, computed
 from cylforce.settings.error import SettingsError
 from cylforce.settings.machine_file import Loaded
 
@@ -155,10 +155,7 @@ def _text(address: str) -> str:
 
 def _ended(error: BaseException) -> str:
     if type(error).__name__ == "KilledWorker":
-        return (
-            f"its worker ended {RETRIES + 1} times, probably for want of memory: split the file, or give workers more "
-            "memory"
-        )
+        return "its worker ended each time, probably for want of memory: split the file, or give workers more memory"
     return f"could not be computed: {type(error).__name__}: {str(error)[:200]}"
 
 

@@ -28,23 +28,21 @@ def write_rows(path: Path, rows: Rows) -> None:
 
 
 def _column(pa: Any, values: list[Any]) -> Any:  # noqa: ANN401 - pyarrow has no types
-    kinds = {type(value) for value in values if value is not None}
+    kinds = set(map(type, values)) - {type(None)}
     if kinds <= {float, int} and kinds:
-        return pa.array([None if v is None or not np.isfinite(v) else float(v) for v in values], pa.float64())
+        numbers = np.array(values, dtype=np.float64)  # None becomes NaN
+        return pa.array(numbers, mask=np.logical_not(np.isfinite(numbers)))
     if list in kinds:
         texts = any(isinstance(x, str) for v in values if v for x in v)
         return pa.array(values, pa.list_(pa.string() if texts else pa.float64()))
     return pa.array(values, pa.string())
 
 
-def course_columns(quantities: Sequence[Coordinate], course: Course, k: int) -> dict[str, Any]:
-    """What the course says of recording k: of each quantity its value by this recording (`own:`), with the machine's
+def course_rows(quantities: Sequence[Coordinate], course: Course) -> list[dict[str, Any]]:
+    """What the course says of each recording: of each quantity its value by this recording (`own:`), with the machine's
     earlier ones as prior (`value:`), each with its standard error, and what the earlier ones alone let expect."""
-    found: dict[str, Any] = {"gap_past": float(course.from_past[k]), "gap_type": float(course.from_type[k])}
-    for i, c in enumerate(quantities):
-        found[f"value:{c.name}"] = float(course.value[k, i])
-        found[f"error:{c.name}"] = float(course.error[k, i])
-        found[f"own:{c.name}"] = float(course.own[k, i])
-        found[f"own_error:{c.name}"] = float(course.own_error[k, i])
-        found[f"expected:{c.name}"] = float(course.expected[k, i])
-    return found
+    ways = ("value", "error", "own", "own_error", "expected")
+    names = ["gap_past", "gap_type", *(f"{way}:{c.name}" for c in quantities for way in ways)]
+    values = np.stack([getattr(course, way) for way in ways], axis=-1).reshape(len(course.own), -1)
+    table = np.column_stack([course.from_past, course.from_type, values])
+    return [dict(zip(names, line, strict=True)) for line in table.tolist()]

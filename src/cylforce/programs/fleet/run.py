@@ -15,7 +15,7 @@ from cylforce.programs.fleet.booking import bookings
 from cylforce.programs.fleet.gathering import FleetReading, Gathered
 from cylforce.programs.fleet.kept import KeptResults
 from cylforce.programs.fleet.result import FleetChange, FleetResult
-from cylforce.programs.fleet.rows import course_columns, write_rows
+from cylforce.programs.fleet.rows import course_rows, write_rows
 from cylforce.programs.fleet.store import found_in, namesakes
 from cylforce.programs.fleet.task import FAILED, WORK, Booked
 from cylforce.programs.fleet.words import told
@@ -128,16 +128,12 @@ def _day(row: Mapping[str, Any]) -> str:
 def _add_course(rows: dict[str, dict[str, Any]], kind: OfType, name: str, ordered: Ordered) -> None:
     course = kind.told(name).course
     joints = [kind.model.machine.links[j].name for j in kind.model.machine.rows]
-    for k, each in enumerate(_latest(ordered, len(course.own))):
-        row = rows[each.stored.address]
-        row |= course_columns(kind.fleet.quantities, course, k)
-        ways = {
-            "left_nm": course.own[k],
-            "past_nm": course.expected[k],
-            "type_nm": kind.fleet.usual.mean[: len(kind.fleet.quantities)],
-        }
-        for what, values in ways.items():
-            row |= {f"{what}:{joint}": float(x) for joint, x in zip(joints, each.evidence.left(values), strict=True)}
+    latest, said = _latest(ordered, len(course.own)), course_rows(kind.fleet.quantities, course)
+    usual = kind.fleet.usual.mean[: len(kind.fleet.quantities)]
+    names = [f"{what}:{joint}" for joint in joints for what in ("left_nm", "past_nm", "type_nm")]
+    for own, expected, each, columns in zip(course.own, course.expected, latest, said, strict=True):
+        left = each.evidence.left(np.array([own, expected, usual]))
+        rows[each.stored.address] |= columns | dict(zip(names, left.ravel().tolist(), strict=True))
 
 
 def show_fleet(result: FleetResult, wanted: Wanted, console: Console) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cylforce.commissioning.identification import identify
 from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.estimation.model import BetweenStrokes, Tares
+from cylforce.estimation.model import Tares
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logreader import with_ticks
 from cylforce.files.recording import Events, open_pieces, sensor_frames
@@ -171,21 +171,8 @@ def _nothing(estimate: object) -> None:
 
 def tares_key(tares: Tares) -> str:
     """A hash of parameters."""
-    return hashlib.sha256(packed_tares(tares).encode()).hexdigest()
-
-
-def packed_tares(tares: Tares) -> str:
-    """Parameters as JSON, to the last digit."""
     said = tares._asdict() | {name: getattr(tares, name).tolist() for name in ("values", "covariance", "row_error")}
-    return json.dumps(said | {"between_strokes": list(tares.between_strokes)})
-
-
-def unpacked_tares(text: str) -> Tares:
-    """Parameters from `packed_tares`."""
-    said = json.loads(text)
-    arrays = {name: np.array(said[name]) for name in ("values", "covariance", "row_error")}
-    rest = {"friction": tuple(said["friction"]), "names": tuple(said["names"])}
-    return Tares(**said | arrays | rest | {"between_strokes": BetweenStrokes(*said["between_strokes"])})
+    return hashlib.sha256(json.dumps(said).encode()).hexdigest()
 
 
 def on_worker() -> tuple[str, int]:

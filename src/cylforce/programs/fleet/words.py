@@ -61,4 +61,5 @@ def told(altered: Altered, date: str, before: str) -> str:
     if altered.shape is Shape.DAY:
         return f"on {date} alone: {what}: another load, tool or place? ({sure}{also})"
     since = f"growing since {before or date}" if altered.shape is Shape.SLOPE else f"since {date}"
+    since += ", or growing" if altered.may_grow else ""
     return f"{what} {since}: {HINTS[altered.name]} ({sure}{also})"

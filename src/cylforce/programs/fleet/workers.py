@@ -13,6 +13,7 @@ from cylforce.programs.fleet.task import on_worker
 MEMORY = "800MB"  # of a local worker; beyond it Dask ends it, and a new one goes on
 RETRIES = 2  # of a task whose worker ended, after which its recording is a row with that reason
 CONNECT_S = 15.0  # in which a scheduler must answer
+RESTART_S = 600.0  # in which a worker that ended must be there again; chosen: several ends one after the other
 AHEAD = 8  # tasks given to each worker: so many results at most are lost when this program is killed
 FEW = 2  # tasks, up to which no process is started for them
 
@@ -45,8 +46,10 @@ def computed(
 
 def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: tuple[Any, ...], take: Take) -> None:  # noqa: ANN401 - Dask has no types
     from distributed import as_completed
+    from distributed.scheduler import KilledWorker
 
-    shared = client.scatter(list(common), broadcast=True) if common else []
+    # Results of tasks, not scattered: what is lost with a worker that ends is made again.
+    shared = [client.submit(_same, each, pure=False) for each in common]
     waiting, job_of = iter(jobs), {}
 
     def submit(job: Any) -> Any:  # noqa: ANN401
@@ -54,16 +57,33 @@ def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: 
         job_of[future.key] = job
         return future
 
+    ended = []  # with their worker, which may have been another task's fault
     ahead = AHEAD * max(len(client.scheduler_info()["workers"]), 1)
     running = as_completed([submit(job) for job in islice(waiting, ahead)])
     for future in running:
-        job = job_of.pop(future.key)
-        error = future.exception() if future.status == "error" else None
-        take(job, future.result() if error is None else error)
+        job, came = job_of.pop(future.key), _outcome(future)
+        if isinstance(came, KilledWorker):
+            ended.append(job)
+        else:
+            take(job, came)
         future.release()
         following = next(waiting, None)
         if following is not None:
             running.add(submit(following))
+    for job in ended:
+        take(job, _outcome(submit(job)))
+
+
+def _same(value: Any) -> Any:  # noqa: ANN401
+    return value
+
+
+def _outcome(future: Any) -> Any:  # noqa: ANN401 - Dask has no types
+    """What came out, or the exception."""
+    try:
+        return future.result()
+    except Exception as error:  # noqa: BLE001 - whatever ended one task must not end the others
+        return error
 
 
 @contextmanager
@@ -74,6 +94,7 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
     settings = {
         "distributed.scheduler.allowed-failures": RETRIES,
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
+        "distributed.deploy.lost-worker-timeout": f"{RESTART_S:g}s",
     }
     with dask.config.set(settings):
         if where.scheduler is not None:
