@@ -4,8 +4,13 @@ wheel holds the interpreted kernel only.
 The files of `src/cylforce/estimation/kernel` are put one after the other and the words of `restricted.py` become those
 of Cython. No contraction of products and sums, no library but C's own: the same bits as interpreted.
 
-    python hatch_build.py     # compiles it into the source"""
+    python hatch_build.py     # compiles it into the source
 
+With `CYLFORCE_TARGET=TRIPLE:FOLDER` in the environment it is compiled for another processor by TRIPLE-gcc, with the
+headers of that processor's Python below FOLDER (`tools/cross`)."""
+
+import ast
+import os
 import re
 import subprocess
 import sys
@@ -14,12 +19,13 @@ import zlib
 from pathlib import Path
 from shutil import copy
 from tempfile import TemporaryDirectory, mkdtemp
-from typing import Any
+from typing import Any, NamedTuple
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 KERNEL = Path("src/cylforce/estimation/kernel")
 PARTS = (
+    "inputs.py",
     "plan.py",
     "bodies.py",
     "columns.py",
@@ -27,43 +33,107 @@ PARTS = (
     "solver.py",
     "weighed.py",
     "pushed.py",
+    "recognised.py",
+    "followed.py",
 )  # as in `kernel/choice.py`
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 # cython: infer_types=True
 cimport cython
+from cpython.buffer cimport PyBUF_FORMAT, PyBuffer_Release, PyObject_GetBuffer
+
+cdef void* place(object of, char kind, char same) except NULL:
+    cdef Py_buffer view
+    PyObject_GetBuffer(of, &view, PyBUF_FORMAT)
+    found = view.buf if view.itemsize == 8 and (view.format[0] == kind or view.format[0] == same) else NULL
+    PyBuffer_Release(&view)
+    if found == NULL:
+        raise TypeError("the kernel takes arrays of 64-bit numbers, or of 64-bit integers")
+    return found
+
+cdef inline double* as_numbers(object of) except NULL:
+    return <double*>place(of, c"d", c"d")
+
+cdef inline long long* as_counts(object of) except NULL:
+    return <long long*>place(of, c"q", c"l")
 """
 WORDS = {
     r"^from math import (.*)$": r"from libc.math cimport \1",
     r"^from (?:cylforce|typing)[\w.]* import (?:\([^)]*\)|.*)$": "",
     r"^(\w+): Count = ": r"cdef Py_ssize_t \1 = ",
     r"^(\w+): Number = ": r"cdef double \1 = ",
+    r": Sequence\[\w+\]": ": object",
     r"^@record$": "@cython.cclass",
+    r"^def (\w+)(\([^()]*\)) -> ": r"@inner\ndef in_c_\1\2 -> ",
+    r"^@inner\n@inner\ndef in_c_": r"@inner\ndef ",
     r"^@inner\ndef (\w+\([^()]*\)) -> None:": r"@inner\ndef \1 -> cython.void:",
     r"^@inner$": "@cython.cfunc\n@cython.exceptval(check=False)",
-    r"\bNumbers\b(?!`)": "cython.double[::1]",
-    r"\bCounts\b(?!`)": "cython.longlong[::1]",
+    r"\bNumbers\b(?!`)": "cython.p_double",
+    r"\bCounts\b(?!`)": "cython.p_longlong",
     r"\bNumber\b(?!`)": "cython.double",
     r"\bCount\b(?!`)": "cython.Py_ssize_t",
 }
 
 
+def gates(text: str) -> str:
+    """Of each function that the service calls the form that Python calls, which gives that of C the places of the
+    arrays' numbers: a view of each array would take longer than the arithmetic."""
+    found = []
+    for line in ast.parse(text).body:
+        if isinstance(line, ast.FunctionDef) and not line.decorator_list:
+            given = [(each.arg, ast.unparse(each.annotation or ast.Constant(None))) for each in line.args.args]
+            head = ", ".join(f"{kind} {name}" if kind.startswith("Kernel") else name for name, kind in given)
+            call = ", ".join(PASSED.get(kind, "{}").format(name) for name, kind in given)
+            result = "" if ast.unparse(line.returns or ast.Constant(None)) == "None" else "return "
+            found.append(f"def {line.name}({head}):\n    {result}in_c_{line.name}({call})\n")
+    return "\n\n".join(found)
+
+
+PASSED = {"Numbers": "as_numbers({})", "Counts": "as_counts({})"}
+
+
 def source(folder: Path) -> str:
     """The kernel as Cython reads it."""
     text = "\n\n".join((folder / name).read_text(encoding="utf-8") for name in PARTS)
+    python = gates(text)
     for word, meaning in WORDS.items():
         text = re.sub(word, meaning, text, flags=re.MULTILINE)
     checksum = zlib.crc32(b"".join((folder / name).read_bytes() for name in PARTS))
-    return f"{HEAD}\nTEXT = {checksum}\n{text}"
+    return f"{HEAD}\nTEXT = {checksum}\n{text}\n\n{python}"
+
+
+class Target(NamedTuple):
+    """What the kernel is compiled for: the compiler, folders of headers, the end of an extension's name, the wheel's
+    tag (empty: that of this computer)."""
+
+    compiler: list[str]
+    include: list[str]
+    suffix: str
+    tag: str = ""
+
+
+def target() -> Target:
+    """The Python that runs, or that which `CYLFORCE_TARGET` names."""
+    triple, _, folder = os.environ.get("CYLFORCE_TARGET", "").partition(":")
+    if not triple:
+        compiler = str(sysconfig.get_config_var("CC") or "cc").split()
+        return Target(compiler, [sysconfig.get_path("include")], str(sysconfig.get_config_var("EXT_SUFFIX")))
+    python, version = (
+        f"python{sys.version_info[0]}.{sys.version_info[1]}",
+        f"{sys.version_info[0]}{sys.version_info[1]}",
+    )
+    include = [f"{folder}/usr/include/{python}", f"{folder}/usr/include"]
+    tag = f"cp{version}-cp{version}-linux_{triple.partition('-')[0]}"
+    return Target([f"{triple}-gcc"], include, f".cpython-{version}-{triple}.so", tag)
 
 
 def compile_kernel(root: Path, into: Path) -> Path:
     """Compile the kernel into a folder. Raises OSError or CalledProcessError where it cannot be compiled."""
+    compiler, include, suffix, _ = target()
     with TemporaryDirectory() as name:
         (Path(name) / "compiled.pyx").write_text(source(root / KERNEL), encoding="utf-8")
-        built = f"compiled{sysconfig.get_config_var('EXT_SUFFIX')}"
+        built = f"compiled{suffix}"
         cython = [sys.executable, "-m", "cython", "--module-name", "cylforce.estimation.kernel.compiled"]
-        compiler = str(sysconfig.get_config_var("CC") or "cc").split()
-        options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", f"-I{sysconfig.get_path('include')}"]
+        options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", *(f"-I{folder}" for folder in include)]
         # names without folders: they stand in the result, which is to be the same wherever it is built
         for command in ([*cython, "compiled.pyx"], [*compiler, *options, "compiled.c", "-lm", "-o", built]):
             subprocess.run(command, check=True, cwd=name)
@@ -84,7 +154,9 @@ class KernelHook(BuildHookInterface):
         except (OSError, subprocess.CalledProcessError) as error:
             self.app.display_warning(f"the kernel is not compiled, the interpreted one will run: {error}")
             return
-        build_data["pure_python"], build_data["infer_tag"] = False, True
+        build_data["pure_python"], build_data["infer_tag"] = False, not target().tag
+        if target().tag:
+            build_data["tag"] = target().tag
         if version != "editable":
             build_data["force_include"][str(built)] = f"cylforce/estimation/kernel/{built.name}"
 

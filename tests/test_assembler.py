@@ -18,13 +18,15 @@ AT = [s.name for s in SERVICE.machine.signals].index("stick_angle")
 
 def reason(turn, seconds):
     """What is wrong with an angle that is `turn` [rad] off its last after so long a time."""
-    assembler, still = Assembler(SERVICE), (False,) * len(SERVICE.machine.signals)
+    assembler = Assembler(SERVICE)
     inputs = assembler.begin()
     for k in range(21):
         later = seconds if k == 20 else 0.01
         angle = radians(-90.0) + (turn if k == 20 else 0.0)
         t_us = 1_000_000 + round(1e6 * (0.01 * (min(k, 19)) + later * (k == 20)))
-        inputs = assembler.receive(inputs, Frame(t_us, PDO.can_id, encode(PDO, {"stick_angle": angle})), still)
+        inputs = assembler.receive(
+            inputs, Frame(t_us, PDO.can_id, encode(PDO, {"stick_angle": angle})), assembler.still
+        )
     return inputs.channels[AT].reason
 
 
@@ -39,11 +41,11 @@ def test_an_angle_may_turn_by_three_radians_a_second_and_its_own_noise(sign, sec
 
 def course(angles):
     """The assembler after an angle's values [rad] at 100 Hz."""
-    assembler, still = Assembler(SERVICE), (False,) * len(SERVICE.machine.signals)
+    assembler = Assembler(SERVICE)
     inputs, reasons = assembler.begin(), []
     for k, angle in enumerate(angles):
         frame = Frame(1_000_000 + 10_000 * k, PDO.can_id, encode(PDO, {"stick_angle": angle}))
-        inputs = assembler.receive(inputs, frame, still)
+        inputs = assembler.receive(inputs, frame, assembler.still)
         reasons.append(inputs.channels[AT].reason)
     return reasons, assembler.leapt(inputs)
 

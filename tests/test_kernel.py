@@ -13,9 +13,11 @@ from cylforce.estimation.filters import mean, slope
 from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.solving import room, solver
 from cylforce.estimation.model import FRICTION, Model
-from cylforce.estimation.recursive import Root, solution, update
-from cylforce.estimation.regressor import FilteredRegressor, Regressor
+from cylforce.estimation.recursive import Root, forget, solution, update
+from cylforce.estimation.regressor import FilteredRegressor, Regressor, Rows
 from cylforce.mechanics.linkages import FourBar
+from cylforce.service.adaptation import Adapter
+from cylforce.service.loading.lift import kept
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
@@ -198,9 +200,10 @@ def test_an_instant_is_taken_in_as_by_least_squares(kernel):
     own, columns, drifting = rng.normal(size=(3, size)), rng.normal(size=(3, 4)), rng.normal(size=(3, drifts))
     torque, variance, used = rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.array([True, False, True])
     gram = rng.normal(size=(4, size + drifts))
-    work, new = room(24), room(40 + gram.size)
+    work, nothing = room(24), np.zeros(4)
+    new = kept(root, nothing, np.zeros((4, 4)), gram)
     np.frombuffer(work)[:] = np.concatenate([columns.ravel(), torque, variance, used, np.zeros(3)])
-    kernel.take(made, own.ravel(), work, drifting.ravel(), root.factor.ravel(), root.right, gram.ravel(), new)
+    kernel.take(made, own.ravel(), work, drifting.ravel(), new)
     found, wanted = np.frombuffer(new), update(root, columns[used], torque[used], variance[used])
     factor = found[:16].reshape(4, 4)
     np.testing.assert_allclose(factor.T @ factor, wanted.factor.T @ wanted.factor, rtol=1e-12, atol=1e-12)
@@ -221,9 +224,10 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     columns, torque = rng.normal(size=(3, all_columns)), 10.0 * rng.normal(size=3)
     drift = rng.normal(size=len(model.changing))
     unrest = np.concatenate([np.eye(3).ravel(), np.zeros(cylinders), rng.uniform(1.0, 2.0, 3)])
-    new, found, nothing = room(unrest.size), room(30), np.zeros(cylinders)
-    flat = (columns.ravel(), torque, np.zeros(columns.size), nothing, np.ones(9), good.astype(float), np.zeros(4))
-    kernel.push(made, *flat, drift, unrest, new, found)
+    new, found, wrong = room(unrest.size), room(35), rng.normal(size=(3, 2))
+    before, after = np.zeros(columns.size + 3), (np.zeros(columns.size + cylinders), np.ones(9), np.zeros(4))
+    rows = np.concatenate([before, columns.ravel(), torque, *after])
+    kernel.push(made, rows, good.astype(float), np.zeros(4), drift, wrong.ravel(), 2, unrest, new, found)
     own, tool = columns[good, :size], columns[good][:, model.tool]
     left = tares.scale * (torque - columns[:, :size] @ tares.values - columns[:, model.changing] @ drift)
     errors = np.diag(1.0 + unrest[-3:] + (0.01 * left) ** 2)[np.ix_(good, good)]
@@ -233,6 +237,68 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     np.testing.assert_allclose(got[:3], left, rtol=1e-12)
     np.testing.assert_allclose(got[8 - 2 : 8], (spread @ weighted @ left[good])[:2], rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(got[8:12].reshape(2, 2), spread[:2, :2], rtol=1e-8, atol=1e-12)
+    off = got[12:18].reshape(2, 3) @ wrong
+    np.testing.assert_allclose(got[-3:], (off @ off.T)[np.triu_indices(2)], rtol=1e-12)
+    weights = np.linspace(0.0, 1.0, 100_001)[:, None] * (0.0, 1.0)  # up to the heaviest of `NO_LIMITS`
+    costs = np.einsum("ki,ij,kj->k", got[6:8] + weights, np.linalg.inv(spread[:2, :2]), got[6:8] + weights)
+    assert got[-4] <= costs.min() * (1.0 + 1e-9)
+    np.testing.assert_allclose(got[-5], weights[costs.argmin(), 1], atol=1e-4)
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
+    """Information of `recursive.forget` and `update`, drift and covariance by an inverse of it with the prior."""
+    rng = np.random.default_rng(SEED)
+    model, tares, *_ = solving(kernel, rng)
+    adapter = Adapter(model, tares._replace(values=tares.values * (1.0 if limited else 1e3)), kernel=kernel)
+    drift, columns = adapter.begin(), rng.normal(size=(3, len(model.filtered.regressor.names)))
+    columns[:, model.at_rest] = 0.0
+    n, torque, variance = drift.root.right.size, 10.0 * rng.normal(size=3), rng.uniform(1.0, 2.0, 3)
+    root = Root(np.triu(rng.normal(size=(n, n))) + np.diag(np.diag(drift.root.factor)), rng.normal(size=n))
+    before = drift._replace(root=root, waited=4, values=0.1 * rng.normal(size=n - 4))
+    found = adapter.step(before, Rows(columns, torque), torque, variance)
+    rows = np.concatenate([columns[:, : len(model.parameters)] @ model.load, adapter.columns(Rows(columns, torque))], 1)
+    kept_root = forget(root, rows, KEEP)
+    observed = torque + rows[:, 4:] @ before.values
+    wanted = update(kept_root, rows, observed, 60.0 * variance)
+    information = wanted.factor.T @ wanted.factor
+    np.testing.assert_allclose(found.root.factor.T @ found.root.factor, information, rtol=1e-9, atol=1e-9)
+    prior = np.concatenate([np.zeros(4), adapter._spread**-2.0])
+    covariance = np.linalg.inv(information + np.diag(prior))
+    both = covariance @ (wanted.factor.T @ wanted.right)
+    low, high = adapter._limits
+    np.testing.assert_allclose(found.values, np.clip(both[4:], low, high), rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(found.covariance, covariance[4:, 4:], rtol=1e-6, atol=1e-9)
+    assert limited is bool(np.any(np.isin(found.values, [low, high])))
+
+
+KEEP = 1.0 - 5.0 / 3000.0  # five of the steps of half a minute
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_what_a_slipped_angle_adds_is_that_of_gravity_and_levers(kernel, name):
+    """The difference of lever force less gravity, g Re((X + i Z) exp(i q)) of the links beyond, as `mechanics` has
+    them."""
+    rng, by = np.random.default_rng(SEED), 1e-3
+    model = Model(machine_of(name), load(CONFIG / "excavator_20t.toml").service.filters, FRICTION)
+    machine, rows = model.machine, list(model.machine.rows)
+    low, high = (np.array([getattr(k, f"angle_{end}") for k in machine.links]) for end in ("low", "high"))
+    base = rng.normal(size=3) * model.channels.inertial
+    forces, house = 1e5 * rng.normal(size=len(machine.cylinders)), (0.1, 0.05, 0.0)
+    channels = np.concatenate([(low + high) / 2.0, forces, base[: 3 * model.channels.inertial], house])
+    values, turned = rng.normal(size=len(model.parameters)) * 1e3, list(range(machine.size))
+    moments = values[1 : 3 * machine.size : 3] + 1j * values[2 : 3 * machine.size : 3]
+
+    def left(angles):
+        held = machine.gravity * np.cos(0.05) * (moments * np.exp(1j * (np.cumsum(angles) + 0.1))).real
+        return forces @ machine.geometry(angles).lever - held[::-1].cumsum()[::-1]
+
+    unit = by * np.eye(machine.size)
+    wanted = np.array([(left(channels[: machine.size] + each) - left(channels[: machine.size])) / by for each in unit])
+    found = room(len(rows) * machine.size)
+    plan = making.plan(model, kernel.KernelPlan)
+    kernel.slips(plan, channels, values, making.counts(turned), machine.size, by, found)
+    np.testing.assert_allclose(np.reshape(found, (len(rows), -1)), wanted[:, rows].T, rtol=1e-9, atol=1e-3)
 
 
 def test_both_forms_give_the_same_bits(monkeypatch):
@@ -248,7 +314,7 @@ def test_both_forms_give_the_same_bits(monkeypatch):
             state, out = step(core, state, event)
             if isinstance(event, Tick):
                 lift, pipe = state.weighing.lift, state.pipe
-                numbers = (lift.values.tobytes(), lift.covariance.tobytes(), state.interaction.unrest.kept.tobytes())
+                numbers = (lift.kept.tobytes(), state.inputs.kept.tobytes(), state.interaction.unrest.kept.tobytes())
                 found.append((out.frames, numbers, state.recognition.gram.tobytes(), pipe and pipe.kept.tobytes()))
         ways.append(found)
     assert choice.choice().kernel is not choice.INTERPRETED

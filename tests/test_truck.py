@@ -11,6 +11,7 @@ from cylforce.estimation.recursive import known
 from cylforce.estimation.residual import Residual
 from cylforce.service import commands
 from cylforce.service.loading.cycle import NO_CYCLE, advanced, ended
+from cylforce.service.loading.lift import kept
 from cylforce.service.loading.truck import KEPT, NO_TRUCK, Truck, judged, loaded
 from cylforce.service.state import Memory, Scale
 from cylforce.service.step import Core, step
@@ -142,8 +143,9 @@ class TestByHand:
 def test_a_bucket_that_is_not_curled_is_not_noted_for_booking():
     """It says so while the load hangs; the same load curled is noted."""
     weigher = CORE.weigher
-    heavy = weigher.begin().lift._replace(values=np.array([900.0, 500.0, 100.0, 300.0]), taken=299, moving=250)
-    heavy = heavy._replace(covariance=np.eye(4), root=known(heavy.values, np.ones(4)))
+    begun, values = weigher.begin().lift, np.array([900.0, 500.0, 100.0, 300.0])
+    numbers = kept(known(values, np.ones(4)), values, np.eye(4), begun.gram)
+    heavy = begun._replace(kept=numbers, taken=299, moving=250)
     rows = len(CORE.service.machine.rows)
     columns = np.zeros((rows, len(CORE.model.parameters)))
     left = Residual(np.zeros(rows), np.ones(rows), np.zeros(rows), columns)

@@ -4,10 +4,12 @@ by somebody else."""
 import numpy as np
 import pytest
 
-from cylforce.service.senders.supervision import FAST_CLOCK, QUIET_US, PdoRate, Supervisor, advanced
+from cylforce.service.assembler import Assembler
+from cylforce.service.senders.inputs import QUIET_US
+from cylforce.service.senders.supervision import FAST_CLOCK, Supervisor
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
-from cylforce.signals.codec import decode
+from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import Frame, Tick
 from scenarios import EXCAVATOR, START_US, cycles, identified, pdo_of, seconds, with_raw
@@ -16,14 +18,17 @@ PERIOD_US = 10_000
 SHORTEST_US = PERIOD_US * (1.0 - FAST_CLOCK)
 
 
-def paced(times, period_us=SHORTEST_US):
-    """The pace after frames at `times` [us], and when each alarm came."""
-    pace, alarms = PdoRate(), []
+def paced(times):
+    """What is known of a PDO after frames at `times` [us], and when each alarm came."""
+    service = load(EXCAVATOR).service
+    assembler, pdo = Assembler(service), pdo_of(service, "stick_angle")
+    place = [each for _, each in assembler.supervisor.pdos].index(pdo)
+    inputs, data, alarms = assembler.begin(), encode(pdo, {"stick_angle": -1.0}), []
     for t in map(int, times):
-        pace = advanced(pace, t, period_us)
-        if pace.doubled_us == t:
+        inputs = assembler.receive(inputs, Frame(t, pdo.can_id, data), assembler.still)
+        if inputs.pdos[place].doubled_us == t:
             alarms.append(t)
-    return pace, alarms
+    return (lambda t_us: pdo in assembler.supervisor.doubled(inputs, t_us)), alarms
 
 
 def late(count, rng, most):
@@ -65,12 +70,12 @@ def test_a_second_producer_is_noticed_by_its_fourth_frame_and_the_alarm_lasts_as
     for seed in range(20):
         rng = np.random.default_rng(seed)
         alien = 5e6 + 1e6 / rate * (rng.random() + np.arange(int(10 * rate)))
-        pace, alarms = paced(np.sort([*late(2000, rng, jitter), *alien]))
+        doubled, alarms = paced(np.sort([*late(2000, rng, jitter), *alien]))
         assert alien[0] <= alarms[0] <= alien[3] + PERIOD_US
         assert max(np.diff(alarms)) < QUIET_US
         assert alarms[-1] <= alien[-1] + jitter / FAST_CLOCK * PERIOD_US
-        assert pace.doubled(alarms[-1] + QUIET_US - 1)
-        assert not pace.doubled(alarms[-1] + QUIET_US)
+        assert doubled(alarms[-1] + QUIET_US - 1)
+        assert not doubled(alarms[-1] + QUIET_US)
 
 
 def test_a_clock_that_leaps_is_no_second_producer():
@@ -157,27 +162,35 @@ def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
     core, _, _, states = work
     _, state = states[40]
     node = core.service.nodes[0]
-    supervisor, t = core.assembler.supervisor, state.estimate.t_us
+    t = state.estimate.t_us
     carried = {k for pdo in node.pdos for k, s in enumerate(core.service.machine.signals) if s.name in names(pdo)}
     for told, expected in ((5, set()), (127, carried), (4, carried), (5, set())):
         state, _ = step(core, state, Frame(t, 0x700 + node.node_id, bytes([told])))
-        found = supervisor.reasons(state.inputs.watched, t)
+        reasons = core.assembler.sample(state.inputs, t).reasons
+        found = {k: reason for k, reason in enumerate(reasons) if reason is not Reason.NONE}
         assert set(found) == expected
         assert set(found.values()) <= {Reason.NOT_OPERATIONAL}
 
 
 @pytest.mark.parametrize(("booted", "missed"), [(True, True), (False, False)])
 def test_a_node_that_booted_must_send_heartbeats_and_one_that_never_did_need_not(booted, missed):
-    supervisor = Supervisor(load(EXCAVATOR).service)
-    node, pdo = supervisor.pdos[0]
-    senders, patience = supervisor.begin(), int(3e6 * node.heartbeat_s)
+    assembler = Assembler(load(EXCAVATOR).service)
+    node, pdo = assembler.supervisor.pdos[0]
+    inputs, patience = assembler.begin(), int(3e6 * node.heartbeat_s)
     if booted:
-        senders = supervisor.restarted(senders, node.node_id)
+        inputs = assembler.restart(inputs, node.node_id)
+
+    def lost(t):
+        nonlocal inputs
+        inputs = assembler.receive(inputs, Frame(t, pdo.can_id, bytes(8)), assembler.still)
+        reasons = assembler.sample(inputs, t).reasons
+        return any(reasons[k] is Reason.NOT_OPERATIONAL for k in carried)
+
+    carried = [k for k, s in enumerate(assembler.service.machine.signals) if s.name in names(pdo)]
+    beginning = int(1e4 * assembler.service.health.good_frames)  # the signals of a node that booted are not used yet
     for t in range(1_000_000, 1_000_000 + patience + 1, PERIOD_US):
-        senders = supervisor.received(senders, Frame(t, pdo.can_id, b""))
-        assert supervisor.reasons(senders, t) == {}
-    senders = supervisor.received(senders, Frame(1_000_000 + patience + 1, pdo.can_id, b""))
-    assert bool(supervisor.reasons(senders, 1_000_000 + patience + 1)) is missed
+        assert not lost(t) or t < 1_000_000 + beginning
+    assert lost(1_000_000 + patience + 1) is missed
 
 
 def names(pdo):

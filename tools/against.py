@@ -63,16 +63,22 @@ class Kernel:
         return timed
 
 
-def measure(config: Path, rounds: int) -> Times:
-    """All pieces of work on a digging cycle, round by round."""
+def recorded(config: Path) -> tuple[Core, list[Event]]:
+    """A simulated machine, identified from its empty motion, and the events of its digging cycle."""
     loaded = load(config)
     with TemporaryDirectory() as name, contextlib.redirect_stdout(io.StringIO()):
-        folder = Path(name)
-        run_sim(config, scenario="moves", seed=1, log=folder / "moves.log")
-        run_sim(config, scenario="cycles", cycles=1, seed=1, log=folder / "cycle.log")
-        events = list(recorded_events(loaded, folder / "cycle.log"))
-        core = Core(loaded.service, identify(model_of(loaded), recorded_segments(loaded, folder / "moves.log")).tares)
-        loop = c_updates(folder, 100 * UPDATES)
+        moves, cycle = Path(name) / "moves.log", Path(name) / "cycle.log"
+        run_sim(config, scenario="moves", seed=1, log=moves)
+        run_sim(config, scenario="cycles", cycles=1, seed=1, log=cycle)
+        tares = identify(model_of(loaded), recorded_segments(loaded, moves)).tares
+        return Core(loaded.service, tares), list(recorded_events(loaded, cycle))
+
+
+def measure(config: Path, rounds: int) -> Times:
+    """All pieces of work on a digging cycle, round by round."""
+    core, events = recorded(config)
+    with TemporaryDirectory() as name:
+        loop = c_updates(Path(name), 100 * UPDATES)
     found: Times = {name: [] for name in WORDS}
     for _ in range(rounds):
         stepped(core, events, found, loop)

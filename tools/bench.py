@@ -218,6 +218,27 @@ def compare(config: Path, rounds: int, output: Path | None) -> None:
         output.write_text(json.dumps(against.ratios(found)._asdict(), indent=1) + "\n")
 
 
+def replay(config: Path, rounds: int, output: Path | None, minutes: float) -> None:
+    """`--replay`: the table of one machine file, the quickest of `rounds`."""
+    import replayed  # it needs bench
+
+    found = replayed.measure(config, minutes, rounds)
+    Console(highlight=False).print(replayed.table(found))
+    if output:
+        figures = [each._asdict() | {"times": each.times} for each in found]
+        output.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def by_function(config: Path, rounds: int, output: Path | None) -> None:
+    """`--functions`: the table of one machine file."""
+    import profiled  # it needs the rivals
+
+    found, step_us = profiled.measure(config, rounds)
+    Console(highlight=False).print(profiled.table(found, step_us))
+    if output:
+        output.write_text(json.dumps({name: share._asdict() for name, share in found.items()}, indent=1) + "\n")
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
@@ -225,10 +246,18 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5, help="of which the median is taken")
     parser.add_argument("--memory", action="store_true", help="identify from an hour, too")
     parser.add_argument("--against", action="store_true", help="beside filterpy, padasip, canopen, a loop of C")
+    parser.add_argument("--functions", action="store_true", help="where the time goes, by function")
+    parser.add_argument("--replay", action="store_true", help="how fast a log is replayed")
+    parser.add_argument("--minutes", type=float, default=60.0, help="length of that log")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there, too")
     options = parser.parse_args()
-    if options.against:
-        compare(options.configs[0] if options.configs else ROOT / "config" / CONFIGS[0], options.rounds, options.json)
+    if options.replay:
+        first = options.configs[0] if options.configs else ROOT / "config" / CONFIGS[0]
+        replay(first, options.rounds, options.json, options.minutes)
+        return
+    if options.against or options.functions:
+        table_of = compare if options.against else by_function
+        table_of(options.configs[0] if options.configs else ROOT / "config" / CONFIGS[0], options.rounds, options.json)
         return
     configs = options.configs or [ROOT / "config" / name for name in CONFIGS]
     found = {config.stem: measure(config, options.rounds, options.memory) for config in configs}

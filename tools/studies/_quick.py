@@ -9,13 +9,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.fast import Instant
+from cylforce.estimation.kernel.inputs import NEVER
 from cylforce.estimation.regressor import Rows
-from cylforce.service.assembler import NEVER, FrameCounters, Inputs
 from cylforce.service.contact.interaction import Forces, Interaction
-from cylforce.service.pipeline import Pipe
+from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.monitor import Watch
 from cylforce.service.recognition import Recognition
+from cylforce.service.senders.inputs import Inputs
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.step import Core, step
 from cylforce.signals.estimate import Array, Reason, Sample, invalid_force
@@ -36,12 +36,13 @@ class Recorded:
         ago = _since(~usable)
         self._waiting = np.maximum(model.settle_steps - ago, 0)
 
+    still = array("d")
     decoders: dict[int, object] = {}  # noqa: RUF012 - none: there are no frames
 
     def begin(self, channels: Array | None = None) -> Any:  # noqa: ANN401 - in place of two classes
         """As the assembler and as the pipeline."""
         if channels is None:
-            return Inputs((), FrameCounters(), NEVER)
+            return Inputs(array("d", [0.0, 0.0, 0.0, NEVER, NEVER]), (0, 0, 0))
         rows, cylinders = self._waiting.shape[1], self._speed.shape[1]
         none = np.zeros(0)
         return Pipe(channels, none, 0, np.zeros(rows), np.zeros(cylinders), array("d"))

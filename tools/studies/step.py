@@ -141,7 +141,7 @@ def by_numba() -> Any:  # noqa: ANN401 - a module as the compiled one
         lines = [line for line in text.splitlines() if not line.startswith("from cylforce")]
         exec("\n".join(lines), space)
     advance = numba.njit(space["advance"])
-    fields = list(KernelPlan.__annotations__)
+    fields = [f for f in KernelPlan.__annotations__ if f != "arrays"]
     made = namedtuple("made", fields)  # type: ignore[misc]  # noqa: PYI024 - of the plan's own fields
 
     def plan(*arguments: Any) -> Any:  # noqa: ANN401 - as the class

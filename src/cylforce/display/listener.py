@@ -37,7 +37,7 @@ class Listener:
         self.service = service
         self._assembler = Assembler(service)
         self._inputs = self._assembler.begin()
-        self._still = (False,) * len(service.machine.signals)
+        self._still = self._assembler.still
         self._ours = {pdo.can_id: pdo for pdo in service.publication}
         self._heard: dict[int, Heard] = {}
         self.nodes: dict[int, NodeHeard] = {}

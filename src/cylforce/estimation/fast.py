@@ -8,26 +8,9 @@ compared: `tools/studies/force_ways.py`. The arithmetic of a step is the kernel'
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 from cylforce.estimation.filters import Filter, first_order, second_order
-from cylforce.estimation.regressor import Rows
 from cylforce.mechanics.installation import Filters
-from cylforce.signals.estimate import Array
-
-
-class Instant(NamedTuple):
-    """`rows` of this instant; `change` (R, P): time derivative of their columns of inertia [1/s]; `reversing` (C,):
-    1 where a cylinder is about to turn round, else 0; cylinder `lever` (C, R) [m/rad] and `speed` (C,) [m/s];
-    position `place` [m] of the tool from the first pin and its `velocity` [m/s], as x + i z."""
-
-    rows: Rows
-    change: Array
-    reversing: Array
-    lever: Array
-    speed: Array
-    place: complex
-    velocity: complex
 
 
 @dataclass(frozen=True)

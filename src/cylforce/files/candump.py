@@ -5,6 +5,7 @@ written as an empty SYNC frame, which protocol analysers accept.
 """
 
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Event, Frame, Tick
@@ -44,9 +45,21 @@ class Line(NamedTuple):
 def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
     """The line of a frame. Of a remote frame only the length is written: it has no data."""
     seconds, micros = divmod(t_us, 1_000_000)
-    name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
     text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
-    return f"({seconds:010d}.{micros:06d}) {channel} {name}#{text}\n"
+    return f"{_begin(seconds)}{micros:06d}{_named(channel, can_id)}{text}\n"
+
+
+@lru_cache(maxsize=16)
+def _begin(seconds: int) -> str:
+    """Of all lines of a second."""
+    return f"({seconds:010d}."
+
+
+@lru_cache(maxsize=4096)
+def _named(channel: str, can_id: int) -> str:
+    """Of all lines of an identifier."""
+    name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
+    return f") {channel} {name}#"
 
 
 def _flagged(can_id: int) -> str:
@@ -60,11 +73,20 @@ def event_line(event: Event | Sent, channel: str) -> str:
     """The line of an event or of a frame that we sent; `channel` is the bus."""
     if isinstance(event, Tick):
         return line(TICK, event.t_us, _TICK_ID, b"")
-    return line(SENT if isinstance(event, Sent) else channel, *event)
+    return line(SENT if isinstance(event, Sent) else channel, event.t_us, event.can_id, event.data)
+
+
+Parts = tuple[str, int, int, bytes]  # of a `Line`
 
 
 def parsed(text: str) -> Line | None:
-    """A line of candump text, ours or another program's, parsed; None when it is not such a line.
+    """A line of candump text, ours or another program's, parsed; None when it is not such a line."""
+    found = parts(text)
+    return None if found is None else Line(*found)
+
+
+def parts(text: str) -> Parts | None:
+    """The same as a plain tuple, in two thirds of the time.
 
     Fractions of other lengths than six digits are cut or filled to microseconds; python-can's trailing R or T
     is ignored."""
@@ -75,10 +97,10 @@ def parsed(text: str) -> Line | None:
     can_id = int(name, 16)
     if len(name) == 8 and not can_id & ERROR:
         can_id |= EXTENDED
-    t_us = int(seconds) * 1_000_000 + int(fraction[:6].ljust(6, "0"))
+    t_us = int(seconds + fraction) if len(fraction) == 6 else int(seconds + fraction[:6].ljust(6, "0"))
     if remote is None:
-        return Line(channel, t_us, can_id, bytes.fromhex(data))
-    return Line(channel, t_us, can_id | REMOTE, bytes(int(remote or 0)))
+        return channel, t_us, can_id, bytes.fromhex(data)
+    return channel, t_us, can_id | REMOTE, bytes(int(remote or 0))
 
 
 def is_newer_frame(text: str) -> bool:
@@ -86,10 +108,9 @@ def is_newer_frame(text: str) -> bool:
     return _NEWER.fullmatch(text) is not None
 
 
-def own_event(said: Line) -> Event | Sent:
+def own_event(said: Parts) -> Event | Sent:
     """The event, or the frame sent, that a line of our own log stands for."""
-    if said.channel == TICK:
-        return Tick(said.t_us)
-    if said.channel == SENT:
-        return Sent(said.t_us, said.can_id, said.data)
-    return Frame(said.t_us, said.can_id, said.data)
+    channel, t_us, can_id, data = said
+    if channel == TICK:
+        return Tick(t_us)
+    return Sent(t_us, can_id, data) if channel == SENT else Frame(t_us, can_id, data)

@@ -1,10 +1,11 @@
 """Recordings of a bus, read as events: our own logs and candump's, .blf and .asc."""
 
 from collections.abc import Iterator
+from itertools import starmap
 from pathlib import Path
 
 from cylforce.files.atomic import RecordingError, Tell, check_ordinary, lines_of, warn
-from cylforce.files.candump import HEAD, Line, Sent, is_newer_frame, own_event, parsed
+from cylforce.files.candump import HEAD, Line, Parts, Sent, is_newer_frame, own_event, parts
 from cylforce.files.logfile import Header, header_from
 from cylforce.files.messages import messages
 from cylforce.signals.events import Event, Frame, Tick
@@ -34,7 +35,7 @@ def read_events(
     """
     header = log_header(path)
     if header is not None:
-        return header, (own_event(said) for said in _candump(path, tell, ours=True) if said.channel != HEAD)
+        return header, (own_event(said) for said in _candump(path, tell, ours=True) if said[0] != HEAD)
     said = _one_channel(path, _lines(path, tell), channel)
     frames = (Frame(s.t_us, s.can_id, s.data) for s in said)
     return None, with_ticks((_as_event(f, own) for f in frames), period_us, tell)
@@ -68,12 +69,12 @@ def log_header(path: Path) -> Header | None:
     check_ordinary(path)
     if not path.exists():
         raise RecordingError(f"{path}: does not exist")
-    return header_from(path, _candump(path, lambda _: None, ours=False))
+    return header_from(path, starmap(Line, _candump(path, lambda _: None, ours=False)))
 
 
 def _lines(path: Path, tell: Tell) -> Iterator[Line]:
     if path.suffix.lower() == ".log":
-        return _candump(path, tell, ours=False)
+        return starmap(Line, _candump(path, tell, ours=False))
     if path.suffix.lower() in SUFFIXES:
         return messages(path, tell)
     raise RecordingError(f"{path}: is none of the recordings that can be read ({', '.join(SUFFIXES)})")
@@ -98,12 +99,12 @@ def _but(seen: set[str]) -> str:
     return f", only of {', '.join(sorted(seen))}" if seen else ""
 
 
-def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Line]:
+def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Parts]:
     skipped = 0
     try:
         with path.open(encoding="latin-1", newline="\n") as file:
             for number, text in enumerate(lines_of(path, file), 1):
-                said = parsed(text)
+                said = parts(text)
                 if not text.endswith("\n") and (ours or said is None):
                     tell(f"{path}: line {number}, the last, is cut off and was left out")
                 elif said is not None:

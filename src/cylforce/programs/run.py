@@ -127,10 +127,10 @@ class Daemon(Station[State]):
 
     def _say_collisions(self, t_us: int) -> None:
         """An emergency while another node uses a sensor's identifiers, or ours."""
-        watched = self.state.inputs.watched
-        for pdo in self.core.assembler.supervisor.doubled(watched, t_us):
+        inputs = self.state.inputs
+        for pdo in self.core.assembler.supervisor.doubled(inputs, t_us):
             self.edge.health.doubled(pdo.node_id, t_us)
-        if watched.spoofed(t_us):
+        if inputs.spoofed(t_us):
             self.edge.health.doubled(self.core.service.node_id, t_us)
 
     def _show_drift(self) -> None:

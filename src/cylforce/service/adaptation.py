@@ -6,17 +6,20 @@ explains is taken for a drift. The recursive least squares forget only what the 
 changes while the machine is parked. The drift is limited to what is physically possible, and is also given in
 kilograms."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.estimation.drift import drift_spread, kinds
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
-from cylforce.estimation.recursive import Root, forget, update
+from cylforce.estimation.recursive import Root
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
 from cylforce.signals.estimate import Array
@@ -56,6 +59,7 @@ class Adapter:
     model: Model
     tares: Tares
     expected: BetweenStrokes = EXPECTED
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
     def _limits(self) -> tuple[Array, Array]:
@@ -113,46 +117,39 @@ class Adapter:
         Rows at very low speed are not used: break-away friction would appear there as a pressure zero and, with the
         opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty shows only the sum
         of both, so that such an error would remain."""
-        good = np.isfinite(variance) & (self.model.share_at_rest(rows.columns) < CERTAIN_SHARE)
-        if not good.any():
+        columns, variance = rows.columns.ravel(), np.asarray(variance, dtype=np.float64)
+        number = self.kernel.certain(self._plan, columns, variance)
+        if not number:
             return drift._replace(following=False)
         if drift.waited + 1 < EVERY:
             return drift._replace(waited=drift.waited + 1, following=True)
-        drifting = self.columns(rows)
-        own = rows.columns[..., : len(self.model.parameters)]
-        columns = np.concatenate([own @ self.model.load, drifting], axis=-1)
-        keep = 1.0 - EVERY / (MEMORY_SECONDS * self.model.filters.rate_hz)
-        root = forget(drift.root, columns[good], keep)
-        observed = torque + drifting @ drift.values
-        root = update(root, columns[good], observed[good], self._memory * variance[good])
-        both, covariance, scale = self._estimate(root, drift.scale)
-        limited = np.clip(both[LOAD:], *self._limits)
-        if np.any(limited != both[LOAD:]):
-            root = Root(root.factor, root.factor @ np.append(both[:LOAD], limited))
-        shown = self._mass(drift, drifting @ limited, rows)
-        return Drift(root, limited, covariance[LOAD:, LOAD:], scale, 0, shown, following=True, seen=True)
+        d, n = drift.values.size, drift.root.right.size
+        new = ZERO * (n * n + n + d + d * d + 3)
+        begun = (drift.root.factor.ravel(), drift.root.right, drift.values, drift.scale, drift.mass)
+        self.kernel.follow(self._plan, number, columns, np.ascontiguousarray(torque), variance, *begun, new)
+        whole, end = np.frombuffer(new), n * n + n
+        root = Root(whole[: n * n].reshape(n, n), whole[n * n : end])
+        covariance = whole[end + d : -3].reshape(d, d)
+        return Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], following=True, seen=True)
 
-    def _estimate(self, root: Root, scale: Array) -> tuple[Array, Array, Array]:
-        """(Load and drift, their covariance, new scale) from what was seen, `root`, and the prior of the drift, whose
-        spread is that of this machine: k^2 (2,) of friction and of zeros, one step of expectation maximisation from
-        `scale` on, as between strokes (`commissioning.zeros`). A drift that was not seen leaves k as it is.
-
-        The prior is no part of the root: it is not forgotten, nor does it grow where nothing is seen."""
-        information = root.factor.T @ root.factor
-        information[LOAD:, LOAD:] += np.diag(1.0 / (scale[self._kinds] * self._spread**2))
-        unit = np.concatenate([self._remainder, self._spread])
-        covariance = unit[:, None] * np.linalg.inv(unit[:, None] * information * unit) * unit
-        both = covariance @ (root.factor.T @ root.right)
-        squares = (both[LOAD:] ** 2 + np.diag(covariance)[LOAD:]) / self._spread**2
-        sums, counts = (np.bincount(self._kinds, w, minlength=2) for w in (squares, np.ones_like(squares)))
-        return both, covariance, (PRIOR_COUNT + sums) / (PRIOR_COUNT + counts)
+    @cached_property
+    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        """The kernel's form of the adaptation. The spread of the drift is that of this machine: k^2 (2,) of friction
+        and of zeros, one step of expectation maximisation an update, as between strokes (`commissioning.zeros`). A
+        drift that was not seen leaves k as it is. The prior is no part of the root: it is not forgotten, nor does it
+        grow where nothing is seen."""
+        model, r = self.model, len(self.model.machine.rows)
+        k, n, places = len(model.filtered.regressor.names), LOAD + len(self._spread), np.argwhere(model.load)
+        keep = 1.0 - EVERY / (MEMORY_SECONDS * model.filters.rate_hz)
+        whole = [model.changing.tolist(), self._kinds.tolist(), places.ravel().tolist(), [0] * r]
+        whole += [np.arange(k)[part].tolist() for part in (model.at_rest, model.coulomb)]
+        unit, errors = np.concatenate([self._remainder, self._spread]), np.broadcast_to(self.tares.row_error, (r,))
+        parts = [model.load[tuple(places.T)], unit, *self._limits, errors]
+        room = [np.zeros(size) for size in (max(r, 1) * n, max(r, 1) * n, n, n * n, n * n)]
+        limits = [CERTAIN_SHARE, keep, self._memory, PRIOR_COUNT, SHOWN]
+        arrays = [numbers(part) for part in (*parts, *room)]
+        return self.kernel.KernelDrift(counts([r, k, n]), numbers(limits), [counts(x) for x in whole], arrays)
 
     @cached_property
     def _kinds(self) -> NDArray[np.int_]:
         return kinds(self.model)
-
-    def _mass(self, drift: Drift, torque: Array, rows: Rows) -> float:
-        """Mass [kg] of the load that would explain the `torque` (R,) of the drift, smoothed over updates."""
-        load = rows.columns[..., : len(self.model.parameters)] @ self.model.load[:, 0] / self.tares.row_error
-        now = float(load @ (torque / self.tares.row_error) / (load @ load + 1e-12))
-        return drift.mass + SHOWN * (now - drift.mass)

@@ -1,20 +1,27 @@
 """Frames to samples: the last value of every signal, its age, and the reason when it is not usable."""
 
+from array import array
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, isfinite, nan
-from typing import NamedTuple
+from math import inf, nan
+from typing import Any
 
 import numpy as np
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.inputs import NEVER, SIGNAL
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.installation import Service
-from cylforce.service.senders.supervision import NOBODY, Senders, Supervisor
-from cylforce.signals.codec import Decoder, Slot, decoders
+from cylforce.service.senders.inputs import QUIET_US, REASONS, Channel, Inputs, LastHeartbeat, PdoRate
+from cylforce.service.senders.supervision import Supervisor
+from cylforce.signals.codec import Decoder, decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
 
-NEVER = -(1 << 62)  # us, stands for a time before all others
 # rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
 FASTEST = {
     Kind.JOINT_ANGLE: 3.0,
@@ -23,43 +30,6 @@ FASTEST = {
     Kind.PITCH: 3.0,
     Kind.ROLL: 3.0,
 }
-
-
-class Channel(NamedTuple):
-    """One signal: its last accepted `value` (while it has not yet sent enough good values: its last value); `t_us`:
-    time of the last accepted value; `seen_us`: time of the last value of any kind; `reason`: what was wrong with that
-    one; `good`: number of good values in a row; `equal`: number of equal values in a row while the machine moved;
-    `jumps`: number of values in a row that are off by a `leap`, the `last` one of them; `leapt`: sum of the leaps that
-    were believed after so many of them."""
-
-    value: float
-    t_us: int
-    seen_us: int
-    reason: Reason
-    good: int
-    equal: int
-    jumps: int
-    leap: float = 0.0
-    last: float = 0.0
-    leapt: float = 0.0
-
-
-class FrameCounters(NamedTuple):
-    """Numbers of frames with an unknown identifier, too short, too long, or rejected."""
-
-    unknown: int = 0
-    short: int = 0
-    long: int = 0
-    rejected: int = 0
-
-
-class Inputs(NamedTuple):
-    """State of all channels, frame counters, the time [us] of the last frame that was too long, and of who sends."""
-
-    channels: tuple[Channel, ...]
-    counters: FrameCounters
-    long_t_us: int
-    watched: Senders = NOBODY
 
 
 @dataclass(frozen=True)
@@ -85,10 +55,6 @@ class Assembler:
         return tuple(size.get(s.name, 0.0) for s in self.service.machine.signals)
 
     @cached_property
-    def _hold_us(self) -> float:
-        return 1e6 * self.service.health.hold_s
-
-    @cached_property
     def _plausible(self) -> tuple[tuple[float, float, float], ...]:
         """Per signal the fastest plausible change [SI/s], the period [s], and what noise and digits change [SI]."""
         return tuple(
@@ -97,86 +63,71 @@ class Assembler:
         )
 
     @cached_property
-    def _late_us(self) -> tuple[float, ...]:
-        """Per signal the age from which on it is late."""
-        return tuple(1.5e6 * s.period_s for s in self.service.machine.signals)
+    def _kernel(self) -> Any:  # noqa: ANN401 - of either form
+        return choice.chosen()
+
+    @cached_property
+    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        machine, health, watcher = self.service.machine, self.service.health, self.supervisor
+        found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
+        slots = [slot for decoder in found for slot in decoder.slots]
+        missing = [nan if (m := d.missing[slot.item]) is None else m for d in found for slot in d.slots]
+        first = np.cumsum([0, *(len(decoder.slots) for decoder in found)]).tolist()
+        noisy = [self._noisy(k) for k in range(len(machine.signals))]
+        whole = [first, [s.signal for s in slots], [s.item for s in slots], noisy, watcher.senders]
+        fields = [[getattr(s, name) for s in slots] for name in ("scale", "offset", "low", "high")]
+        limits = [1e6 * health.hold_s, QUIET_US, health.frozen_samples, health.good_frames]
+        senders, late = [watcher.periods_us, watcher.patience_us], [1.5e6 * s.period_s for s in machine.signals]
+        parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, limits]
+        return self._kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
+
+    @cached_property
+    def _mapped(self) -> dict[int, tuple[int, int, Callable[..., tuple[Any, ...]]]]:
+        """By identifier a sensor's PDO: its place, the size of its data, what gives its items."""
+        found = {}
+        for place, (_, pdo) in enumerate(self.supervisor.pdos):
+            layout = self.decoders[pdo.can_id].struct
+            found[pdo.can_id] = (place, layout.size, layout.unpack_from)
+        return found
+
+    @cached_property
+    def still(self) -> Numbers:
+        """`moving` of `receive` where nothing moves."""
+        return ZERO * len(self.service.machine.signals)
 
     def begin(self) -> Inputs:
         """The state before any frame."""
-        empty = Channel(float("nan"), NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
-        return Inputs((empty,) * len(self.service.machine.signals), FrameCounters(), NEVER, self.supervisor.begin())
+        sizes = (len(self.service.machine.signals), len(self.supervisor.pdos), len(self.service.nodes))
+        empty = Channel(nan, NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
+        parts = [*empty * sizes[0], *PdoRate() * sizes[1], *LastHeartbeat() * sizes[2], 0, 0, 0, NEVER, NEVER]
+        return Inputs(numbers(parts), sizes)
 
-    def receive(self, inputs: Inputs, frame: Frame, moving: tuple[bool, ...]) -> Inputs:
+    def receive(self, inputs: Inputs, frame: Frame, moving: Numbers) -> Inputs:
         """The state after a frame: length and range are checked, unknown identifiers are counted. `moving`, per signal:
-        whether the machine moves so that an equal value from this sensor means that it is frozen."""
-        watched = self.supervisor.received(inputs.watched, frame)
-        found = self.decoders.get(frame.can_id)
+        not 0 where the machine moves so that an equal value from this sensor means that it is frozen."""
+        t_us, can_id, data = frame
+        found = self._mapped.get(can_id)
         if found is None:
-            counters = inputs.counters._replace(unknown=inputs.counters.unknown + 1)
-            return Inputs(inputs.channels, counters, inputs.long_t_us, watched)
-        size, t_us = found.struct.size, frame.t_us
-        if len(frame.data) < size:
-            return self._short(inputs._replace(watched=watched), found)
-        channels = list(inputs.channels)
-        raw = found.struct.unpack_from(frame.data)
-        for slot in found.slots:
-            number = raw[slot.item]
-            value = number * slot.scale + slot.offset if number != found.missing[slot.item] else nan
-            channels[slot.signal] = self._judge(channels[slot.signal], slot, value, t_us, moving[slot.signal])
-        if len(frame.data) == size:
-            return Inputs(tuple(channels), inputs.counters, inputs.long_t_us, watched)
-        counters = inputs.counters._replace(long=inputs.counters.long + 1)
-        return Inputs(tuple(channels), counters, t_us, watched)
+            return self._unknown(inputs, frame)
+        place, size, unpack = found
+        kept, length = inputs.kept[:], len(data)
+        raw = array("d", unpack(data)) if length >= size else ZERO
+        sort = 0 if length == size else 1 if length > size else -1
+        self._kernel.receive(self._plan, kept, t_us, place, sort, raw, moving)
+        return Inputs(kept, inputs.sizes)
 
-    def _short(self, inputs: Inputs, found: Decoder) -> Inputs:
-        channels = list(inputs.channels)
-        for slot in found.slots:
-            channels[slot.signal] = channels[slot.signal]._replace(reason=Reason.SHORT_FRAME, good=0)
-        return inputs._replace(
-            channels=tuple(channels), counters=inputs.counters._replace(short=inputs.counters.short + 1)
-        )
-
-    def _judge(self, old: Channel, slot: Slot, value: float, t_us: int, moving: bool) -> Channel:
-        hold_us = self._hold_us
-        if not isfinite(value):
-            return old._replace(reason=Reason.NOT_A_NUMBER, seen_us=t_us, good=0)
-        if not slot.low <= value <= slot.high:
-            return old._replace(reason=Reason.OUT_OF_RANGE, seen_us=t_us, good=0)
-        leap = self._leap(old, slot.signal, value, t_us)
-        if leap and old.jumps < JUMPS_BELIEVED:
-            jump = old._replace(reason=Reason.IMPLAUSIBLE_JUMP, seen_us=t_us, good=0, jumps=old.jumps + 1)
-            return jump._replace(leap=leap, last=value)
-        leapt = old.leapt + leap
-        equal = 0 if value != old.value else old.equal + moving
-        if equal >= self.service.health.frozen_samples and self._noisy(slot.signal):
-            return old._replace(reason=Reason.FROZEN, seen_us=t_us, good=0, equal=equal)
-        good = old.good + 1 if t_us - old.seen_us <= hold_us else 1
-        if t_us - old.t_us <= hold_us or good >= self.service.health.good_frames:
-            return Channel(value, t_us, t_us, Reason.NONE, good, equal, 0, leapt=leapt)
-        return old._replace(value=value, seen_us=t_us, good=good, equal=equal, jumps=0, leapt=leapt)
-
-    def _leap(self, old: Channel, k: int, value: float, t_us: int) -> float:
-        """By how much a value is off because the signal has leapt by more than is plausible: FASTEST times the time
-        between two values, and the noise; 0: it is not. Time during which values were not yet accepted does not count,
-        because the joint need not have moved then. After a leap it moves on, until it leaps back."""
-        if self._plausible[k][0] == inf:
-            return 0.0
-        if old.jumps:
-            by = value - old.last
-            leap = old.leap + by * (abs(by) > self._room(k, 1e-6 * (t_us - old.seen_us)))
-            return leap if abs(leap) > self._room(k, 0.0) else 0.0
-        proving = t_us - old.t_us > self._hold_us and old.good > 0
-        by, since_us = value - old.value, old.seen_us if proving else old.t_us
-        return by if abs(by) > self._room(k, 1e-6 * (t_us - since_us)) else 0.0
-
-    def _room(self, k: int, seconds: float) -> float:
-        """By how much a signal may change in a time [s], but at least one of its periods."""
-        fastest, period_s, noise = self._plausible[k]
-        return fastest * max(seconds, period_s) + noise
+    def _unknown(self, inputs: Inputs, frame: Frame) -> Inputs:
+        found = self.supervisor.received(inputs, frame)
+        kept = found.kept[:]
+        kept[-5] += 1.0
+        return found._replace(kept=kept)
 
     def leapt(self, inputs: Inputs) -> tuple[int, ...]:
         """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""
-        return tuple([k for k, c in enumerate(inputs.channels) if c.leapt and abs(c.leapt) > self._room(k, 0.0)])
+        found = self.still[:]
+        if not self._kernel.leapt(self._plan, inputs.kept, found):
+            return ()
+        return tuple([k for k, leapt in enumerate(found) if leapt])
 
     def _noisy(self, k: int) -> bool:
         """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
@@ -186,31 +137,26 @@ class Assembler:
     def restart(self, inputs: Inputs, node_id: int) -> Inputs:
         """The state after a sensor node booted: its earlier values are discarded, and its signals are used again only
         after enough good values."""
-        mine = {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}
-        lost = Channel(float("nan"), NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
-        channels = tuple(lost._replace(leapt=c.leapt) if k in mine else c for k, c in enumerate(inputs.channels))
-        return inputs._replace(channels=channels, watched=self.supervisor.restarted(inputs.watched, node_id))
+        inputs = self.supervisor.restarted(inputs, node_id)
+        lost, kept = Channel(nan, NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0), inputs.kept
+        for k in {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}:
+            begin, end = SIGNAL * k, SIGNAL * (k + 1)
+            kept[begin:end] = numbers(lost._replace(leapt=kept[end - 1]))
+        return inputs
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
         the signal is invalid."""
-        hold_us, none = self._hold_us, Reason.NONE
-        reasons = [none] * len(inputs.channels)
-        late = none
-        for k, (channel, late_us) in enumerate(zip(inputs.channels, self._late_us, strict=True)):
-            age, reason = t_us - channel.t_us, channel.reason
-            if not -hold_us <= age <= hold_us:  # a negative age: the clock was set back meanwhile
-                reasons[k] = Reason.SIGNAL_STALE if reason is none else reason
-            elif reason is not none or age > late_us:
-                late = Reason.SIGNAL_STALE if reason is none else reason
-        for k, reason in self.supervisor.reasons(inputs.watched, t_us).items():
-            reasons[k] = max(reasons[k], reason)
-        values = np.array([c.value for c in inputs.channels])
-        return Sample(t_us, values, tuple(reasons), late)
+        size = inputs.sizes[0]
+        found = ZERO * (2 * size + 1)
+        bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
+        reasons = tuple([REASONS[x] for x in found[size:-1]]) if bad else self._fine
+        return Sample(t_us, np.frombuffer(found, count=size), reasons, REASONS[found[-1]])
+
+    @cached_property
+    def _fine(self) -> tuple[Reason, ...]:
+        return (Reason.NONE,) * len(self.service.machine.signals)
 
     def ages(self, inputs: Inputs, t_us: int) -> tuple[float, ...]:
         """Age (S,) [s] of each value at a time; infinite where there never was one."""
         return tuple(1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in inputs.channels)
-
-
-JUMPS_BELIEVED = 100  # implausible values in a row after which the new level is accepted as real; chosen

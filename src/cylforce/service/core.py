@@ -130,7 +130,6 @@ class Core:
     def begin_fitted(self, kept: Memory) -> State:
         """As `begin`, with this core's tool."""
         nothing = no_estimate(0, Reason.STARTING, kept.booking)
-        still = (False,) * len(self.service.machine.signals)
         inputs, known = self.assembler.begin(), self.recognizer.begin()
         drift, contact = self.adapter.begin(), self.interactor.begin()
         weighing = self.weigher.begin()
@@ -141,5 +140,18 @@ class Core:
         remembered = hanging is not None
         weighing = weighing._replace(books=Books(None, hanging, None, kept.booking, missed, remembered))
         watch = self.monitor.begin()
-        state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
+        state = State(
+            inputs,
+            None,
+            weighing,
+            drift,
+            kept.scale,
+            0,
+            nothing,
+            self.assembler.still,
+            known,
+            contact,
+            watch,
+            kept.truck,
+        )
         return state._replace(tool=kept.tool)

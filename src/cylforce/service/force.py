@@ -2,6 +2,7 @@
 (mechanics/README.md, section 8)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import atan2, hypot, sqrt
 
 import numpy as np
@@ -36,14 +37,24 @@ class ForceSensor:
     tares: Tares
     rated_force: float
 
-    def force(self, found: Array, spread: Array, contact: bool) -> Force:
-        """The published force for `found` (2,) [N] with covariance `spread` (2, 2) [N^2] without that of the scale. A
-        component whose standard error exceeds BLIND is INVALID; there is no direction unless the force is larger than
-        CLEAR standard errors across it, nor
-        without `contact`; NO_CONTACT is then the reason."""
-        (xx, xz), (_, zz) = spread.tolist()
-        x, z = found.tolist()
-        scale = self.tares.scale_error**2
+    @cached_property
+    def _blind(self) -> float:
+        return BLIND * self.rated_force
+
+    @cached_property
+    def _poor(self) -> float:
+        return POOR * self.rated_force
+
+    @cached_property
+    def _certain_scale(self) -> float:
+        """Variance of the scale."""
+        return self.tares.scale_error**2
+
+    def force(self, x: float, z: float, xx: float, xz: float, zz: float, contact: bool) -> Force:
+        """The published force for x, z [N] with covariance xx, xz, zz [N^2] without that of the scale. A component
+        whose standard error exceeds BLIND is INVALID; there is no direction unless the force is larger than CLEAR
+        standard errors across it, nor without `contact`; NO_CONTACT is then the reason."""
+        scale = self._certain_scale
         xx, xz, zz = xx + scale * (x * x), xz + scale * (x * z), zz + scale * (z * z)
         size = hypot(x, z)
         cos, sin = (x / size, z / size) if size > 0.0 else (1.0, 0.0)
@@ -51,10 +62,11 @@ class ForceSensor:
         across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
         certain = size > CLEAR * across_error
         along_error = along_error if certain else hypot(along_error, across_error)
+        fine = Reason.NONE if contact else Reason.NO_CONTACT
         return Force(
-            self._bounded(x, sqrt(xx), contact),
-            self._bounded(z, sqrt(zz), contact),
-            self._bounded(size, along_error, contact),
+            self._bounded(x, sqrt(xx), fine),
+            self._bounded(z, sqrt(zz), fine),
+            self._bounded(size, along_error, fine),
             self._direction(certain, contact, atan2(z, x), across_error / (size + 1e-9)),
             (xx, xz, zz),
         )
@@ -62,21 +74,24 @@ class ForceSensor:
     def _direction(self, certain: bool, contact: bool, angle: float, error: float) -> Quantity:
         """Direction [rad]: there is none of a force that is not there, and none of one that is not certain."""
         if not (contact and certain):
-            return invalid(Reason.UNCERTAIN if contact else Reason.NO_CONTACT)
-        return self._quantity(angle, error)
+            return UNCERTAIN if contact else NO_CONTACT
+        return self._quantity(angle, error, Reason.NONE)
 
-    def _bounded(self, value: float, error: float, contact: bool) -> Quantity:
+    def _bounded(self, value: float, error: float, fine: Reason) -> Quantity:
         """A component or the magnitude; without contact NO_CONTACT is the reason why it is nearly zero."""
-        if not error <= BLIND * self.rated_force:
+        if not error <= self._blind:
             return invalid(Reason.SINGULAR)
         if not abs(value) <= self.rated_force:  # also true for NaN, to which absurd parameters may lead
             return invalid(Reason.OUT_OF_DECLARED_RANGE)
-        return self._quantity(value, error, Reason.NONE if contact else Reason.NO_CONTACT)
+        return self._quantity(value, error, fine)
 
-    def _quantity(self, value: float, error: float, fine: Reason = Reason.NONE) -> Quantity:
+    def _quantity(self, value: float, error: float, fine: Reason) -> Quantity:
         """The value with its status; where that is OK, the reason is `fine`."""
         if not self.tares.identified:
             return Quantity(value, error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
-        if error > POOR * self.rated_force:
+        if error > self._poor:
             return Quantity(value, error, Status.DEGRADED, Reason.UNCERTAIN)
         return Quantity(value, error, Status.OK, fine)
+
+
+UNCERTAIN, NO_CONTACT = invalid(Reason.UNCERTAIN), invalid(Reason.NO_CONTACT)

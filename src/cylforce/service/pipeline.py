@@ -4,13 +4,14 @@ recording. The arithmetic is the kernel's (estimation/kernel/README.md)."""
 from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.fast import Instant
 from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
 from cylforce.signals.estimate import Array
@@ -29,6 +30,40 @@ class Pipe(NamedTuple):
     kept: Numbers
 
 
+class Instant(NamedTuple):
+    """What the kernel knows of this instant, all rows of a step (`kernel/rows.py`) as it keeps them; numbers R of rows,
+    K of columns, C of cylinders; cylinder `speed` (C,) [m/s]; position `place` [m] of the tool from the first pin and
+    its `velocity` [m/s], as x + i z."""
+
+    kept: Numbers
+    sizes: tuple[int, int, int]
+    speed: Array
+    place: complex
+    velocity: complex
+
+    @property
+    def rows(self) -> Rows:
+        """Columns (R, K) and torques (R,)."""
+        r, k, _ = self.sizes
+        begin = r * k + r
+        return Rows(self._part(begin, (r, k)), self._part(begin + r * k, (r,)))
+
+    @property
+    def change(self) -> Array:
+        """Time derivative (R, K) of the columns of inertia [1/s]."""
+        r, k, _ = self.sizes
+        return self._part(2 * (r * k + r), (r, k))
+
+    @property
+    def reversing(self) -> Array:
+        """1 where a cylinder (C,) is about to turn round, else 0."""
+        r, k, c = self.sizes
+        return self._part(3 * r * k + 2 * r, (c,))
+
+    def _part(self, begin: int, shape: tuple[int, ...]) -> Array:
+        return np.frombuffer(self.kept)[begin : begin + prod(shape)].reshape(shape)
+
+
 @dataclass(frozen=True)
 class Pipeline:
     """The filters of a model, step by step."""
@@ -42,8 +77,8 @@ class Pipeline:
 
     @cached_property
     def _sizes(self) -> tuple[int, int]:
-        """Bytes of a state and of the rows of a step."""
-        return 8 * self.kernel.state_size(self._plan), 8 * self.kernel.rows_size(self._plan)
+        """Numbers of a state and of the rows of a step."""
+        return self.kernel.state_size(self._plan), self.kernel.rows_size(self._plan)
 
     @cached_property
     def _places(self) -> "_Places":
@@ -55,7 +90,7 @@ class Pipeline:
     def begin(self, channels: Array) -> Pipe:
         """The state after the first channels (D,) at the start or after a gap, settled at them."""
         state, smooth = self.model.channels.smooth.step(self.model.channels.smooth.steady(channels), channels)
-        kept = np.zeros(self._sizes[0] // 8)
+        kept = np.zeros(self._sizes[0])
         kept[: 6 * len(channels)] = np.concatenate([channels, *state, smooth, smooth, smooth])
         return self._places.state(array("d", kept.tobytes()), 0)
 
@@ -66,7 +101,7 @@ class Pipeline:
         for k in range(1, periods):
             pipe, *_ = self.advance(pipe, first + (here - first) * (k / periods), 1)
         state, rows = self._sizes
-        new, out = array("d", bytes(state)), array("d", bytes(rows))
+        new, out = ZERO * state, ZERO * rows
         old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
         self.kernel.advance(self._plan, old, array("d", here.tobytes()), new, out, pipe.steps == 0)
         return self._places.state(new, pipe.steps + 1), *self._places.rows(out, new)
@@ -96,17 +131,10 @@ class _Places(NamedTuple):
 
     def rows(self, out: Numbers, kept: Numbers) -> tuple[Rows, Instant]:
         """The rows of the weighing and those of the instant."""
-        whole, r, size = np.frombuffer(out), self.r, self.r * self.k
-        now, change, lever = size + r, 2 * (size + r), 3 * size + 2 * r + self.c
-        shape = (r, self.k)
+        size = self.r * self.k
+        whole = np.frombuffer(out, count=size + self.r)
+        begin = 8 * (6 * self.d + 3 * size + 4 * self.r)
+        speed = np.frombuffer(kept, count=self.c, offset=begin)
         x, z, forwards, upwards = out[-4:]
-        speed = 6 * self.d + 3 * r * (self.k + 1) + r
-        return Rows(whole[:size].reshape(shape), whole[size:now]), Instant(
-            Rows(whole[now : now + size].reshape(shape), whole[now + size : change]),
-            whole[change : change + size].reshape(shape),
-            whole[lever - self.c : lever],
-            whole[lever:-4].reshape(self.c, r),
-            np.frombuffer(kept)[speed : speed + self.c],
-            complex(x, z),
-            complex(forwards, upwards),
-        )
+        now = Instant(out, (self.r, self.k, self.c), speed, complex(x, z), complex(forwards, upwards))
+        return Rows(whole[:size].reshape(self.r, self.k), whole[size:]), now

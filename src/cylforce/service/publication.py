@@ -200,7 +200,7 @@ VALUES: dict[str, Value] = {
 
 def quality(q: Quantity) -> int:
     """The quality byte: status in bits 0-1, reason in bits 2-7."""
-    return int(q.status) | int(q.reason) << 2
+    return q.status | q.reason << 2
 
 
 class Encoder(NamedTuple):

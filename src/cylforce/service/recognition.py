@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.estimation.kernel import choice
-from cylforce.estimation.kernel.solving import room, solver
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual, correlated, load_spread
@@ -21,7 +22,7 @@ from cylforce.signals.estimate import Array
 BLOCK_SECONDS = 2.0
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion
 FRICTION = 0.5  # of its identified value, by which friction may have changed: between cold and warm oil
-ZERO = 5e3  # Pa: standard error of a pressure zero that has changed; 0.3 bar stay below LIMIT with it
+SHIFT = 5e3  # Pa: standard error of a pressure zero that has changed; 0.3 bar stay below LIMIT with it
 CONTACT = 5.0  # mean squared normalised residual of a block alone from which on something else acts on the tool
 BLOCKS = 5  # clear of the ground, before anything is concluded
 FADE = 0.9  # by which older blocks count less
@@ -34,7 +35,7 @@ class Recognition(NamedTuple):
     of the blocks before, the load taken out: their `sum` (K-4, K-4), its weight, how many `blocks`; judgements in a row
     that do not fit, and whether this is `another` machine."""
 
-    gram: Array
+    gram: Numbers
     rows: int
     steps: int
     sum: Array
@@ -59,7 +60,7 @@ class Recognizer:
     @cached_property
     def _spread(self) -> Array:
         """What friction and zeros may have changed by."""
-        zeros = [ZERO * c.area_head for c in self.model.machine.cylinders]
+        zeros = [SHIFT * c.area_head for c in self.model.machine.cylinders]
         return np.concatenate([FRICTION * np.abs(self.tares.values[self.model.changing_friction]), zeros])
 
     @cached_property
@@ -72,54 +73,50 @@ class Recognizer:
         return np.diag(load_spread(self.model.machine) ** -2.0)
 
     @cached_property
-    def _empty_block(self) -> Array:
-        size = 5 + len(self._spread)
-        return np.zeros((size, size))
+    def _size(self) -> int:
+        return 5 + len(self._spread)
+
+    @cached_property
+    def _nothing(self) -> Array:
+        """A block without a load, empty."""
+        return np.zeros((self._size - 4, self._size - 4))
 
     def begin(self) -> Recognition:
         """Nothing is known yet."""
-        return Recognition(self._empty_block, 0, 0, self._empty_block[4:, 4:], 0.0, 0, 0, another=False)
+        return Recognition(ZERO * self._size**2, 0, 0, self._nothing, 0.0, 0, 0, another=False)
 
     def interrupt(self, state: Recognition) -> Recognition:
         """The measurement stopped: the running block starts anew."""
-        return state._replace(gram=self._empty_block, rows=0, steps=0)
+        return state._replace(gram=ZERO * self._size**2, rows=0, steps=0)
 
     def step(self, state: Recognition, rows: Rows, left: Residual, usable: Array) -> Recognition:
         """Take one instant in; `usable` (R,) rows."""
-        telling = np.logical_and(usable, left.rest < left.variance)
-        if any(telling.tolist()):
-            state = self._gathered(state, rows, left, telling)
-        state = state._replace(steps=state.steps + 1)
-        if state.steps < BLOCK_SECONDS * self.model.filters.rate_hz:
+        gram = state.gram[:]
+        good = np.asarray(usable, dtype=np.float64)
+        parts = (rows.columns.ravel(), left.torque, left.variance, left.rest, good)
+        telling = self.kernel.gather(self._solver, *parts, self._spread, self._memory, gram)
+        more, steps = gram if telling else state.gram, state.steps + 1
+        state = Recognition(more, state.rows + telling, steps, *state[3:])
+        if steps < self._block:
             return state
         moved = state.rows >= IN_MOTION * state.steps * len(usable)
         return self.interrupt(self._judged(state) if moved else state)
+
+    @cached_property
+    def _block(self) -> float:
+        """Steps of a block."""
+        return BLOCK_SECONDS * self.model.filters.rate_hz
 
     def misfit(self, state: Recognition) -> float:
         """Mean squared normalised residual of the blocks so far: about 0.5 for the machine that was identified."""
         return _left(state.sum) / state.weight
 
-    def _gathered(self, state: Recognition, rows: Rows, left: Residual, telling: Array) -> Recognition:
-        new = room(state.gram.size)
-        self.kernel.gather(
-            self._solver,
-            rows.columns.ravel(),
-            np.concatenate((left.torque, left.variance, left.rest)),
-            telling.astype(np.float64),
-            self._spread,
-            self._memory,
-            state.gram.ravel(),
-            new,
-        )
-        gram = np.frombuffer(new).reshape(state.gram.shape)
-        return state._replace(gram=gram, rows=state.rows + sum(telling.tolist()))
-
     def _judged(self, state: Recognition) -> Recognition:
         """With the block that has ended."""
-        gram, weight = state.gram, state.rows / self._memory
+        gram, weight = np.frombuffer(state.gram).reshape(self._size, -1), state.rows / self._memory
         block = gram[4:, 4:] - gram[4:, :4] @ np.linalg.solve(gram[:4, :4] + self._prior, gram[:4, 4:])
         if _left(block) > CONTACT * weight:
-            return state._replace(sum=self._empty_block[4:, 4:], weight=0.0, blocks=0, misfits=0)
+            return state._replace(sum=self._nothing, weight=0.0, blocks=0, misfits=0)
         state = state._replace(
             sum=FADE * state.sum + block, weight=FADE * state.weight + weight, blocks=state.blocks + 1
         )

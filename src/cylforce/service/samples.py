@@ -26,7 +26,7 @@ def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> It
 
 
 def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
-    inputs, still = assembler.begin(), (False,) * len(assembler.service.machine.signals)
+    inputs, still = assembler.begin(), assembler.still
     missing = np.full(len(assembler.service.machine.signals), np.nan)
     last_us: int | None = None
     for event in events:

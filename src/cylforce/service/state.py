@@ -3,9 +3,9 @@
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.mechanics.installation import STANDARD
 from cylforce.service.adaptation import Drift
-from cylforce.service.assembler import Inputs
 from cylforce.service.booking import Weighed
 from cylforce.service.contact.interaction import Interaction
 from cylforce.service.contact.rocking import STILL, Rocking
@@ -15,6 +15,7 @@ from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Watch
 from cylforce.service.publication import Encoder
 from cylforce.service.recognition import Recognition
+from cylforce.service.senders.inputs import Inputs
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
 
@@ -52,10 +53,10 @@ NOTHING_KEPT = Memory()
 class State(NamedTuple):
     """Everything that the service remembers from event to event: the sensors' last values, filters (None: not
     started), weighing, drift, zero and tare, time of the last processed sample [us], last estimate; per signal whether
-    it should change because the machine moves; whose machine it is; contact with the ground; whether the sensors agree;
-    the truck that is being loaded; the working cycle so far, and the one that the last booking ended; whether NMT has
-    stopped our node; the name of the tool; the torque that the empty machine does not explain, of each measured joint
-    [N m] (none: not measured); how the base moves."""
+    it should change (1) because the machine moves; whose machine it is; contact with the ground; whether the sensors
+    agree; the truck that is being loaded; the working cycle so far, and the one that the last booking ended; whether
+    NMT has stopped our node; the name of the tool; the torque that the empty machine does not explain, of each
+    measured joint [N m] (none: not measured); how the base moves."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -64,7 +65,7 @@ class State(NamedTuple):
     scale: Scale
     sampled_us: int
     estimate: Estimate
-    moving: tuple[bool, ...]
+    moving: Numbers
     recognition: Recognition
     interaction: Interaction
     watch: Watch
@@ -75,6 +76,10 @@ class State(NamedTuple):
     tool: str = STANDARD
     unexplained: tuple[float, ...] = ()
     rocking: Rocking = STILL
+
+    def concluded(self, estimate: Estimate, cycle: Cycle) -> "State":
+        """The state with the estimate of its instant and the working cycle so far."""
+        return State._make((*self[:6], estimate, *self[7:12], cycle, *self[13:]))
 
     @property
     def memory(self) -> Memory:

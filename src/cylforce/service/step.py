@@ -1,11 +1,13 @@
 """The whole service as one pure function of events: step(state, event) -> (state, output)."""
 
+from array import array
 from collections.abc import Iterator
 from functools import partial
-from math import hypot
+from math import hypot, isfinite
 
 import numpy as np
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import GOOD_ENOUGH, Residual
 from cylforce.service import commands
@@ -127,7 +129,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if pipe.steps <= core.model.settle_steps:
         nothing = _nothing(state, t_us, Reason.STARTING)
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
-    usable = pipe.waiting == 0
+    usable = np.equal(pipe.waiting, 0.0).astype(np.float64)
     plain, drifting = core.weigher.left(rows, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift, drifting)
@@ -135,28 +137,19 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
     (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
-    known = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
-    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *known)
+    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
+    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *told)
     watch, weighing = _watched(core, state, seen, weighing)
-    now = state._replace(
-        pipe=pipe,
-        sampled_us=t_us,
-        moving=moving,
-        weighing=weighing,
-        drift=_drift(core, state.drift, watch, load, rows, left, usable),
-        recognition=core.recognizer.step(state.recognition, rows, plain, usable),
-        interaction=interaction,
-        watch=watch,
-        rocking=rocking,
-        unexplained=tuple(left.torque.tolist()),
-    )
-    estimate = _estimate(core, now, load, forces, t_us)
-    return _booked(now._replace(estimate=estimate), state.weighing.books.booking)
+    follows = _drift(core, state.drift, watch, load, rows, left, usable)
+    known = core.recognizer.step(state.recognition, rows, plain, usable)
+    kept = (state.scale, t_us, state.estimate, moving, known, interaction, watch, *state[11:16])
+    now = State(state.inputs, pipe, weighing, follows, *kept, tuple(left.torque.tolist()), rocking)
+    return _booked(now, _estimate(core, now, load, forces, t_us), state.weighing.books.booking)
 
 
 def _beside(core: Core, state: State, channels: Array) -> Beside:
     """What a weight is to remember: the tool's angle to the house, and what errors of signals would do to it."""
-    tilt = None if core.service.machine.opens else float(channels[: core.service.machine.size].sum())
+    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size].tolist())
     return Beside(tilt, state.watch.unnoticed.slopes)
 
 
@@ -166,15 +159,16 @@ def _curled(core: Core, channels: Array) -> bool:
     return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
 
 
-def _booked(state: State, before: Booking | None) -> State:
-    """The state with the working cycle advanced; with a new booking it ends, and the truck has one more bucket, whose
-    mass follows the booking while that becomes more precise."""
-    cycle, booking = advanced(state.cycle, state.estimate), state.weighing.books.booking
+def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
+    """The state with its estimate and the working cycle advanced; with a new booking it ends, and the truck has one
+    more bucket, whose mass follows the booking while that becomes more precise."""
+    cycle, booking = advanced(state.cycle, estimate), state.weighing.books.booking
+    state = state.concluded(estimate, cycle)
     if booking is None or booking is before:
-        return state._replace(cycle=cycle)
+        return state
     if before is not None and not is_new(booking, before):
         truck = refined(state.truck, booking.number, booking.dumped - before.dumped)
-        return state._replace(cycle=cycle, truck=truck)
+        return state._replace(truck=truck)
     truck = loaded(state.truck, booking, state.scale.tare)
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
@@ -187,7 +181,7 @@ def _channels(core: Core, sample: Sample) -> Array | Reason:
     if _tilted(core, sample):
         return Reason.TILT
     channels = core.model.channels.read(sample.values)
-    return channels if np.isfinite(channels).all() else Reason.END_STOP
+    return channels if isfinite(sum(channels.tolist())) else Reason.END_STOP
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
@@ -198,7 +192,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         weighing = weighing._replace(seen_us=t_us)
     return state._replace(
         pipe=None,
-        moving=(False,) * len(state.moving),
+        moving=core.assembler.still,
         weighing=weighing,
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
@@ -252,7 +246,7 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
-    load = load._replace(mass=_with_unnoticed(load.mass, state.watch.unnoticed, rated))
+    load = Load(_with_unnoticed(load.mass, state.watch.unnoticed, rated), load.centre_x, load.centre_z)
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
@@ -261,7 +255,7 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
 
 def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed, rated: float) -> Quantity:
     """The mass [kg] with what errors of signals add to its standard error, DEGRADED if it certainly is that far off."""
-    mass = mass._replace(standard_error=hypot(mass.standard_error, unnoticed.mass))
+    mass = Quantity(mass.value, hypot(mass.standard_error, unnoticed.mass), mass.status, mass.reason)
     return degraded(mass, Reason.UNCERTAIN) if unnoticed.certain > GOOD_ENOUGH * rated else mass
 
 
@@ -269,12 +263,12 @@ def _less_sure(forces: Forces, reason: Reason) -> Forces:
     return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
 
 
-def _moving(core: Core, pipe: Pipe) -> tuple[bool, ...]:
-    """Per signal whether it should change, so that a repeated value means a frozen sensor: a pressure while its own
+def _moving(core: Core, pipe: Pipe) -> Numbers:
+    """Per signal whether it should change (1), so that a repeated value means a frozen sensor: a pressure while its own
     cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
-    moves = (np.abs(pipe.speed) > MOVING).tolist()
-    shaken = any(moves)
-    return tuple([shaken if c is None else moves[c] for c in core.moved_by])
+    moves = [1.0 if abs(speed) > MOVING else 0.0 for speed in pipe.speed.tolist()]
+    shaken = max(moves)
+    return array("d", [shaken if c is None else moves[c] for c in core.moved_by])
 
 
 def _tilted(core: Core, sample: Sample) -> bool:
@@ -290,7 +284,7 @@ def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
         yield Reason.OTHER_TOOL
     if state.watch.unsure or state.watch.suspicion.level is Level.DOUBTED:
         yield Reason.SENSORS_DISAGREE
-    if abs(t_us - state.inputs.long_t_us) < LONG_FRAME_US:
+    if abs(t_us - state.inputs.long_us) < LONG_FRAME_US:
         yield Reason.LONG_FRAME
-    if state.inputs.watched.spoofed(t_us):
+    if state.inputs.spoofed(t_us):
         yield Reason.OWN_IDENTIFIER

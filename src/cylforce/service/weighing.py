@@ -10,9 +10,10 @@ import numpy as np
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.kernel.solving import Limits, room, solver
+from cylforce.estimation.kernel.solving import ZERO, Limits, solver
+from cylforce.estimation.kernel.weighed import GRAM
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.recursive import Root, forget, known, solution, update
+from cylforce.estimation.recursive import forget, known, solution, update
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import (
     GOOD_ENOUGH,
@@ -25,7 +26,7 @@ from cylforce.estimation.residual import (
 )
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import NOTHING_BESIDE, Beside, Books, Weighed, noted, parted, spilled, unseen
-from cylforce.service.loading.lift import Lift, Weight
+from cylforce.service.loading.lift import Lift, Weight, kept
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
@@ -73,18 +74,33 @@ class Weigher:
         """Number of consecutive samples that count as one independent sample."""
         return correlated(self.model.filters, self.tares.correlation)
 
-    @property
+    @cached_property
     def _long(self) -> float:
         """Number of samples after which older ones begin to fade."""
         return FORGET_SECONDS * self.model.filters.rate_hz
+
+    @cached_property
+    def _patience(self) -> float:
+        """Number of samples that do not fit, after which a lift ends."""
+        return PATIENCE_S * self.model.filters.rate_hz
+
+    @cached_property
+    def _settled(self) -> float:
+        """Number of samples before a weight is shown."""
+        return MIN_SECONDS * self.model.filters.rate_hz
+
+    @cached_property
+    def _looks(self) -> tuple[int, int]:
+        """Samples between two looks for a spill, and for a booking."""
+        return round(EVERY_S * self.model.filters.rate_hz), round(LATER_S * self.model.filters.rate_hz)
 
     @cached_property
     def _fresh(self) -> Lift:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        rested, marks = np.zeros(len(machine.rows)), np.stack([information(root, nothing)] * 2)
-        return Lift(root, *solution(root), nothing, 0, 0, 0, rested, marks, mixed=False)
+        rested, marks = ZERO * len(machine.rows), np.stack([information(root, nothing)] * 2)
+        return Lift(kept(root, *solution(root), nothing), 0, 0, 0, rested, marks, mixed=False)
 
     @property
     def _again(self) -> Lift:
@@ -127,13 +143,13 @@ class Weigher:
         drift = self._still if drift is None else drift
         columns = np.zeros((len(left.torque), len(drift.values))) if drifting is None else drifting
         lift = self._advance(state.lift, left, usable, drift, columns)
-        if lift.refused > PATIENCE_S * self.model.filters.rate_hz:
-            # the candidate remains until the bucket is seen empty
-            lift, state = self._again, state._replace(books=parted(state.books))
+        books = state.books
+        if lift.refused > self._patience:
+            lift, books = self._again, parted(books)  # the candidate remains until the bucket is seen empty
         elif not lift.taken and state.lift.taken:
-            state = state._replace(books=spilled(state.books))
+            books = spilled(books)
         weight = self._conclude(lift, drift)
-        state = state._replace(lift=lift, seen_us=t_us)
+        state = Weighing(lift, books, t_us, state.tool)
         load = self._judge(lift, weight)
         if not curled and weight.mass >= SMALLEST * self.model.machine.rated_payload:
             return state, Load(*(degraded(q, Reason.NOT_CURLED) for q in load))
@@ -145,7 +161,8 @@ class Weigher:
 
     def left(self, rows: Rows, drift: Drift) -> tuple[Residual, Array]:
         """The torque that tares and drift do not explain, and the columns (R, D) of the drift."""
-        found, r = room((3 + drift.values.size) * len(rows.torque)), len(rows.torque)
+        r = len(rows.torque)
+        found = ZERO * ((3 + drift.values.size) * r)
         torque = np.ascontiguousarray(rows.torque)
         self.kernel.explain(self._solver, rows.columns.ravel(), torque, drift.values, found)
         whole = np.frombuffer(found)
@@ -154,43 +171,25 @@ class Weigher:
 
     def _advance(self, lift: Lift, left: Residual, usable: Array, drift: Drift, drifting: Array) -> Lift:
         own, changing, rows = left.columns.ravel(), drifting.ravel(), len(left.torque)
-        work = room(8 * rows)
-        fits = self.kernel.gate(
-            self._solver,
-            own,
-            np.concatenate((left.torque, left.variance, left.rest)),
-            usable.astype(np.float64),
-            lift.values,
-            lift.covariance.ravel(),
-            lift.gram.ravel(),
-            lift.rested,
-            drift.values,
-            drift.covariance.ravel(),
-            changing,
-            work,
-        )
+        work, good = ZERO * (8 * rows), np.asarray(usable, dtype=np.float64)
+        seen = (own, left.torque, left.variance, left.rest, good, lift.kept, lift.rested)
+        fits = self.kernel.gate(self._solver, *seen, drift.values, drift.covariance.ravel(), changing, work)
         if not fits:
             return lift._replace(refused=lift.refused + 1)
-        rested = np.frombuffer(work)[7 * rows :]
+        rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
-        root, gram = self._faded(lift, work)
-        new, size = room(40 + gram.size), gram.shape[1]
-        self.kernel.take(self._solver, own, work, changing, root.factor.ravel(), root.right, gram.ravel(), new)
-        whole = np.frombuffer(new)
-        root = Root(whole[:16].reshape(4, 4), whole[16:20])
-        moving = lift.moving + any(
-            good and not steps for good, steps in zip(usable.tolist(), work[7 * rows :], strict=True)
-        )
-        covariance, gram = whole[24:40].reshape(4, 4), whole[40:].reshape(4, size)
-        now = Lift(root, whole[20:24], covariance, gram, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed)
-        return self._watched(now, drift)
+        new = self._faded(lift, work)
+        self.kernel.take(self._solver, own, work, changing, new)
+        moving = lift.moving + (fits > 1)
+        return self._watched(Lift(new, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed), drift)
 
     def _watched(self, lift: Lift, drift: Drift) -> Lift:
         """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
-        every = round(EVERY_S * self.model.filters.rate_hz)
-        hangs = lift.values[0] > SMALLEST * self.model.machine.rated_payload
-        if lift.taken % every or lift.taken > self._long or not hangs:
+        every = self._looks[0]
+        if lift.taken % every or lift.taken > self._long:
+            return lift
+        if not lift.values[0] > SMALLEST * self.model.machine.rated_payload:
             return lift
         now = information(lift.root, lift.gram)
         by, wrong = change(lift.marks[0], now, side_by_side(self.tares.covariance, drift.covariance))
@@ -199,18 +198,19 @@ class Weigher:
             return self._again
         return lift._replace(marks=np.stack([lift.marks[1], now]))
 
-    def _faded(self, lift: Lift, work: Numbers) -> tuple[Root, Array]:
-        """Root and gram of the lift before it takes in the rows of `work`: in long lifts a small share of the
+    def _faded(self, lift: Lift, work: Numbers) -> Numbers:
+        """The numbers of the lift before it takes in the rows of `work`: in long lifts a small share of the
         old information in their directions is forgotten. The estimate and its dependence on the tares do not change."""
         if lift.taken < self._long:
-            return lift.root, lift.gram
+            return lift.kept[:]
         rows = np.frombuffer(work).reshape(8, -1)
         columns = rows[:4].reshape(-1, 4)[rows[6] > 0.0]
         if not len(columns):
-            return lift.root, lift.gram
+            return lift.kept[:]
         root = forget(lift.root, columns, 1.0 - 1.0 / self._long)
         gram = root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
-        return update(root, columns[:0], columns[:0, 0], columns[:0, 0]), gram  # a triangle again
+        root = update(root, columns[:0], columns[:0, 0], columns[:0, 0])  # a triangle again
+        return kept(root, lift.values, lift.covariance, gram)
 
     def _weighed(self, lift: Lift) -> Weighed:
         gain = lift.covariance[0] @ lift.gram
@@ -219,9 +219,8 @@ class Weigher:
 
     def _conclude(self, lift: Lift, drift: Drift) -> Weight:
         """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
-        found, gram = room(7 + lift.gram.shape[1]), lift.gram.ravel()
-        parts = (lift.values, lift.covariance.ravel(), gram, drift.values, drift.covariance.ravel())
-        self.kernel.conclude(self._solver, *parts, found)
+        found = ZERO * (7 + (len(lift.kept) - GRAM) // 4)
+        self.kernel.conclude(self._solver, lift.kept, drift.values, drift.covariance.ravel(), found)
         mass, wrong, x, z, error_x, error_z, drifted = found[:7]
         return Weight(mass, wrong, complex(x, z), (error_x, error_z), drifted)
 
@@ -256,7 +255,7 @@ class Weigher:
         """The reason why there is no weight, or None."""
         if lift.refused:
             return Reason.IN_CONTACT
-        if lift.taken < MIN_SECONDS * self.model.filters.rate_hz:
+        if lift.taken < self._settled:
             return Reason.STARTING
         if not self._plausible(weight):
             return Reason.NOT_A_LOAD
@@ -264,7 +263,7 @@ class Weigher:
 
     def _checked(self, check: ToolCheck, lift: Lift, weight: Weight) -> ToolCheck:
         """The check of the tool with the weight of a lift that goes on in motion."""
-        limit, settled = SMALLEST * self.model.machine.rated_payload, MIN_SECONDS * self.model.filters.rate_hz
+        limit, settled = SMALLEST * self.model.machine.rated_payload, self._settled
         noise = sqrt(lift.covariance[0, 0])
         if lift.refused or lift.moving < settled or noise > GOOD_ENOUGH * self.model.machine.rated_payload:
             return check
@@ -275,8 +274,7 @@ class Weigher:
 
     def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift, beside: Beside) -> Weighing:
         """The state with what is to be booked, looked at every LATER_S of a lift."""
-        often = round(LATER_S * self.model.filters.rate_hz)
-        if state.lift.taken % often:
+        if state.lift.taken % self._looks[1]:
             return state
         state = state._replace(tool=self._checked(state.tool, state.lift, weight))
         if self._doubt(state.lift, weight) is not None:

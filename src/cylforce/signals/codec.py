@@ -105,24 +105,16 @@ def _raw_field(f: Field) -> Raw:
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
     """Data from the SI values of all fields, in their order."""
-    return of.struct.pack(*[_raw(*field, value) for field, value in zip(of.fields, values, strict=True)])
-
-
-def _raw(
-    low: float,
-    high: float,
-    scale: float,
-    offset: float,
-    integers: tuple[int, int] | None,
-    missing: float,
-    value: float,
-) -> int | float:
-    if not low <= value <= high or not isfinite(value):
-        return missing
-    if integers is None:
-        return (value - offset) / scale
-    raw = round((value - offset) / scale)
-    return raw if integers[0] <= raw <= integers[1] else missing
+    raws = []
+    for (low, high, scale, offset, integers, missing), value in zip(of.fields, values, strict=True):
+        if not low <= value <= high or not isfinite(value):
+            raws.append(missing)
+        elif integers is None:
+            raws.append((value - offset) / scale)
+        else:
+            raw = round((value - offset) / scale)
+            raws.append(raw if integers[0] <= raw <= integers[1] else missing)
+    return of.struct.pack(*raws)
 
 
 def _raw_range(code: str) -> tuple[int, int]:

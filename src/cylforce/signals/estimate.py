@@ -87,7 +87,7 @@ def invalid(reason: Reason) -> Quantity:
 
 def less(q: Quantity, by: float) -> Quantity:
     """The quantity with its value less `by`."""
-    return q._replace(value=q.value - by)
+    return Quantity(q.value - by, q.standard_error, q.status, q.reason) if by else q
 
 
 def degraded(q: Quantity, reason: Reason) -> Quantity:

@@ -8,20 +8,37 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import plan, pushed, rows, solver, weighed
+from cylforce.estimation.kernel import followed, inputs, plan, pushed, recognised, rows, solver, weighed
 from cylforce.estimation.kernel.solving import listed
 
-PARTS = ("plan.py", "bodies.py", "columns.py", "rows.py", "solver.py", "weighed.py", "pushed.py")
+PARTS = (
+    "inputs.py",
+    "plan.py",
+    "bodies.py",
+    "columns.py",
+    "rows.py",
+    "solver.py",
+    "weighed.py",
+    "pushed.py",
+    "recognised.py",
+    "followed.py",
+)
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
+    KernelInputs=listed(inputs.KernelInputs),
+    receive=inputs.receive,
+    usable=inputs.usable,
+    leapt=inputs.leapt,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
+    KernelDrift=listed(followed.KernelDrift),
     advance=rows.advance,
     state_size=rows.state_size,
     rows_size=rows.rows_size,
     **{
         function.__name__: listed(function)
         for function in (
+            rows.slips,
             weighed.explain,
             weighed.gate,
             weighed.take,
@@ -29,7 +46,9 @@ INTERPRETED: Any = SimpleNamespace(
             pushed.push,
             pushed.soil,
             pushed.learn,
-            pushed.gather,
+            recognised.gather,
+            followed.certain,
+            followed.follow,
         )
     },
 )

@@ -187,7 +187,7 @@ def columns(p: KernelPlan) -> None:
     set_links(p, pitch, turning)
     p.torque[p.r] = slew * slew
     rigid(p, g, h)
-    if len(p.slewed):
+    if p.slewed_size:
         slewed(p, slew * slew)
     tip(p)
     cylinders(p, g * cos(pitch) - h * sin(pitch), g * sin(pitch) + h * cos(pitch))

@@ -1,8 +1,9 @@
 """What the kernel knows of a machine, of the columns of its effects and of the filters; `making.py` makes it."""
 
+from collections.abc import Sequence
 from typing import Any
 
-from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, record
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, record
 
 
 @record
@@ -28,6 +29,7 @@ class KernelPlan:
     used_size: Count
     moved_size: Count
     lever_size: Count
+    slewed_size: Count
     waits: Count
     rate_slew: Count
     inertial: Count
@@ -77,17 +79,33 @@ class KernelPlan:
     momentum: Numbers
     static: Numbers
     torque: Numbers
+    arrays: object
 
-    def __init__(self, sizes: Counts, physics: Numbers, counts: list[Any], numbers: list[Any]) -> None:
+    def __init__(self, sizes: Sequence[int], physics: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
         """Everything in the order of the fields."""
+        self.arrays = (counts, numbers)
         self.n, self.c, self.r, self.k, self.d = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]
         self.law_size, self.waits, self.rate_slew, self.inertial, self.tip = (sizes[i] for i in range(5, 10))
         self.gravity, self.axis, self.base_x, self.base_z, self.dt = (physics[i] for i in range(5))
-        self.row, self.acting, self.bodies, self.rigid, self.slewed = counts[:5]
-        self.rocker, self.weight, self.laws, self.levers, self.used, self.moved, self.good = counts[5:]
-        self.used_size, self.moved_size, self.lever_size = len(self.used), len(self.moved), len(self.levers) // 3
-        self.lengths, self.arm, self.pins, self.bars, self.stops, self.shapes = numbers[:6]
-        self.channel, self.mean, self.begun, self.slope, self.rest = numbers[6:11]
-        self.quick, self.settled, self.slow, self.middle, self.rate = numbers[11:16]
-        self.q, self.qd, self.turn, self.level, self.hinge, self.riders = numbers[16:22]
-        self.lever, self.speed, self.pushes, self.momentum, self.static, self.torque = numbers[22:]
+        self.row, self.acting = as_counts(counts[0]), as_counts(counts[1])
+        self.bodies, self.rigid = as_counts(counts[2]), as_counts(counts[3])
+        self.slewed, self.rocker = as_counts(counts[4]), as_counts(counts[5])
+        self.weight, self.laws = as_counts(counts[6]), as_counts(counts[7])
+        self.levers, self.used = as_counts(counts[8]), as_counts(counts[9])
+        self.moved, self.good = as_counts(counts[10]), as_counts(counts[11])
+        self.used_size, self.moved_size, self.lever_size = len(counts[9]), len(counts[10]), len(counts[8]) // 3
+        self.slewed_size = len(counts[4])
+        self.lengths, self.arm = as_numbers(numbers[0]), as_numbers(numbers[1])
+        self.pins, self.bars = as_numbers(numbers[2]), as_numbers(numbers[3])
+        self.stops, self.shapes = as_numbers(numbers[4]), as_numbers(numbers[5])
+        self.channel, self.mean = as_numbers(numbers[6]), as_numbers(numbers[7])
+        self.begun, self.slope = as_numbers(numbers[8]), as_numbers(numbers[9])
+        self.rest, self.quick = as_numbers(numbers[10]), as_numbers(numbers[11])
+        self.settled, self.slow = as_numbers(numbers[12]), as_numbers(numbers[13])
+        self.middle, self.rate = as_numbers(numbers[14]), as_numbers(numbers[15])
+        self.q, self.qd = as_numbers(numbers[16]), as_numbers(numbers[17])
+        self.turn, self.level = as_numbers(numbers[18]), as_numbers(numbers[19])
+        self.hinge, self.riders = as_numbers(numbers[20]), as_numbers(numbers[21])
+        self.lever, self.speed = as_numbers(numbers[22]), as_numbers(numbers[23])
+        self.pushes, self.momentum = as_numbers(numbers[24]), as_numbers(numbers[25])
+        self.static, self.torque = as_numbers(numbers[26]), as_numbers(numbers[27])

@@ -1,73 +1,100 @@
-"""The force at the tool at one instant, its errors, and what a block of motion tells of whose machine it is:
-`service.contact.noise`, `service.force` and `service.recognition`, in plain numbers."""
+"""The force at the tool at one instant, and its errors: `service.contact.noise` and `service.force`, in plain
+numbers."""
 
 from math import sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver
-from cylforce.estimation.kernel.weighed import add, loaded, quadratic
+from cylforce.estimation.kernel.weighed import loaded, quadratic
 
 
 def push(
     s: KernelSolver,
-    columns: Numbers,
-    torque: Numbers,
-    change: Numbers,
-    reversing: Numbers,
-    lever: Numbers,
+    rows: Numbers,
     usable: Numbers,
     load: Numbers,
     drift: Numbers,
+    wrong: Numbers,
+    errors: Count,
     unrest: Numbers,
     new: Numbers,
     found: Numbers,
 ) -> None:
-    """Of the rows of an instant, columns (R, K), torque (R,), rate of change (R, K), of reversing cylinders (C,) and
-    levers (C, R), the load in the bucket (4,), the values of the drift (D,), and the errors before, inertia (R, R),
+    """Of the `rows` of a step (`rows.rows_size`) those of the instant, the load in the bucket (4,), the values of the
+    drift (D,), torques `wrong` (R, H) by errors of H signals, each by itself, and the errors before, inertia (R, R),
     reversing (C,), variance (R,), one after the other: `new`, the same errors after it; `found`: torque left (R,),
     variance of friction whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the
-    load (R, 4)."""
-    gains = 2 * s.r + 6
-    own_columns(s, columns)
-    leave(s, columns, torque, drift, found)
+    load (R, 4), of `alone` two numbers, what `wrong` adds to xx, xz and zz of the covariance."""
+    gains, size = 2 * s.r + 6, s.r * s.k
+    now, reversing = size + s.r, 3 * size + 2 * s.r
+    lever = reversing + s.c
+    own_columns(s, rows, now)
+    leave(s, rows, now, drift, found)
     loaded(s, s.own, s.other)
     for i in range(4 * s.r):
         found[gains + 2 * s.r + i] = s.other[i]
-    be_late(s, change, load, unrest, new)
+    be_late(s, rows, 2 * now, load, unrest, new)
     for c in range(s.c):
-        new[s.r * s.r + c] = max(reversing[c], s.keep * unrest[s.r * s.r + c])
+        new[s.r * s.r + c] = max(rows[reversing + c], s.keep * unrest[s.r * s.r + c])
     for r in range(s.r):
         new[s.r * s.r + s.c + r] = unrest[s.r * s.r + s.c + r]
         foreseen = 0.0
         for c in range(s.dry_size):
-            foreseen += new[s.r * s.r + c] * s.dry[c] * abs(lever[c * s.r + r])
+            foreseen += new[s.r * s.r + c] * s.dry[c] * abs(rows[lever + c * s.r + r])
         found[s.r + r] = foreseen * foreseen
     doubt(s, found, new)
-    solve(s, columns, usable, found)
+    solve(s, rows, now, usable, found)
+    alone(s, found, 2 * s.r, 8 * s.r + 6)
+    widen(s, wrong, errors, found, 8 * s.r + 8)
 
 
 @inner
-def leave(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
-    """Torque (R,) that tares and drift leave."""
-    own, values, at = s.own, s.values, s.at
+def alone(s: KernelSolver, found: Numbers, o: Count, to: Count) -> None:
+    """Of a force (2,) and its covariance (2, 2) that stand from `o` on: the weight [N] of the mass in the bucket that
+    explains most of it, the w downwards of 0 to `heaviest` that minimises (f + w z)' C^-1 (f + w z); and that
+    minimum."""
+    x, z, xx, xz, zz = found[o], found[o + 1], found[o + 2], found[o + 3], found[o + 5]
+    weight = min(max((xz * x - xx * z) / xx, 0.0), s.heaviest)
+    z += weight
+    found[to], found[to + 1] = weight, (zz * x * x - 2.0 * xz * x * z + xx * z * z) / (xx * zz - xz * xz)
+
+
+@inner
+def widen(s: KernelSolver, wrong: Numbers, errors: Count, found: Numbers, to: Count) -> None:
+    """Covariance of the force, xx, xz and zz, by torques `wrong` (R, H)."""
+    gains = 2 * s.r + 6
+    for h in range(errors):
+        x, z = 0.0, 0.0
+        for r in range(s.r):
+            x += found[gains + r] * wrong[r * errors + h]
+            z += found[gains + s.r + r] * wrong[r * errors + h]
+        found[to] += x * x
+        found[to + 1] += x * z
+        found[to + 2] += z * z
+
+
+@inner
+def leave(s: KernelSolver, columns: Numbers, begin: Count, drift: Numbers, found: Numbers) -> None:
+    """Torque (R,) that tares and drift leave, of columns (R, K) and torque (R,) from `begin` on."""
+    own, values, at, torque = s.own, s.values, s.at, begin + s.r * s.k
     for r in range(s.r):
-        o, left = r * s.p, torque[r]
+        o, left = r * s.p, columns[torque + r]
         for m in range(s.many[r]):
             left -= own[o + at[o + m]] * values[at[o + m]]
         for i in range(s.d):
-            left -= columns[r * s.k + s.changing[i]] * drift[i]
+            left -= columns[begin + r * s.k + s.changing[i]] * drift[i]
         found[r] = s.scale * left
 
 
 @inner
-def own_columns(s: KernelSolver, columns: Numbers) -> None:
-    """The columns of the tares (R, P), one row after the other, in `own`; which are not zero, in `at` (R, P), the first
-    `many` (R,)."""
+def own_columns(s: KernelSolver, columns: Numbers, begin: Count) -> None:
+    """The columns of the tares (R, P), of all (R, K) from `begin` on, one row after the other, in `own`; which are not
+    zero, in `at` (R, P), the first `many` (R,)."""
     own, at, size = s.own, s.at, s.p
     for r in range(s.r):
         o, number = r * size, 0
         for i in range(size):
-            x = columns[r * s.k + i]
+            x = columns[begin + r * s.k + i]
             own[o + i] = x
             if x != 0.0:
                 at[o + number] = i
@@ -76,15 +103,15 @@ def own_columns(s: KernelSolver, columns: Numbers) -> None:
 
 
 @inner
-def be_late(s: KernelSolver, change: Numbers, load: Numbers, before: Numbers, new: Numbers) -> None:
+def be_late(s: KernelSolver, change: Numbers, begin: Count, load: Numbers, before: Numbers, new: Numbers) -> None:
     """Covariance (R, R) of the late torque of inertia of machine and load."""
     late, values = s.spread, s.values
     for r in range(s.r):
-        o, total = r * s.k, 0.0
+        o, total = begin + r * s.k, 0.0
         for i in range(s.p):
             total += change[o + i] * values[i]
         for i in range(s.loads):
-            total += change[r * s.k + s.load_at[2 * i]] * s.load[i] * load[s.load_at[2 * i + 1]]
+            total += change[o + s.load_at[2 * i]] * s.load[i] * load[s.load_at[2 * i + 1]]
         late[r] = s.late * total
     for r in range(s.r):
         for q in range(s.r):
@@ -96,7 +123,7 @@ def doubt(s: KernelSolver, found: Numbers, new: Numbers) -> None:
     """Covariance (R, R) of the torque that is left, in `square`: own errors of the instant and those of the tares."""
     for q in range(s.r):
         each = s.relative * found[q]
-        total = quadratic(s, s.covariance, s.p, s.own, q * s.p) + each * each
+        total = quadratic(s, s.covariance, 0, s.p, s.own, q * s.p) + each * each
         s.square[q * s.r + q] = total + found[s.r + q] + new[s.r * s.r + s.c + q] + new[q * s.r + q]
         for r in range(q + 1, s.r):
             s.square[r * s.r + q] = new[r * s.r + q] + common(s, r, q)
@@ -117,14 +144,14 @@ def common(s: KernelSolver, r: Count, q: Count) -> Number:
 
 
 @inner
-def solve(s: KernelSolver, columns: Numbers, usable: Numbers, found: Numbers) -> None:
+def solve(s: KernelSolver, columns: Numbers, begin: Count, usable: Numbers, found: Numbers) -> None:
     """Force at the tool by weighted least squares with its prior, from the usable rows: with L L' = `square`, rows
     L^-1 [tool | left], then the same of their normal matrix; `own` holds the rows and the inverse."""
     t, tools, o = s.t, s.own, s.t * s.r
     factor(s.square, s.r, usable)
     for i in range(t):
         for r in range(s.r):
-            tools[i * s.r + r] = columns[r * s.k + s.tip + i]
+            tools[i * s.r + r] = columns[begin + r * s.k + s.tip + i]
         forward(s.square, s.r, usable, tools, i * s.r)
         for j in range(i + 1):
             total = s.prior[i * t + j]
@@ -230,9 +257,9 @@ def soil(s: KernelSolver, found: Numbers, load: Numbers, covariance: Numbers, in
             into[2 + 2 * i + j] = total
 
 
-def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest: Numbers, new: Numbers) -> None:
-    """Variances (R,) of the rows after an instant in the air with a load (4,): s <- s (1 + a (e - 1)) of the rows that
-    are `good`, e the square of what is left over its variance."""
+def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest: Numbers) -> None:
+    """The variances (R,) that end `unrest`, after an instant in the air with a load (4,): s <- s (1 + a (e - 1)) of the
+    rows that are `good`, e the square of what is left over its variance."""
     o = s.r * s.r + s.c
     for r in range(s.r):
         left = found[r]
@@ -242,36 +269,4 @@ def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest:
         if good[r] != 0.0:
             expected = found[s.r + r] + unrest[r * s.r + r] + variance
             variance *= 1.0 + (min(left * left / expected, s.largest) - 1.0) / s.learning
-        new[r] = max(variance, s.row_error[r] * s.row_error[r])
-
-
-def gather(
-    s: KernelSolver,
-    columns: Numbers,
-    left: Numbers,
-    telling: Numbers,
-    change: Numbers,
-    memory: Number,
-    gram: Numbers,
-    new: Numbers,
-) -> None:
-    """`new`: the gram (K, K) with the telling rows of one instant, [load | changes in units of `change` (D,) | torque
-    left], in units of their standard errors, over `memory`. Columns (R, K); `left` (3, R): torque, variance, rest."""
-    size = 5 + s.d
-    own_columns(s, columns)
-    loaded(s, s.own, s.spread)
-    for i in range(size * size):
-        new[i] = gram[i]
-    for r in range(s.r):
-        if telling[r] != 0.0:
-            x = s.other
-            unsure = quadratic(s, s.covariance, s.p, s.own, r * s.p)
-            weight = 1.0 / sqrt((left[s.r + r] + left[2 * s.r + r] + unsure) * memory)
-            for i in range(4):
-                x[i] = s.spread[4 * r + i] * weight
-            for i in range(s.d):
-                x[4 + i] = columns[r * s.k + s.changing[i]] * change[i] * weight
-            x[size - 1] = left[r] * weight
-            for i in range(size):
-                if x[i] != 0.0:
-                    add(new, i * size, x[i], x, 0, size)
+        unrest[o + r] = max(variance, s.row_error[r] * s.row_error[r])

@@ -6,9 +6,12 @@ columns (3, R K) and torques (3, R); for each row the steps that it waits (R); s
 instant: low-pass of the forces (2, C), last momentum, low-pass of its rate and last rate (R K each), low-pass of the
 acceleration (C)."""
 
+from math import cos
+
+from cylforce.estimation.kernel.bodies import set_links, stretch
 from cylforce.estimation.kernel.columns import columns
 from cylforce.estimation.kernel.plan import KernelPlan
-from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
 
 AHEAD_S: Number = 0.06  # s by which a reversal of a cylinder is looked for, the delay of its measured speed; measured
 STARTING: Number = 0.03  # m/s^2 of a cylinder, below which a change of sign is noise at rest; chosen
@@ -156,6 +159,32 @@ def instant_columns(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, fir
         new[o + 2 * size] = rate
         out[now + e] += rate
         out[change + e] = (rate - old[o + 2 * size]) / dt
+
+
+def slips(
+    p: KernelPlan, channels: Numbers, values: Numbers, turned: Counts, size: Count, by: Number, out: Numbers
+) -> None:
+    """`out` (R, A): torque that a reading of each of `size` joints `turned` too large by one radian adds to what
+    gravity of the parameters `values` leaves, at the channels (D,), found by a reading too large `by` [rad]."""
+    for s in range(size + 1):
+        for j in range(p.n):
+            p.middle[j] = channels[j] + (by if s > 0 and turned[max(s - 1, 0)] == j else 0.0)
+            p.rate[j] = 0.0
+        set_links(p, channels[p.d - 3], 0.0)
+        for c in range(p.c):
+            stretch(p, c)
+        held = 0.0
+        for j in range(p.n - 1, -1, -1):
+            own = values[3 * j + 1] * p.level[2 * j] - values[3 * j + 2] * p.level[2 * j + 1]
+            held += p.gravity * cos(channels[p.d - 2]) * own
+            if p.row[j] >= 0:
+                left = -held
+                for c in range(p.c):
+                    left += channels[p.n + c] * p.lever[c * p.n + j]
+                if s == 0:
+                    p.torque[p.row[j]] = left
+                else:
+                    out[p.row[j] * size + s - 1] = (left - p.torque[p.row[j]]) / by
 
 
 @inner

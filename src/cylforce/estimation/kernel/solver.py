@@ -1,9 +1,10 @@
 """What the kernel knows of identified parameters: for the torque that they leave, the load and the force at the tool;
 `solving.py` makes it."""
 
+from collections.abc import Sequence
 from typing import Any
 
-from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, record
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, record
 
 
 @record
@@ -40,6 +41,7 @@ class KernelSolver:
     late: Number
     largest: Number
     learning: Number
+    heaviest: Number
     changing: Counts
     load_at: Counts
     places: Counts
@@ -56,14 +58,23 @@ class KernelSolver:
     square: Numbers
     other: Numbers
     some: Numbers
+    arrays: object
 
-    def __init__(self, sizes: Counts, limits: Numbers, counts: list[Any], numbers: list[Any]) -> None:
+    def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
         """Everything in the order of the fields."""
+        self.arrays = (counts, numbers)
         self.r, self.k, self.p, self.c, self.d, self.t, self.at_rest, self.tip = (sizes[i] for i in range(8))
         self.scale, self.scale_error, self.relative, self.gate, self.break_away = (limits[i] for i in range(5))
         self.cold, self.drifted, self.memory, self.patience = (limits[i] for i in range(5, 9))
         self.keep, self.late, self.largest, self.learning = (limits[i] for i in range(9, 13))
-        self.changing, self.load_at, self.places, self.at, self.many = counts
-        self.load, self.values, self.covariance, self.row_error, self.dry, self.prior, self.spread = numbers[:7]
-        self.own, self.square, self.other, self.some = numbers[7:]
-        self.loads, self.dry_size = len(self.load), len(self.dry)
+        self.heaviest = limits[13]
+        self.changing, self.load_at = as_counts(counts[0]), as_counts(counts[1])
+        self.places, self.at = as_counts(counts[2]), as_counts(counts[3])
+        self.many = as_counts(counts[4])
+        self.load, self.values = as_numbers(numbers[0]), as_numbers(numbers[1])
+        self.covariance, self.row_error = as_numbers(numbers[2]), as_numbers(numbers[3])
+        self.dry, self.prior = as_numbers(numbers[4]), as_numbers(numbers[5])
+        self.spread, self.own = as_numbers(numbers[6]), as_numbers(numbers[7])
+        self.square, self.other = as_numbers(numbers[8]), as_numbers(numbers[9])
+        self.some = as_numbers(numbers[10])
+        self.loads, self.dry_size = len(numbers[0]), len(numbers[4])

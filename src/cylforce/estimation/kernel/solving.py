@@ -12,6 +12,8 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import RELATIVE
 from cylforce.signals.estimate import Array
 
+ZERO = array("d", [0.0])
+
 
 class Limits(NamedTuple):
     """Numbers of the service, by the names that they have there; 1 where a caller does not use one."""
@@ -26,6 +28,7 @@ class Limits(NamedTuple):
     late: float = 1.0
     largest: float = 1.0
     learning: float = 1.0
+    heaviest: float = 1.0
 
 
 NO_LIMITS = Limits()
@@ -65,7 +68,7 @@ def solver(
 
 def room(size: int) -> Numbers:
     """A place for results of the kernel."""
-    return array("d", bytes(8 * size))
+    return ZERO * size
 
 
 def listed(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -6,6 +6,12 @@ from math import sqrt
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver
 
+VALUES: Count = (
+    20  # where they begin in the numbers of a lift, after factor (4, 4) and right side (4,) of its information
+)
+COVARIANCE: Count = 24
+GRAM: Count = 40
+
 
 def explain(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
     """Of rows (R, K) with `torque` (R,), the values of the drift (D,): `found` (3 + D, R) is the torque left, its
@@ -30,13 +36,14 @@ def explain(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, 
 
 
 @inner
-def quadratic(s: KernelSolver, matrix: Numbers, size: Count, x: Numbers, o: Count) -> Number:
-    """x' C x of a symmetric matrix (size, size) and the vector that begins at `o`, whose zeros are passed over."""
+def quadratic(s: KernelSolver, matrix: Numbers, begin: Count, size: Count, x: Numbers, o: Count) -> Number:
+    """x' C x of a symmetric matrix (size, size), from `begin` on, and the vector that begins at `o`, whose zeros are
+    passed over."""
     places, some, number, total = s.places, s.some, 0, 0.0
     for i in range(size):
         each = x[o + i]
         if each != 0.0:
-            half, row = 0.0, i * size
+            half, row = 0.0, begin + i * size
             for k in range(number):
                 half += matrix[row + places[k]] * some[k]
             total += each * (matrix[row + i] * each + 2.0 * half)
@@ -56,51 +63,51 @@ def loaded(s: KernelSolver, columns: Numbers, into: Numbers) -> None:
 
 
 @inner
-def shift(s: KernelSolver, values: Numbers, covariance: Numbers, gram: Numbers, drift: Numbers) -> None:
+def shift(s: KernelSolver, lift: Numbers, drift: Numbers) -> None:
     """The load (4,) with the drift as it is known now, into `spread`: values - covariance gram_D drift."""
     size = s.p + s.d
     for i in range(4):
         by = 0.0
         for j in range(s.d):
-            by += gram[i * size + s.p + j] * drift[j]
+            by += lift[GRAM + i * size + s.p + j] * drift[j]
         s.spread[4 + i] = by
     for i in range(4):
-        total = values[i]
+        total = lift[VALUES + i]
         for j in range(4):
-            total -= covariance[4 * i + j] * s.spread[4 + j]
+            total -= lift[COVARIANCE + 4 * i + j] * s.spread[4 + j]
         s.spread[i] = total
 
 
 def gate(
     s: KernelSolver,
     columns: Numbers,
-    left: Numbers,
+    torques: Numbers,
+    variances: Numbers,
+    rests: Numbers,
     usable: Numbers,
-    values: Numbers,
-    covariance: Numbers,
-    gram: Numbers,
+    lift: Numbers,
     rested: Numbers,
     known: Numbers,
     unsure: Numbers,
     drifting: Numbers,
     work: Numbers,
 ) -> Count:
-    """Whether an instant fits the lift: columns (R, P), `left` (3, R): torque, variance, friction at rest; `usable`
-    rows; of the lift values (4,), covariance (4, 4), gram (4, P + D), steps at rest `rested` (R,); of the drift values
+    """Whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves. Columns (R, P), torque, variance,
+    friction at rest (R,), `usable` rows; the numbers of the lift, its steps at rest `rested` (R,); of the drift values
     `known`, covariance `unsure`, columns `drifting` (R, D). `work` (8, R): columns of the load (R, 4), torque with
     the drift, variance, rows to be taken in, new steps at rest."""
     loaded(s, columns, work)
-    shift(s, values, covariance, gram, known)
-    total, number = 0.0, 0
+    shift(s, lift, known)
+    total, number, moving = 0.0, 0, 0
     for r in range(s.r):
-        torque, variance, rest = left[r], left[s.r + r], left[2 * s.r + r]
+        torque, variance, rest = torques[r], variances[r], rests[r]
         by, expected = 0.0, 0.0
         for i in range(s.d):
             by += drifting[r * s.d + i] * known[i]
         for i in range(4):
             expected += work[4 * r + i] * s.spread[i]
-        doubt = quadratic(s, covariance, 4, work, 4 * r)
-        doubt += min(s.cold * s.cold * quadratic(s, unsure, s.d, drifting, r * s.d), s.drifted * variance)
+        doubt = quadratic(s, lift, COVARIANCE, 4, work, 4 * r)
+        doubt += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, drifting, r * s.d), s.drifted * variance)
         doubt += variance + s.break_away * s.break_away * rest
         still = rest > variance
         steps = rested[r] + 1.0 if still else 0.0
@@ -111,7 +118,9 @@ def gate(
         if usable[r] != 0.0:
             total += (torque - expected) * (torque - expected) / doubt
             number += 1
-    return 0 if number == 0 or total / number > s.gate else 1
+            if not still:
+                moving = 1
+    return 0 if number == 0 or total / number > s.gate else 1 + moving
 
 
 def take(
@@ -119,20 +128,10 @@ def take(
     columns: Numbers,
     work: Numbers,
     drifting: Numbers,
-    factor: Numbers,
-    right: Numbers,
-    gram: Numbers,
-    new: Numbers,
+    lift: Numbers,
 ) -> None:
-    """A lift with an instant that fits: `work` of `gate`; triangle `factor` (4, 4) and `right` (4,) of its information,
-    `gram` (4, P + D). `new`: factor, right, values (4,), covariance (4, 4), gram of the lift after it."""
+    """The numbers of a lift become those with an instant that fits: `work` of `gate`."""
     size = s.p + s.d
-    for i in range(16):
-        new[i] = factor[i]
-    for i in range(4):
-        new[16 + i] = right[i]
-    for i in range(4 * size):
-        new[40 + i] = gram[i]
     for r in range(s.r):
         if work[6 * s.r + r] != 0.0:
             variance = work[5 * s.r + r]
@@ -141,10 +140,10 @@ def take(
                 s.spread[i] = work[4 * r + i] * weight
                 each = work[4 * r + i] / variance
                 if each != 0.0:
-                    add(new, 40 + i * size, each, columns, r * s.p, s.p)
-                    add(new, 40 + i * size + s.p, each, drifting, r * s.d, s.d)
-            rotate(s, new, work[4 * s.r + r] * weight)
-    solve_triangle(s, new)
+                    add(lift, GRAM + i * size, each, columns, r * s.p, s.p)
+                    add(lift, GRAM + i * size + s.p, each, drifting, r * s.d, s.d)
+            rotate(s, lift, work[4 * s.r + r] * weight)
+    solve_triangle(s, lift)
 
 
 @inner
@@ -194,43 +193,35 @@ def solve_triangle(s: KernelSolver, new: Numbers) -> None:
 
 
 @inner
-def sensitivity(
-    covariance: Numbers, o: Count, gram: Numbers, size: Count, start: Count, into: Numbers, at: Count
-) -> None:
-    """A row of covariance (4, 4), from `o` on, times the columns of gram (4, size) from `start` on."""
-    a, b, c, d = covariance[o], covariance[o + 1], covariance[o + 2], covariance[o + 3]
+def sensitivity(lift: Numbers, row: Count, size: Count, start: Count, into: Numbers, at: Count) -> None:
+    """A row of the covariance (4, 4) times the columns of the gram (4, size) from `start` on."""
+    o = COVARIANCE + 4 * row
+    a, b, c, d = lift[o], lift[o + 1], lift[o + 2], lift[o + 3]
     for j in range(start, size):
-        total = a * gram[j] + b * gram[size + j]
-        into[at + j - start] = total + c * gram[2 * size + j] + d * gram[3 * size + j]
+        g = GRAM + j
+        total = a * lift[g] + b * lift[g + size]
+        into[at + j - start] = total + c * lift[g + 2 * size] + d * lift[g + 3 * size]
 
 
-def conclude(
-    s: KernelSolver,
-    values: Numbers,
-    covariance: Numbers,
-    gram: Numbers,
-    drift: Numbers,
-    unsure: Numbers,
-    found: Numbers,
-) -> None:
-    """Of a lift, values (4,), covariance (4, 4), gram (4, P + D), and a drift, values and covariance: `found` is the
-    mass, its standard error by noise, tares, drift and scale, the load's centre x, z, their standard errors, and that
-    of the first moment by the drift; then the mass' sensitivity (P + D,) to tares and drift."""
+def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, unsure: Numbers, found: Numbers) -> None:
+    """Of the numbers of a lift, and a drift, values and covariance: `found` is the mass, its standard error by
+    noise, tares, drift and scale, the load's centre x, z, their standard errors, and that of the first moment by the
+    drift; then the mass' sensitivity (P + D,) to tares and drift."""
     size, d, other = s.p + s.d, s.d, s.other
-    shift(s, values, covariance, gram, drift)
-    sensitivity(covariance, 0, gram, size, 0, found, 7)
+    shift(s, lift, drift)
+    sensitivity(lift, 0, size, 0, found, 7)
     moment = 0.0
     for i in range(1, 3):
-        sensitivity(covariance, 4 * i, gram, size, s.p, other, 0)
-        moment += quadratic(s, unsure, d, other, 0)
+        sensitivity(lift, i, size, s.p, other, 0)
+        moment += quadratic(s, unsure, 0, d, other, 0)
     mass = s.spread[0]
     wrong = mass * s.scale_error
-    common = quadratic(s, s.covariance, s.p, found, 7) + quadratic(s, unsure, s.d, found, 7 + s.p)
-    found[0], found[1] = mass, sqrt(max(covariance[0] + common + wrong * wrong, 0.0))
+    common = quadratic(s, s.covariance, 0, s.p, found, 7) + quadratic(s, unsure, 0, s.d, found, 7 + s.p)
+    found[0], found[1] = mass, sqrt(max(lift[COVARIANCE] + common + wrong * wrong, 0.0))
     scale = mass if abs(mass) > 1.0 else 1.0
     for i in range(2):
         x = s.spread[1 + i] / scale
-        a = 1 + i  # the row along (-x, .. 1 ..) / scale
-        error = x * x * covariance[0] - 2.0 * x * covariance[a] + covariance[4 * a + a]
+        a, o = 1 + i, COVARIANCE  # the row along (-x, .. 1 ..) / scale
+        error = x * x * lift[o] - 2.0 * x * lift[o + a] + lift[o + 4 * a + a]
         found[2 + i], found[4 + i] = x, sqrt(max(error, 0.0)) / abs(scale)
     found[6] = sqrt(max(moment, 0.0))

@@ -54,7 +54,7 @@ class Collector(Station[None]):
         self._sample: Sample | None = None
         self._rows: list[Array] = []
         self._missing = np.full(len(self.service.machine.signals), np.nan)
-        self._still = (False,) * len(self._missing)
+        self._still = self._assembler.still
         self._began_us = self._whole_us = self._moved_us = 0
         self._moved_s = 0.0
         self._pool = ThreadPoolExecutor(1, "guidance")

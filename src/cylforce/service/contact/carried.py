@@ -6,8 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
+from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
 from cylforce.estimation.residual import load_spread
 from cylforce.mechanics.machine import Machine
+from cylforce.service.loading.lift import Lift
 from cylforce.signals.estimate import Array
 
 FILLING_S = 5.0  # s of contact in which a bucket can be filled or emptied; chosen
@@ -17,8 +22,8 @@ class KnownLoad(NamedTuple):
     """State: the load's (m, m x, m z, J about the last pin) `values` (4,) and `covariance` (4, 4) as last weighed;
     `filling`: seconds of contact since then; whether it is `known` now, because a load hangs and is weighed."""
 
-    values: Array
-    covariance: Array
+    values: Numbers
+    covariance: Numbers
     filling: float
     known: bool
 
@@ -37,15 +42,17 @@ class Carrier:
 
     def begin(self) -> KnownLoad:
         """Nothing is known of the load."""
-        return KnownLoad(np.zeros(4), np.diag(load_spread(self.machine) ** 2), 0.0, False)
+        return KnownLoad(ZERO * 4, numbers(np.diag(load_spread(self.machine) ** 2).ravel()), 0.0, False)
 
-    def step(self, state: KnownLoad, weighed: tuple[Array, Array] | None, touching: bool, dt: float) -> KnownLoad:
-        """The state after one instant of `dt` [s]: `weighed`, the load's (values, covariance) where one hangs."""
-        if weighed is not None and not touching:
-            return KnownLoad(*weighed, 0.0, True)
-        return state._replace(filling=state.filling + dt * touching, known=False)
+    def step(self, state: KnownLoad, lift: Lift | None, touching: bool, dt: float) -> KnownLoad:
+        """The state after one instant of `dt` [s]: the `lift` where a load hangs."""
+        if lift is not None and not touching:
+            return KnownLoad(lift.kept[VALUES:COVARIANCE], lift.kept[COVARIANCE:GRAM], 0.0, True)
+        return KnownLoad(state.values, state.covariance, state.filling + dt * touching, False)
 
-    def covariance(self, state: KnownLoad) -> Array:
+    def covariance(self, state: KnownLoad) -> Numbers:
         """Covariance (4, 4) of the load: as weighed, and a bucket that fills while it is in contact."""
+        if not state.filling:
+            return state.covariance
         filled = min(state.filling / FILLING_S, 1.0) * self._full
-        return state.covariance + np.multiply.outer(filled, filled)
+        return numbers(np.frombuffer(state.covariance) + np.multiply.outer(filled, filled).ravel())

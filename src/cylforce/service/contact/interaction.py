@@ -1,20 +1,19 @@
 """From the rows of an instant to the two forces and the events: resultant of all that acts on the tool, and that of the
 soil, which is the resultant less the load in the bucket."""
 
+from array import array
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
-from cylforce.estimation.fast import Instant
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import SMALLEST
 from cylforce.service.contact.carried import Carrier, KnownLoad
-from cylforce.service.contact.events import Moment, Touch, Watcher
-from cylforce.service.contact.hanging_mass import without_mass
+from cylforce.service.contact.events import Touch, Watcher
 from cylforce.service.contact.noise import Noise, Solved, Unrest
 from cylforce.service.force import ForceSensor
+from cylforce.service.pipeline import Instant
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
 from cylforce.signals.units import STANDARD_GRAVITY
@@ -88,41 +87,35 @@ class Interactor:
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
-        unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift)
-        seen = Moment(t_us, solved.found, solved.spread, instant.place, instant.velocity)
-        contact = self._watcher.step(state.contact, seen)
+        unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift, unnoticed)
+        contact = self._watcher.step(state.contact, t_us, solved, instant.place, instant.velocity)
         if carried.known and not contact.touching:
-            moving = np.logical_and(usable, self._moves(instant))
-            unrest = self._noise.learn(unrest, solved, carried.values, moving)
-        wrong = self._noise.gain(solved) @ unnoticed
-        return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching, wrong @ wrong.T)
+            unrest = self._noise.learn(unrest, solved, carried.values, self._moving(usable, instant))
+        return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching)
 
-    def _forces(self, solved: Solved, carried: KnownLoad, touching: bool, wrong: Array) -> Forces:
-        """Both forces, `wrong`: covariance (2, 2) [N^2] by errors of signals. The resultant is that of no contact while
-        nothing touches the tool or hangs in it."""
-        hanging = carried.values[0] if carried.known else self._alone(solved)[1] / STANDARD_GRAVITY
+    def _forces(self, solved: Solved, carried: KnownLoad, touching: bool) -> Forces:
+        """Both forces, wider by errors of signals. The resultant is that of no contact while nothing touches the tool
+        or hangs in it. That of the soil is the resultant less the load; in the air with a load that is not known yet:
+        less the mass that explains most of it."""
+        x, z, xx, xz, zz, weight = solved[:6]
+        wider_xx, wider_xz, wider_zz = solved.wider
+        hanging = carried.values[0] if carried.known else weight / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
-        resultant = self._sensor.force(solved.found, solved.spread + wrong, acts)
-        return Forces(resultant, self._soil(solved, carried, touching, wrong))
-
-    def _alone(self, solved: Solved) -> tuple[Array, float]:
-        """The force (2,) without the mass that explains most of it, and the weight of that mass [N]."""
-        alone = without_mass(solved.found, solved.spread, self.model.machine.rated_payload)
-        return alone, float(alone[1] - solved.found[1])
+        resultant = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, acts)
+        if carried.known or touching:
+            x, z, xx, xz, _, zz = self._noise.soil(solved, carried.values, self._carrier.covariance(carried))
+        else:
+            z += weight
+        soil = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, touching)
+        return Forces(resultant, soil)
 
     def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
         known = load.mass.status is not Status.INVALID
-        lift = (weighing.lift.values, weighing.lift.covariance) if known else None
-        return self._carrier.step(state.carried, lift, state.contact.touching, 1.0 / self.model.filters.rate_hz)
+        lift = weighing.lift if known else None
+        return self._carrier.step(state.carried, lift, state.contact.touching, self._watcher.dt)
 
-    def _moves(self, instant: Instant) -> Array:
-        fast = (np.abs(instant.speed) > STILL).tolist()
-        return np.array([any(fast[c] for c in acting) for acting in self.model.acting])
-
-    def _soil(self, solved: Solved, carried: KnownLoad, touching: bool, wrong: Array) -> Force:
-        """The resultant less the load. In the air with a load that is not known yet: less the mass that explains most
-        of it."""
-        if not carried.known and not touching:
-            return self._sensor.force(self._alone(solved)[0], solved.spread + wrong, touching)
-        found, spread = self._noise.soil(solved, carried.values, self._carrier.covariance(carried))
-        return self._sensor.force(found, spread + wrong, touching)
+    def _moving(self, usable: Array, instant: Instant) -> Numbers:
+        """The usable rows (R,) whose cylinders move: 1, else 0."""
+        fast = [abs(speed) > STILL for speed in instant.speed.tolist()]
+        moves = [max([fast[c] for c in acting]) for acting in self.model.acting]
+        return array("d", [good and moving for good, moving in zip(usable.tolist(), moves, strict=True)])

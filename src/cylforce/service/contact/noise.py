@@ -1,19 +1,22 @@
 """The force at the tool at an instant, and how wrong its torque is: what is learned in the air, and two causes that are
 seen coming. The arithmetic is the kernel's (estimation/kernel/pushed.py)."""
 
+from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.fast import Instant
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.kernel.solving import Limits, room, solver
+from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
+from cylforce.service.contact.hanging_mass import HEAVIEST
 from cylforce.service.force import prior
+from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
+from cylforce.signals.units import STANDARD_GRAVITY
 
 # The figures below are measured on machines of another generator: see tools/studies/README.md.
 PRIOR = 5.0  # times the row error of the weighing: standard error of a row before the machine was seen in the air
@@ -27,14 +30,22 @@ class Unrest(NamedTuple):
     """State, as the kernel keeps it: covariance (R, R) [N^2 m^2] of the late torque of inertia; `reversing` (C,): 1
     where a cylinder turns round, fading; learned variance (R,) [N^2 m^2]."""
 
-    kept: Array
+    kept: Numbers
 
 
 class Solved(NamedTuple):
-    """Force `found` (2,) [N] with `spread` (2, 2) [N^2]; `kept`: these and what the kernel asks for again."""
+    """Force `x`, `z` [N] with covariance `xx`, `xz`, `zz` [N^2]; the weight [N] of the mass in the bucket that explains
+    most of it; how clear the rest is, f' C^-1 f; `wider`: what errors of signals add to xx, xz, zz; `kept`: what the
+    kernel asks for again."""
 
-    found: Array
-    spread: Array
+    x: float
+    z: float
+    xx: float
+    xz: float
+    zz: float
+    weight: float
+    clearness: float
+    wider: tuple[float, float, float]
     kept: Numbers
 
 
@@ -52,7 +63,8 @@ class Noise:
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         rate = self.model.filters.rate_hz
         keep = float(np.exp(-1.0 / (FADING_S * rate)))
-        limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate)
+        heaviest = HEAVIEST * self.model.machine.rated_payload * STANDARD_GRAVITY
+        limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate, heaviest=heaviest)
         return solver(self.model, self.tares, self.kernel, limits, prior(self.model.machine, self.rated_force))
 
     @cached_property
@@ -66,48 +78,34 @@ class Noise:
     def begin(self) -> Unrest:
         """The state before any sample."""
         learned = np.broadcast_to((PRIOR * self.tares.row_error) ** 2, (self._rows,))
-        return Unrest(np.concatenate([np.zeros(self._size), learned]))
+        return Unrest(ZERO * self._size + array("d", learned.tolist()))
 
     def interrupted(self, state: Unrest) -> Unrest:
         """The state after an interruption of the measurement: what was learned remains."""
-        return Unrest(np.concatenate([np.zeros(self._size), state.kept[self._size :]]))
+        return Unrest(ZERO * self._size + state.kept[self._size :])
 
-    def solve(self, state: Unrest, instant: Instant, usable: Array, load: Array, drift: Array) -> tuple[Unrest, Solved]:
+    def solve(
+        self, state: Unrest, instant: Instant, usable: Array, load: Numbers, drift: Array, unnoticed: Array
+    ) -> tuple[Unrest, Solved]:
         """The state, and the force that explains the torque of the rows marked in `usable` (R,), after one instant with
-        a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros."""
+        a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros; torques
+        `unnoticed` (R, H) [N m] by probable errors of signals."""
         r = self._rows
-        new, found = room(state.kept.size), room(8 * r + 6)
-        self.kernel.push(
-            self._solver,
-            instant.rows.columns.ravel(),
-            instant.rows.torque,
-            instant.change.ravel(),
-            instant.reversing,
-            instant.lever.ravel(),
-            usable.astype(np.float64),
-            load,
-            drift,
-            state.kept,
-            new,
-            found,
-        )
-        force = np.frombuffer(found)[2 * r : 2 * r + 6]
-        return Unrest(np.frombuffer(new)), Solved(force[:2], force[2:].reshape(2, 2), found)
+        new, found = ZERO * len(state.kept), ZERO * (8 * r + 11)
+        wrong, size = np.ascontiguousarray(unnoticed).ravel(), unnoticed.shape[1]
+        self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, new, found)
+        x, z, xx, xz, _, zz = found[2 * r : 2 * r + 6]
+        weight, clearness, *wider = found[-5:]
+        return Unrest(new), Solved(x, z, xx, xz, zz, weight, clearness, (wider[0], wider[1], wider[2]), found)
 
-    def gain(self, solved: Solved) -> Array:
-        """Force (2, R) [N] per unit of each row's torque."""
-        r = self._rows
-        return np.frombuffer(solved.kept)[2 * r + 6 : 4 * r + 6].reshape(2, r)
-
-    def learn(self, state: Unrest, solved: Solved, load: Array, good: Array) -> Unrest:
+    def learn(self, state: Unrest, solved: Solved, load: Numbers, good: Numbers) -> Unrest:
         """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""
-        learned = room(self._rows)
-        self.kernel.learn(self._solver, solved.kept, good.astype(np.float64), load, state.kept, learned)
-        return Unrest(np.concatenate((state.kept[: self._size], np.frombuffer(learned))))
+        new = state.kept[:]
+        self.kernel.learn(self._solver, solved.kept, good, load, new)
+        return Unrest(new)
 
-    def soil(self, solved: Solved, load: Array, covariance: Array) -> tuple[Array, Array]:
+    def soil(self, solved: Solved, load: Numbers, covariance: Numbers) -> Numbers:
         """Force (2,) [N] less that of a load (4,) with covariance (4, 4), and its covariance (2, 2)."""
-        found = room(6)
-        self.kernel.soil(self._solver, solved.kept, load, covariance.ravel(), found)
-        whole = np.frombuffer(found)
-        return whole[:2], whole[2:].reshape(2, 2)
+        found = ZERO * 6
+        self.kernel.soil(self._solver, solved.kept, load, covariance, found)
+        return found

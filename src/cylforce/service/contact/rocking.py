@@ -3,6 +3,7 @@ have in common. It does not correct the weight; it widens the error of every row
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -81,14 +82,16 @@ class Rocker:
 
     def _looked(self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array) -> Rocking:
         state = self._tilted(state)
-        lever = self._levers(channels, lift.values)
+        levers = self._levers(channels.tolist(), lift.values)
         swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
         settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
         if settled and all(usable.tolist()):
-            seen = left._replace(variance=left.variance + swings * (lever**2).sum(axis=1))
-            state = self._accelerated(state, seen, lever, lift.values)
-        power = np.array([max(state.forward, swings), max(state.upward, swings)])
-        return state._replace(wider=lever**2 @ power)
+            variances = (left.variance + left.rest).tolist()
+            wider = [variance + swings * (a * a + b * b) for variance, (a, b) in zip(variances, levers, strict=True)]
+            over = left.torque - (left.columns @ self.model.load) @ lift.values
+            state = self._accelerated(state, over.tolist(), wider, levers)
+        forward, upward = max(state.forward, swings), max(state.upward, swings)
+        return state._replace(wider=np.array([a * a * forward + b * b * upward for a, b in levers]))
 
     def _tilted(self, state: Rocking) -> Rocking:
         """With one mean pitch more."""
@@ -100,26 +103,38 @@ class Rocker:
         turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
         return state._replace(turning=state.turning + self._share * (turn**2 - state.turning))
 
-    def _levers(self, channels: Array, load: Array) -> Array:
+    def _levers(self, channels: list[float], load: Array) -> list[tuple[float, float]]:
         """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
         first moment about each joint, sum over the links beyond of (X + i Z) exp(i q)."""
-        machine = self.model.machine
-        values = (self.tares.values + self.model.load @ load)[: 3 * machine.size]
-        turn = np.exp(1j * (np.cumsum(channels[: machine.size]) + channels[-3]))
-        moments = np.cumsum(((values[1::3] + 1j * values[2::3]) * turn)[::-1])[::-1][list(machine.rows)]
-        return np.stack([-moments.imag, moments.real], axis=-1)
+        size, angle = self.model.machine.size, channels[-3]
+        values = (self.tares.values + self.model.load @ load)[: 3 * size].tolist()
+        own = []
+        for j in range(size):
+            angle += channels[j]
+            x, z, t, u = values[3 * j + 1], values[3 * j + 2], cos(angle), sin(angle)
+            own.append((x * t - z * u, x * u + z * t))
+        across, along, found = 0.0, 0.0, [(0.0, 0.0)] * size
+        for j in range(size - 1, -1, -1):
+            along, across = along + own[j][0], across + own[j][1]
+            found[j] = (-across, along)
+        return [found[j] for j in self.model.machine.rows]
 
-    def _accelerated(self, state: Rocking, left: Residual, lever: Array, load: Array) -> Rocking:
-        """With the acceleration that explains best what the load leaves, its own variance subtracted. What is no load
-        at all, as contact or a dump, is not asked, by the variance without what is found here: else it would excuse
-        more and more."""
-        over = left.torque - (left.columns @ self.model.load) @ load
-        if np.mean(over**2 / (left.variance + left.rest)) > FITS:
+    def _accelerated(
+        self, state: Rocking, over: list[float], variances: list[float], levers: list[tuple[float, float]]
+    ) -> Rocking:
+        """With the acceleration that explains best what the load leaves, `over` (R,) [N m], its own variance
+        subtracted. What is no load at all, as contact or a dump, is not asked, by the variance without what is found
+        here: else it would excuse more and more."""
+        if sum(x * x / v for x, v in zip(over, variances, strict=True)) > FITS * len(over):
             return state
-        weighed = lever / (left.variance + left.rest)[:, None]
-        covariance = np.linalg.inv(weighed.T @ lever + np.eye(2) / WIDEST**2)
-        found = covariance @ (weighed.T @ over)
-        forward, upward = (found**2 - np.diag(covariance)).tolist()
+        aa = bb = 1.0 / WIDEST**2
+        ab = a_over = b_over = 0.0
+        for x, v, (a, b) in zip(over, variances, levers, strict=True):
+            aa, ab, bb = aa + a * a / v, ab + a * b / v, bb + b * b / v
+            a_over, b_over = a_over + a * x / v, b_over + b * x / v
+        size = aa * bb - ab * ab
+        forward, upward = (bb * a_over - ab * b_over) / size, (aa * b_over - ab * a_over) / size
+        forward, upward = forward * forward - bb / size, upward * upward - aa / size
         return state._replace(
             forward=max(state.forward + self._share * (forward - state.forward), 0.0),
             upward=max(state.upward + self._share * (upward - state.upward), 0.0),

@@ -2,27 +2,56 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
+from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
 from cylforce.estimation.recursive import Root
 from cylforce.signals.estimate import Array
 
 
 class Lift(NamedTuple):
-    """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as information
-    `root`, `values` (4,) and `covariance` (4, 4); `gram` (4, P + D), with which its sensitivity to tares and drift is
-    covariance @ gram; numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
+    """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as the kernel
+    keeps it (`kept`); numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
     for which each row has been at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for
     a spill; `mixed`: whether the filters still hold what was before the lift."""
 
-    root: Root
-    values: Array
-    covariance: Array
-    gram: Array
+    kept: Numbers
     taken: int
     refused: int
     moving: int
-    rested: Array
+    rested: Numbers
     marks: Array
     mixed: bool
+
+    @property
+    def root(self) -> Root:
+        """The information."""
+        return Root(np.frombuffer(self.kept, count=VALUES - 4).reshape(4, 4), self._part(VALUES - 4, VALUES))
+
+    @property
+    def values(self) -> Array:
+        """The estimate (4,)."""
+        return self._part(VALUES, COVARIANCE)
+
+    @property
+    def covariance(self) -> Array:
+        """Its covariance (4, 4)."""
+        return self._part(COVARIANCE, GRAM).reshape(4, 4)
+
+    @property
+    def gram(self) -> Array:
+        """(4, P + D), with which its sensitivity to tares and drift is covariance @ gram."""
+        return self._part(GRAM, len(self.kept)).reshape(4, -1)
+
+    def _part(self, begin: int, end: int) -> Array:
+        return np.frombuffer(self.kept)[begin:end]
+
+
+def kept(root: Root, values: Array, covariance: Array, gram: Array) -> Numbers:
+    """The numbers of a lift, as the kernel keeps them."""
+    return numbers(np.concatenate([np.ravel(part) for part in (*root, values, covariance, gram)]))
 
 
 class Weight(NamedTuple):

@@ -6,13 +6,16 @@ block's own, and everyday changes of friction and pressure zeros, can explain. F
 torque per unit of a constant error of it. What is left is then a parabola in the size of that error; its three numbers,
 and the load's mass, are all that is kept of a block."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.kernel import choice, making
+from cylforce.estimation.kernel.making import counts
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import correlated, load_spread, residual
@@ -63,6 +66,7 @@ class Gatherer:
 
     model: Model
     tares: Tares
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
     def pressed(self) -> list[int]:
@@ -160,16 +164,15 @@ class Gatherer:
     def _angles(self, channels: Array, load: Array) -> Array:
         """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what gravity of tares
         and `load` (4,) leaves, at `channels` (D,): g Re((X + i Z) exp(i q)) of each link, and the levers, change."""
-        machine, size = self.model.machine, self.model.machine.size
-        shifted = np.repeat(channels[None, :size], 1 + len(self.turned), axis=0)
-        shifted[range(1, 1 + len(self.turned)), self.turned] += TILTED
+        found, turned = ZERO * (len(self.model.machine.rows) * len(self.turned)), counts(self.turned)
         values = self.tares.values + self.model.load @ load
-        moments = values[1 : 3 * size : 3] + 1j * values[2 : 3 * size : 3]
-        pitch, roll = channels[-3:-1].tolist()
-        own = machine.gravity * np.cos(roll) * (moments * np.exp(1j * (shifted.cumsum(axis=1) + pitch))).real
-        force = channels[self.model.channels.forces]
-        left = force @ machine.geometry(shifted).lever - own @ machine.sum_outward.T
-        return np.asarray((left[1:] - left[0])[:, list(machine.rows)].T / TILTED)
+        at = np.ascontiguousarray(channels)
+        self.kernel.slips(self._plan, at, values, turned, len(turned), TILTED, found)
+        return np.frombuffer(found).reshape(-1, len(turned))
+
+    @cached_property
+    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return making.plan(self.model, self.kernel.KernelPlan)
 
     def swung(self, channels: Array, force: complex) -> Array:
         """Torque (R, H) [N m] that a unit of each error seems to take from a `force` x + i z [N] at the tool, at

@@ -28,14 +28,12 @@ VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of ze
 
 class Changes(NamedTuple):
     """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
-    last groups in motion the `means`, `noises` (variances) and `ways` (GROUPS, P), 0 where there was none yet; which
+    last groups in motion means, noises (variances) and ways (3, GROUPS, P), 0 where there was none yet; which
     pressures are `constant`, which `burst` and which are `below` vacuum (P,)."""
 
-    readings: tuple[Array, ...]
+    readings: tuple[tuple[float, ...], ...]
     fresh: int
-    means: Array
-    noises: Array
-    ways: Array
+    groups: Array
     constant: NDArray[np.bool_]
     burst: NDArray[np.bool_]
     below: NDArray[np.bool_]
@@ -60,8 +58,8 @@ class Watching:
     def begin(self) -> Changes:
         """Nothing was seen."""
         size = len(self.signals)
-        empty, no = np.zeros((GROUPS, size)), np.zeros(size, dtype=bool)
-        return Changes((), 0, empty, empty, empty, no, no, no)
+        no = np.zeros(size, dtype=bool)
+        return Changes((), 0, np.zeros((3, GROUPS, size)), no, no, no)
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
@@ -69,11 +67,12 @@ class Watching:
 
     def step(self, state: Changes, values: Array, speed: Array) -> Changes:
         """One step: all signals (S,), speed (C,) [m/s] of the cylinders."""
-        now = values[self.signals]
-        state = state._replace(readings=(*state.readings, now), fresh=state.fresh + 1)
-        if min(now.tolist(), default=NOTHING) < NOTHING and len(state.readings) > 2 * FALL_STEPS:
+        each = values.tolist()
+        now = tuple([each[k] for k in self.signals])
+        state = Changes((*state.readings, now), state.fresh + 1, *state[2:])
+        if min(now, default=NOTHING) < NOTHING and len(state.readings) > 2 * FALL_STEPS:
             most = np.array(state.readings[-FALL_STEPS:]).max(axis=0)
-            fallen = (most < NOTHING) & (state.readings[-1 - 2 * FALL_STEPS] > FALLS)
+            fallen = (most < NOTHING) & (np.array(state.readings[-1 - 2 * FALL_STEPS]) > FALLS)
             below = state.below | (most < VACUUM)
             state = state._replace(burst=state.burst | (fallen & ~below), below=below)
         return self._grouped(state, speed[self._cylinders]) if state.fresh == GROUP else state
@@ -84,17 +83,16 @@ class Watching:
         state = state._replace(readings=state.readings[-2 * FALL_STEPS :], fresh=0)
         if not moved.any():
             return state
-        means, noises, ways = (
-            np.where(moved, np.concatenate([old[1:], new[None]]), old)
-            for old, new in (
-                (state.means, group.mean(axis=0)),
-                (state.noises, group.var(axis=0, ddof=1)),
-                (state.ways, np.sign(way)),
-            )
-        )
-        turned = np.minimum((ways > 0.0).sum(axis=0), (ways < 0.0).sum(axis=0)) >= EACH_WAY
-        full = np.abs(ways).sum(axis=0) == GROUPS
-        noise = np.sort(noises, axis=0)[GROUPS // 2]
-        still = means.var(axis=0, ddof=1) <= CONSTANT * noise / GROUP
-        constant = np.where(full & turned, still, state.constant)
-        return state._replace(means=means, noises=noises, ways=ways, constant=constant)
+        middle = group.sum(axis=0) / GROUP
+        new = np.empty_like(state.groups)
+        new[:, :-1], new[0, -1], new[2, -1] = state.groups[:, 1:], middle, np.sign(way)
+        new[1, -1] = ((group - middle) ** 2).sum(axis=0) / (GROUP - 1)
+        groups = np.where(moved, new, state.groups)
+        state = state._replace(groups=groups)
+        forwards, backwards = (groups[2] > 0.0).sum(axis=0), (groups[2] < 0.0).sum(axis=0)
+        judged = (np.minimum(forwards, backwards) >= EACH_WAY) & (forwards + backwards == GROUPS)
+        if not judged.any():
+            return state
+        noise = np.sort(groups[1], axis=0)[GROUPS // 2]
+        still = groups[0].var(axis=0, ddof=1) <= CONSTANT * noise / GROUP
+        return state._replace(constant=np.where(judged, still, state.constant))

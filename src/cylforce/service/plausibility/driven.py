@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.mechanics.machine import Machine
-from cylforce.service.contact.hanging_mass import without_mass
+from cylforce.service.contact.hanging_mass import hanging_weight
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.signals.estimate import Array, Force, Status
 from cylforce.signals.kinds import Kind
@@ -61,8 +61,8 @@ class Driving:
         if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
             return state
         (xx, xz, zz), along = resultant.covariance, velocity / speed
-        spread, found = np.array([[xx, xz], [xz, zz]]), np.array([resultant.x.value, resultant.z.value])
-        x, z = without_mass(found, spread, self.machine.rated_payload).tolist()
+        x, z = resultant.x.value, resultant.z.value
+        z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
         push = x * along.real * self._stands + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
         way = speed * self.seconds

@@ -12,13 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.fast import Instant
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
-from cylforce.service.pipeline import Pipe
+from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
 from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
@@ -126,10 +125,11 @@ class Monitor:
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
         changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
-        looked = seen.leapt != state.leapt or any(
-            now is not before for now, before in zip(changes[-3:], state.changes[-3:], strict=True)
+        before = state.changes
+        looked = seen.leapt != state.leapt or not (
+            changes.constant is before.constant and changes.burst is before.burst and changes.below is before.below
         )
-        state = state._replace(changes=changes, leapt=seen.leapt)
+        state = Watch(*state[:3], changes, *state[4:7], seen.leapt, *state[8:])
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state

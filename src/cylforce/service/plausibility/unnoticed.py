@@ -24,7 +24,8 @@ class Unnoticed(NamedTuple):
     """State, of H signals: rows (K, K) of the `lift` so far, in seconds that a load explains; those of the lifts
     `before` (K-4, K-4), their loads taken out, faded; samples `taken` of the lift; probable error of each signal,
     in the gatherer's units; change of the mass [kg] in the bucket per unit of each (`slopes`) (H,); `torques` (R, H)
-    [N m] by these errors at the moment."""
+    [N m] by these errors at the moment; standard error `mass` [kg] of the mass in the bucket by these errors, and the
+    part of it that is `certain` [kg]."""
 
     lift: Array
     before: Array
@@ -32,16 +33,8 @@ class Unnoticed(NamedTuple):
     probable: Probable
     slopes: Array
     torques: Array
-
-    @property
-    def mass(self) -> float:
-        """Standard error [kg] of the mass in the bucket by these errors."""
-        return float(np.linalg.norm(self.slopes * self.probable.sizes))
-
-    @property
-    def certain(self) -> float:
-        """The part [kg] of it that is certain."""
-        return float(np.linalg.norm(self.slopes * self.probable.certain))
+    mass: float = 0.0
+    certain: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,9 @@ class Noticing:
         rows = (state.lift + gathering.gram)[:LOAD] / self.gatherer.memory
         mass = np.linalg.inv(rows[:, :LOAD] + np.diag(self.gatherer.prior[:LOAD]))[0]
         slopes = mass @ rows[:, -1 - self.gatherer.size : -1]
-        return state._replace(slopes=slopes, torques=(gathering.errors + turned) * state.probable.sizes)
+        mass, certain = (float(np.linalg.norm(slopes * each)) for each in state.probable)
+        torques = (gathering.errors + turned) * state.probable.sizes
+        return state._replace(slopes=slopes, torques=torques, mass=mass, certain=certain)
 
     def _with(self, state: Unnoticed, block: Array) -> Unnoticed:
         """With one more second of the lift, (K, K)."""

@@ -1,0 +1,298 @@
+"""The drift of friction and pressure zeros after one instant with an empty bucket: `service.adaptation`, with
+`recursive.forget` and `recursive.update`, in plain numbers."""
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import Any
+
+from cylforce.estimation.kernel.pushed import invert
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
+
+INFINITE: Number = 1e300  # N^2 m^2: a variance from which on a row is not used
+FORGETTING: Number = 1e-6  # times the largest: directions below it are not forgotten; as in `recursive`
+
+
+@record
+class KernelDrift:
+    """R rows of K columns; N = 4 + D unknowns: load, then drift. `at_rest`, `coulomb`: columns of friction at rest and
+    of Coulomb friction, `rests`, `coulombs`: how many. `changing` (D,): columns of the drift, `kinds` (D,): 0
+    friction, 1 zero; `load_at` (M, 2) and `load` (M,): from parameters to a load; `unit` (N,): standard errors before
+    anything is seen; `low`, `high` (D,): limits; `row_error` (R,). The limits are those of `service.adaptation`. Places
+    of intermediate results end the list."""
+
+    r: Count
+    k: Count
+    n: Count
+    rests: Count
+    coulombs: Count
+    loads: Count
+    certain: Number
+    keep: Number
+    memory: Number
+    prior: Number
+    shown: Number
+    changing: Counts
+    kinds: Counts
+    load_at: Counts
+    good: Counts
+    at_rest: Counts
+    coulomb: Counts
+    load: Numbers
+    unit: Numbers
+    low: Numbers
+    high: Numbers
+    row_error: Numbers
+    rows: Numbers
+    basis: Numbers
+    each: Numbers
+    square: Numbers
+    inverse: Numbers
+    arrays: object
+
+    def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
+        """Everything in the order of the fields."""
+        self.arrays = (counts, numbers)
+        self.r, self.k, self.n = sizes[0], sizes[1], sizes[2]
+        self.certain, self.keep, self.memory, self.prior, self.shown = (limits[i] for i in range(5))
+        self.changing, self.kinds = as_counts(counts[0]), as_counts(counts[1])
+        self.load_at, self.good = as_counts(counts[2]), as_counts(counts[3])
+        self.at_rest, self.coulomb = as_counts(counts[4]), as_counts(counts[5])
+        self.rests, self.coulombs, self.loads = len(counts[4]), len(counts[5]), len(numbers[0])
+        self.load, self.unit = as_numbers(numbers[0]), as_numbers(numbers[1])
+        self.low, self.high, self.row_error = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
+        self.rows, self.basis, self.each = as_numbers(numbers[5]), as_numbers(numbers[6]), as_numbers(numbers[7])
+        self.square, self.inverse = as_numbers(numbers[8]), as_numbers(numbers[9])
+
+
+def certain(a: KernelDrift, columns: Numbers, variance: Numbers) -> Count:
+    """How many of the rows, columns (R, K) with `variance` (R,), infinite: not usable, tell something of the drift: the
+    direction of friction is known."""
+    number = 0
+    for r in range(a.r):
+        o, unknown, lever = r * a.k, 0.0, 0.0
+        for i in range(a.rests):
+            unknown += columns[o + a.at_rest[i]]
+        for i in range(a.coulombs):
+            lever += abs(columns[o + a.coulomb[i]])
+        if variance[r] < INFINITE and unknown / max(lever + unknown, 1e-12) < a.certain:
+            a.good[number] = r
+            number += 1
+    return number
+
+
+def follow(
+    a: KernelDrift,
+    number: Count,
+    columns: Numbers,
+    torque: Numbers,
+    variance: Numbers,
+    factor: Numbers,
+    right: Numbers,
+    values: Numbers,
+    scale: Numbers,
+    mass: Number,
+    new: Numbers,
+) -> None:
+    """With the `number` rows that `certain` found, `torque` (R,) left by the drift so far: of the information `factor`
+    (N, N) and `right` (N,), the drift `values` (D,), `scale` (2,) and `mass` [kg]: `new`: these after it, with the
+    covariance (D, D) of the drift before `scale`."""
+    n, d = a.n, a.n - 4
+    for m in range(number):
+        listed_row(a, columns, a.good[m], m)
+    for i in range(n * n):
+        a.square[i] = factor[i]
+    for i in range(n):
+        a.inverse[i] = right[i]
+    lose(a, number)
+    for i in range(n):
+        for j in range(n):
+            a.each[j] = a.square[i * n + j]
+        rotate_row(a, new, a.inverse[i])
+    for m in range(number):
+        r, observed = a.good[m], torque[a.good[m]]
+        for i in range(d):
+            observed += a.rows[m * n + 4 + i] * values[i]
+        weight = 1.0 / sqrt(a.memory * variance[r])
+        for i in range(n):
+            a.each[i] = a.rows[m * n + i] * weight
+        rotate_row(a, new, observed * weight)
+    estimate(a, scale, new)
+    new[n * n + n + d + d * d + 2] = smoothed(a, columns, mass, new)
+
+
+@inner
+def listed_row(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
+    """Row r as row m of [load | drift]."""
+    for i in range(4):
+        a.rows[m * a.n + i] = 0.0
+    for i in range(a.loads):
+        a.rows[m * a.n + a.load_at[2 * i + 1]] += columns[r * a.k + a.load_at[2 * i]] * a.load[i]
+    for i in range(a.n - 4):
+        a.rows[m * a.n + 4 + i] = columns[r * a.k + a.changing[i]]
+
+
+@inner
+def lose(a: KernelDrift, number: Count) -> None:
+    """`recursive.forget`: R in `square`, its right side in `inverse`; the basis by Gram and Schmidt, the longest vector
+    first, each made orthogonal twice."""
+    n, x, first = a.n, a.basis, 0.0
+    for m in range(number):
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += a.square[i * n + j] * a.rows[m * n + j]
+            x[m * n + i] = total
+    for step in range(number):
+        longest, size = longest_of(a, step, number), 0.0
+        for i in range(n):
+            swapped = x[longest * n + i]
+            x[longest * n + i], x[step * n + i] = x[step * n + i], swapped
+            size += swapped * swapped
+        size = sqrt(size)
+        first = max(first, size)
+        if size <= FORGETTING * max(first, 1e-300):
+            return
+        for i in range(n):
+            x[step * n + i] /= size
+        for m in range(step + 1, 2 * number - step - 1):
+            across(a, step, step + 1 + (m - step - 1) % (number - step - 1))
+        less_along(a, step)
+
+
+@inner
+def longest_of(a: KernelDrift, begin: Count, end: Count) -> Count:
+    """The longest of these vectors."""
+    found, most = begin, -1.0
+    for m in range(begin, end):
+        size = 0.0
+        for i in range(a.n):
+            size += a.basis[m * a.n + i] * a.basis[m * a.n + i]
+        if size > most:
+            found, most = m, size
+    return found
+
+
+@inner
+def across(a: KernelDrift, one: Count, other: Count) -> None:
+    """Make a vector of the basis orthogonal to one of length 1."""
+    along = 0.0
+    for i in range(a.n):
+        along += a.basis[one * a.n + i] * a.basis[other * a.n + i]
+    for i in range(a.n):
+        a.basis[other * a.n + i] -= along * a.basis[one * a.n + i]
+
+
+@inner
+def less_along(a: KernelDrift, m: Count) -> None:
+    """R <- (I - (1 - sqrt(keep)) q q') R, q vector m of the basis; the same of the right side."""
+    n, share = a.n, 1.0 - sqrt(a.keep)
+    for j in range(n + 1):
+        along = 0.0
+        for i in range(n):
+            along += a.basis[m * n + i] * (a.square[i * n + j] if j < n else a.inverse[i])
+        for i in range(n):
+            if j < n:
+                a.square[i * n + j] -= share * along * a.basis[m * n + i]
+            else:
+                a.inverse[i] -= share * along * a.basis[m * n + i]
+
+
+@inner
+def rotate_row(a: KernelDrift, new: Numbers, observed: Number) -> None:
+    """The triangle and right side that begin `new` with one more row, `each` (N,) with `observed`, by Givens'
+    rotations."""
+    n, x = a.n, a.each
+    for i in range(n):
+        b = x[i]
+        if b != 0.0:
+            o = new[i * n + i]
+            size = sqrt(o * o + b * b)
+            along, over = o / size, b / size
+            for j in range(i, n):
+                o, b = new[i * n + j], x[j]
+                new[i * n + j], x[j] = along * o + over * b, along * b - over * o
+            o = new[n * n + i]
+            new[n * n + i], observed = along * o + over * observed, along * observed - over * o
+
+
+@inner
+def estimate(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
+    """Drift within its limits, covariance and scale from the information and the prior, (R'R + prior)^-1 R'z."""
+    n, d, place = a.n, a.n - 4, a.n * a.n + a.n
+    inform(a, scale, new)
+    invert(a.square, n, a.inverse, 0)
+    for i in range(n):
+        total = 0.0
+        for k in range(i + 1):
+            total += new[k * n + i] * new[n * n + k]
+        a.each[i] = total * a.unit[i]
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += a.inverse[i * n + j] * a.each[j]
+        a.basis[i] = total * a.unit[i]
+    for i in range(d):
+        for j in range(d):
+            both = a.unit[4 + i] * a.unit[4 + j]
+            new[place + d + i * d + j] = both * a.inverse[(4 + i) * n + 4 + j]
+    rescale(a, new, place + d + d * d)
+    limit(a, new)
+
+
+@inner
+def inform(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
+    """The lower triangle of the information, in units of `unit`, in `square`."""
+    n = a.n
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(j + 1):
+                total += new[k * n + i] * new[k * n + j]
+            if i == j and i >= 4:
+                total += 1.0 / (scale[a.kinds[i - 4]] * a.unit[i] * a.unit[i])
+            a.square[i * n + j] = a.unit[i] * total * a.unit[j]
+
+
+@inner
+def rescale(a: KernelDrift, new: Numbers, to: Count) -> None:
+    """The spread of this machine's frictions and zeros, in units of the prior's."""
+    n, d = a.n, a.n - 4
+    for kind in range(2):
+        total, count = a.prior, a.prior
+        for i in range(d):
+            if a.kinds[i] == kind:
+                x, variance = a.basis[4 + i], new[n * n + n + d + i * d + i]
+                total += (x * x + variance) / (a.unit[4 + i] * a.unit[4 + i])
+                count += 1.0
+        new[to + kind] = total / count
+
+
+@inner
+def limit(a: KernelDrift, new: Numbers) -> None:
+    """The drift within its limits; where that changes it, the information is about that one."""
+    n, place, outside = a.n, a.n * a.n + a.n, 0
+    for i in range(n - 4):
+        x = min(max(a.basis[4 + i], a.low[i]), a.high[i])
+        if x != a.basis[4 + i]:
+            outside = 1
+        new[place + i], a.basis[4 + i] = x, x
+    if outside:
+        for i in range(n):
+            total = 0.0
+            for j in range(i, n):
+                total += new[i * n + j] * a.basis[j]
+            new[n * n + i] = total
+
+
+@inner
+def smoothed(a: KernelDrift, columns: Numbers, mass: Number, new: Numbers) -> Number:
+    """Mass [kg] of the load that would explain the torque of the drift, smoothed over updates."""
+    n, square, product = a.n, 0.0, 0.0
+    for r in range(a.r):
+        listed_row(a, columns, r, 0)
+        load, torque = a.rows[0] / a.row_error[r], 0.0
+        for i in range(n - 4):
+            torque += a.rows[4 + i] * new[n * n + n + i]
+        square += load * load
+        product += load * (torque / a.row_error[r])
+    return mass + a.shown * (product / (square + 1e-12) - mass)

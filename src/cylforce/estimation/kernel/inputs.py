@@ -1,0 +1,235 @@
+"""What sensors send, as `service.assembler` and `service.senders.supervision` judge it: the values of a frame when it
+comes, and at a tick which of them are usable.
+
+The state is one array: of each of S signals (S, 10) value, time of the last accepted and of the last value [us],
+reason, good, equal and implausible values in a row, leap, last implausible value, leaps believed (see `Channel`); of
+each of P PDOs (P, 3) time [us], excess, time of a second producer [us] (see `PdoRate`); of each of M nodes (M, 3) time
+of its heartbeat [us], state, whether it told that it booted; frames with an unknown identifier, too short, too long;
+time of the last one that was too long, and of the last frame of somebody else with our identifiers [us].
+`service.senders. inputs` gives them names."""
+
+from typing import Any
+
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
+
+SIGNAL: Count = 10  # numbers of a signal
+SENDER: Count = 3  # numbers of a PDO, or of a node
+NEVER: Number = -4611686018427387904.0  # us, stands for a time before all others
+LARGEST: Number = 1.7976931348623157e308
+JUMPS_BELIEVED: Number = 100.0  # implausible values in a row after which the new level is accepted as real; chosen
+# A frame may be early by up to a period, and CAN itself may deliver one frame twice (error in the last bit of its end):
+# what is beyond these two was sent by somebody else
+EXCESS: Number = 2.0
+FORGOTTEN: Number = 0.9  # share of what a producer owes that is left after each regular frame: gone in 0.2 s; chosen
+OPERATIONAL: Number = 5.0
+GOOD: Number = 0.0  # reasons by their numbers, see `signals.estimate.Reason`
+STALE: Number = 3.0
+OUT_OF_RANGE: Number = 4.0
+NOT_A_NUMBER: Number = 5.0
+FROZEN: Number = 6.0
+JUMPED: Number = 7.0
+SHORT: Number = 8.0
+NOT_OPERATIONAL: Number = 22.0
+TWO_PRODUCERS: Number = 30.0
+
+
+@record
+class KernelInputs:
+    """S signals in P PDOs. Of PDO i the slots `first`[i] up to `first`[i + 1]: signal and item of the frame; scale,
+    offset, range [SI], and what means "no value" (NaN: nothing does); the PDO's node, shortest period and patience
+    [us]. Of each signal the fastest change [SI/s], period [s], noise [SI], age from which on it is late [us], whether
+    equal values mean that it is frozen. `hold`, `quiet` [us]; `frozen`, `needed`: numbers of values."""
+
+    s: Count
+    p: Count
+    first: Counts
+    signal: Counts
+    item: Counts
+    noisy: Counts
+    node: Counts
+    scale: Numbers
+    offset: Numbers
+    low: Numbers
+    high: Numbers
+    missing: Numbers
+    period: Numbers
+    patience: Numbers
+    fastest: Numbers
+    seconds: Numbers
+    noise: Numbers
+    late: Numbers
+    hold: Number
+    quiet: Number
+    frozen: Number
+    needed: Number
+    arrays: object
+
+    def __init__(self, counts: list[Any], numbers: list[Any]) -> None:
+        """Everything in the order of the fields; the last numbers are the four limits."""
+        self.arrays = (counts, numbers)
+        self.s, self.p = len(counts[3]), len(counts[4])
+        self.first, self.signal, self.item = as_counts(counts[0]), as_counts(counts[1]), as_counts(counts[2])
+        self.noisy, self.node = as_counts(counts[3]), as_counts(counts[4])
+        self.scale, self.offset = as_numbers(numbers[0]), as_numbers(numbers[1])
+        self.low, self.high, self.missing = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
+        self.period, self.patience = as_numbers(numbers[5]), as_numbers(numbers[6])
+        self.fastest, self.seconds, self.noise = as_numbers(numbers[7]), as_numbers(numbers[8]), as_numbers(numbers[9])
+        self.late = as_numbers(numbers[10])
+        self.hold, self.quiet, self.frozen, self.needed = (numbers[11][i] for i in range(4))
+
+
+def receive(
+    p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, moving: Numbers
+) -> None:
+    """The `state` before a frame of a PDO becomes that after it: `sort` -1, 0, 1: too short, as mapped, too long; `raw`
+    values of its items; `moving` (S,): not 0 where an equal value means that the sensor is frozen."""
+    paced(p, state, t_us, pdo)
+    for i in range(p.first[pdo], p.first[pdo + 1]):
+        o = SIGNAL * p.signal[i]
+        if sort < 0:
+            state[o + 3], state[o + 4] = SHORT, 0.0
+        else:
+            judge(p, state, t_us, i, raw[p.item[i]], moving[p.signal[i]])
+    if sort != 0:
+        frames = SIGNAL * p.s + SENDER * p.p + SENDER * nodes(p)
+        state[frames + (1 if sort < 0 else 2)] += 1.0
+        if sort > 0:
+            state[frames + 3] = t_us
+
+
+@inner
+def nodes(p: KernelInputs) -> Count:
+    """The number of nodes."""
+    found = 0
+    for i in range(p.p):
+        found = max(found, p.node[i] + 1)
+    return found
+
+
+@inner
+def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
+    """With one frame more of a PDO.
+
+    `excess` sums 1 - dt/period over the frames: for one producer it stays within the jitter, whatever the number of
+    frames, and it grows by one with each frame of another. What one producer owes after a pause it may send at once
+    (frames that waited while the bus or the reader was busy); with regular frames that is forgotten. With the first PDO
+    after a boot, after a pause, or after a leap of the clock, the heartbeat of its node has its whole time (once
+    more)."""
+    o = SIGNAL * p.s + SENDER * pdo
+    before = state[o]
+    dt = (t_us - before) / p.period[pdo]
+    state[o] = t_us
+    if before == NEVER or dt < 0.0:
+        state[o + 1] = 0.0
+    else:
+        excess = state[o + 1] + 1.0 - dt
+        if 0.5 <= dt <= 1.5:  # a regular frame: the nearest multiple of the period is one
+            excess = max(excess, FORGOTTEN * excess)
+        if excess > EXCESS:
+            state[o + 1], state[o + 2] = 1.0, t_us  # the next two frames of the other one are the next sign
+        else:
+            state[o + 1] = excess
+    node = SIGNAL * p.s + SENDER * p.p + SENDER * p.node[pdo]
+    heard = state[node] != NEVER or state[node + 2] != 0.0
+    if heard and (before == NEVER or not 0.0 <= t_us - before <= p.patience[pdo]):
+        state[node] = t_us
+
+
+@inner
+def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Number, moving: Number) -> None:
+    """A signal with one value more."""
+    k = p.signal[slot]
+    o, value = SIGNAL * k, raw * p.scale[slot] + p.offset[slot]
+    seen = state[o + 2]
+    if raw == p.missing[slot] or not abs(value) <= LARGEST:
+        state[o + 2], state[o + 3], state[o + 4] = t_us, NOT_A_NUMBER, 0.0
+        return
+    if not p.low[slot] <= value <= p.high[slot]:
+        state[o + 2], state[o + 3], state[o + 4] = t_us, OUT_OF_RANGE, 0.0
+        return
+    by = leap(p, state, t_us, k, value)
+    if by != 0.0 and state[o + 6] < JUMPS_BELIEVED:
+        state[o + 2], state[o + 3], state[o + 4] = t_us, JUMPED, 0.0
+        state[o + 6] += 1.0
+        state[o + 7], state[o + 8] = by, value
+        return
+    equal = 0.0 if value != state[o] else state[o + 5] + moving
+    state[o + 2], state[o + 5] = t_us, equal
+    if equal >= p.frozen and p.noisy[k]:
+        state[o + 3], state[o + 4] = FROZEN, 0.0
+        return
+    good = state[o + 4] + 1.0 if t_us - seen <= p.hold else 1.0
+    state[o], state[o + 4], state[o + 6], state[o + 9] = value, good, 0.0, state[o + 9] + by
+    if t_us - state[o + 1] <= p.hold or good >= p.needed:
+        state[o + 1], state[o + 3], state[o + 7], state[o + 8] = t_us, GOOD, 0.0, 0.0
+
+
+@inner
+def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
+    """By how much a value is off because the signal has leapt by more than is plausible: FASTEST times the time between
+    two values, and the noise; 0: it is not. Time during which values were not yet accepted does not count, because the
+    joint need not have moved then. After a leap it moves on, until it leaps back."""
+    if p.fastest[k] > LARGEST:
+        return 0.0
+    o = SIGNAL * k
+    if state[o + 6] != 0.0:
+        by = value - state[o + 8]
+        jump = state[o + 7] + (by if abs(by) > room_for(p, k, 1e-6 * (t_us - state[o + 2])) else 0.0)
+        return jump if abs(jump) > room_for(p, k, 0.0) else 0.0
+    proving = t_us - state[o + 1] > p.hold and state[o + 4] > 0.0
+    by = value - state[o]
+    since = state[o + 2] if proving else state[o + 1]
+    return by if abs(by) > room_for(p, k, 1e-6 * (t_us - since)) else 0.0
+
+
+@inner
+def room_for(p: KernelInputs, k: Count, seconds: Number) -> Number:
+    """By how much a signal may change in a time [s], but at least one of its periods."""
+    return p.fastest[k] * max(seconds, p.seconds[k]) + p.noise[k]
+
+
+def usable(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> Count:
+    """At a tick: `found` is the value of each signal (S,), the reason why it is not usable (S,), and the reason why one
+    of them is late; how many are not usable. The last value of a signal that is late or was refused is used for `hold`;
+    after that the signal is invalid."""
+    for k in range(p.s):
+        o = SIGNAL * k
+        age, reason = t_us - state[o + 1], state[o + 3]
+        found[k], found[p.s + k] = state[o], GOOD
+        if not -p.hold <= age <= p.hold:  # a negative age: the clock was set back meanwhile
+            found[p.s + k] = STALE if reason == GOOD else reason
+        elif reason != GOOD or age > p.late[k]:
+            found[2 * p.s] = STALE if reason == GOOD else reason
+    distrust(p, state, t_us, found)
+    bad = 0
+    for k in range(p.s):
+        bad += found[p.s + k] != GOOD
+    return bad
+
+
+@inner
+def distrust(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> None:
+    """Reasons of signals whose node was not operational and alive when its PDO came - a heartbeat that was never heard
+    is not missed -, or whose PDO somebody else sends, too."""
+    for i in range(p.p):
+        o = SIGNAL * p.s + SENDER * i
+        node, why = SIGNAL * p.s + SENDER * p.p + SENDER * p.node[i], GOOD
+        if state[node] != NEVER and p.patience[i] > 0.0:
+            runs = state[node + 1] == OPERATIONAL and state[o] - state[node] <= p.patience[i]
+            why = GOOD if runs else NOT_OPERATIONAL
+        if abs(t_us - state[o + 2]) < p.quiet:
+            why = TWO_PRODUCERS
+        for j in range(p.first[i], p.first[i + 1]):
+            k = p.s + p.signal[j]
+            found[k] = max(found[k], why)
+
+
+def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> Count:
+    """`found` (S,): 1 where a signal leapt and stayed there; how many did."""
+    number = 0
+    for k in range(p.s):
+        by = state[SIGNAL * k + 9]
+        if by != 0.0 and abs(by) > room_for(p, k, 0.0):
+            found[k] = 1.0
+            number += 1
+    return number
