@@ -4,6 +4,7 @@ from math import radians
 
 import pytest
 
+from cylforce.estimation.kernel import choice
 from cylforce.service.assembler import Assembler
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
@@ -37,6 +38,45 @@ def test_an_angle_may_turn_by_three_radians_a_second_and_its_own_noise(sign, sec
     room += radians(0.08)
     assert reason(sign * (room - 0.002), seconds) is Reason.NONE
     assert reason(sign * (room + 0.002), seconds) is Reason.IMPLAUSIBLE_JUMP
+
+
+@pytest.fixture(params=["interpreted", "chosen"])
+def form(request, monkeypatch):
+    """Each form of the kernel."""
+    if request.param == "interpreted":
+        monkeypatch.setattr(choice, "chosen", lambda: choice.INTERPRETED)
+
+
+def judged(values):
+    """What is wrong with each of an angle's values, (time [ms], turn [rad]), after a second at 100 Hz without turn."""
+    assembler = Assembler(SERVICE)
+    inputs, reasons = assembler.begin(), []
+    for ms, turn in [*((-10.0 * k, 0.0) for k in range(100, -1, -1)), *values]:
+        frame = Frame(5_000_000 + round(1000 * ms), PDO.can_id, encode(PDO, {"stick_angle": radians(-90.0) + turn}))
+        inputs = assembler.receive(inputs, frame, assembler.still)
+        reasons.append(inputs.channels[AT].reason)
+    return reasons[-len(values) :]
+
+
+@pytest.mark.usefixtures("form")
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("full", "room"), [(100.0, 0.27075), (250.0, 0.72075)])
+def test_an_angle_that_waited_for_the_bus_may_have_turned_meanwhile(full, room, sign):
+    """The bus is full for so many ms. A value that leaves then may have been measured 10 ms after the last one; that
+    which follows by 0.25 ms may be 90.25 ms younger, or 240.25 ms: 3 rad/s of that, and noise and digits."""
+    for more, why in ((-0.002, Reason.NONE), (0.002, Reason.IMPLAUSIBLE_JUMP)):
+        turn = sign * (room + radians(0.08) + more)
+        assert judged([(full, 0.0), (full + 0.25, turn)]) == [Reason.NONE, why]
+
+
+@pytest.mark.usefixtures("form")
+def test_angles_that_waited_one_behind_the_other_were_measured_a_period_apart():
+    """Of three that waited 100 ms the second was measured after 10 ms, the third may be 80.5 ms younger. Two values at
+    their time later, all that may be is again the turn of a period."""
+    for turn, why in ((0.241, Reason.NONE), (0.245, Reason.IMPLAUSIBLE_JUMP)):
+        assert judged([(100.0, 0.0), (100.25, 0.0), (100.5, turn)]) == [Reason.NONE, Reason.NONE, why]
+    for turn, why in ((0.029, Reason.NONE), (0.033, Reason.IMPLAUSIBLE_JUMP)):
+        assert judged([(100.0, 0.0), (100.25, 0.0), (110.0, 0.0), (120.0, turn)])[-1] is why
 
 
 def course(angles):
