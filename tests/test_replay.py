@@ -249,7 +249,7 @@ def test_estimates_are_written_as_a_table(folder, machine, tares, live):
 
 
 def test_a_replay_keeps_nothing_of_what_it_has_told(machine, tares, simulated):
-    """Every hundred ticks the estimates that exist are counted: the one told, its predecessor in the state and what
+    """Each hundred ticks the estimates that exist are counted: the one told, its predecessor in the state and what
     holds them, no more at the end than at the beginning; kept, they are as many as were told."""
     log, _ = simulated
     alive, told, before = [], 0, living()

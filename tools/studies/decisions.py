@@ -26,6 +26,7 @@ from cylforce.diagnosis.inference.asking import Asking, noisy
 from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.in_order import InOrder
+from cylforce.diagnosis.inference.learnt import AT_WORK
 from cylforce.diagnosis.inference.posterior import (
     NOTHING,
     UNKNOWN,
@@ -383,7 +384,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="labelled machines (labels.json)")
     parser.add_argument("--reference-machines", type=int, default=6)
     parser.add_argument("--random-machines", type=int, default=0, help="with references, motions, noise at random")
-    parser.add_argument("--air", action="store_true", help="only recordings in the air")
+    parser.add_argument("--air", action="store_true", help="only recordings in the air; what work teaches is kept")
     parser.add_argument("--learn", action="store_true", help="learn everyday differences from the other source")
     parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--processes", type=int, default=2)
@@ -422,7 +423,8 @@ def main() -> int:
             each["left out of the library, named"] = own if name == "with calibration" else "-"
     show(report, Console(highlight=False))
     if options.write:
-        work = calibration(rows, working=True) if any(r.working for r in rows) else None
+        busy = not options.air and any(r.working for r in rows)
+        work = calibration(rows, working=True) if busy else AT_WORK if options.air else None
         options.write.write_text(written(calibration(rows), work))
     if options.json:
         cases_ = {name: [_record(s) for s in all_of] for name, all_of in answers.items()}
