@@ -46,7 +46,8 @@ def page() -> str:
         lines.append(f"| {' | '.join((str(row.number), *row[1:6]))} | {shown} |\n")
     known = {row.number for row in contract}
     without = ", ".join(str(k) for k in range(1, FAULTS + 1) if k not in known)
-    return HEAD + "".join(lines) + f"\nWithout a row here, so without a test in this table: {without}.\n"
+    rest = f"\nWithout a row here, so without a test in this table: {without}.\n" if without else ""
+    return HEAD + "".join(lines) + rest
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ class Assembler:
         lost, kept = Channel(nan, NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0), inputs.kept
         for k in {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}:
             begin, end = SIGNAL * k, SIGNAL * (k + 1)
-            kept[begin:end] = numbers(lost._replace(leapt=kept[end - 1]))
+            kept[begin:end] = numbers(lost._replace(leapt=kept[begin + 9]))
         return inputs
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:

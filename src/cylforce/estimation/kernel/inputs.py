@@ -1,18 +1,18 @@
 """What sensors send, as `service.assembler` and `service.senders.supervision` judge it: the values of a frame when it
 comes, and at a tick which of them are usable.
 
-The state is one array: of each of S signals (S, 10) value, time of the last accepted and of the last value [us],
-reason, good, equal and implausible values in a row, leap, last implausible value, leaps believed (see `Channel`); of
-each of P PDOs (P, 3) time [us], excess, time of a second producer [us] (see `PdoRate`); of each of M nodes (M, 3) time
-of its heartbeat [us], state, whether it told that it booted; frames with an unknown identifier, too short, too long;
-time of the last one that was too long, and of the last frame of somebody else with our identifiers [us].
-`service.senders. inputs` gives them names."""
+The state is one array: of each of S signals (S, 11) value, time of the last accepted and of the last value [us],
+reason, good, equal and implausible values in a row, leap, last implausible value, leaps believed, time after which the
+last value was measured [us] (see `Channel`); of each of P PDOs (P, 3) time [us], excess, time of a second producer [us]
+(see `PdoRate`); of each of M nodes (M, 3) time of its heartbeat [us], state, whether it told that it booted; frames
+with an unknown identifier, too short, too long; time of the last one that was too long, and of the last frame of
+somebody else with our identifiers [us]. `service.senders.inputs` gives them names."""
 
 from typing import Any
 
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
 
-SIGNAL: Count = 10  # numbers of a signal
+SIGNAL: Count = 11  # numbers of a signal
 SENDER: Count = 3  # numbers of a PDO, or of a node
 NEVER: Number = -4611686018427387904.0  # us, stands for a time before all others
 LARGEST: Number = 1.7976931348623157e308
@@ -140,14 +140,14 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
     """A signal with one value more."""
     k = p.signal[slot]
     o, value = SIGNAL * k, raw * p.scale[slot] + p.offset[slot]
-    seen = state[o + 2]
+    seen, by = state[o + 2], leap(p, state, t_us, k, value)
+    state[o + 10] = measured_after(p, state, t_us, k)
     if raw == p.missing[slot] or not abs(value) <= LARGEST:
         state[o + 2], state[o + 3], state[o + 4] = t_us, NOT_A_NUMBER, 0.0
         return
     if not p.low[slot] <= value <= p.high[slot]:
         state[o + 2], state[o + 3], state[o + 4] = t_us, OUT_OF_RANGE, 0.0
         return
-    by = leap(p, state, t_us, k, value)
     if by != 0.0 and state[o + 6] < JUMPS_BELIEVED:
         state[o + 2], state[o + 3], state[o + 4] = t_us, JUMPED, 0.0
         state[o + 6] += 1.0
@@ -165,21 +165,40 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
 
 
 @inner
+def measured_after(p: KernelInputs, state: Numbers, t_us: Number, k: Count) -> Number:
+    """Time [us] after which a value was measured that is received now, however long it then waited for the bus: when
+    the value before was received; but values that follow each other in less than half a period have waited, and were
+    measured a period apart."""
+    o, period = SIGNAL * k, 1e6 * p.seconds[k]
+    if t_us - state[o + 2] > 0.5 * period:
+        return state[o + 2]
+    return min(state[o + 2], state[o + 10] + period)
+
+
+@inner
 def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
     """By how much a value is off because the signal has leapt by more than is plausible: FASTEST times the time between
     two values, and the noise; 0: it is not. Time during which values were not yet accepted does not count, because the
-    joint need not have moved then. After a leap it moves on, until it leaps back."""
+    joint need not have moved then; time that the value before may have waited for the bus does. After a leap it moves
+    on, until it leaps back."""
     if p.fastest[k] > LARGEST:
         return 0.0
     o = SIGNAL * k
     if state[o + 6] != 0.0:
         by = value - state[o + 8]
-        jump = state[o + 7] + (by if abs(by) > room_for(p, k, 1e-6 * (t_us - state[o + 2])) else 0.0)
+        jump = state[o + 7] + (by if abs(by) > room_since(p, state, t_us, k, state[o + 2]) else 0.0)
         return jump if abs(jump) > room_for(p, k, 0.0) else 0.0
     proving = t_us - state[o + 1] > p.hold and state[o + 4] > 0.0
     by = value - state[o]
     since = state[o + 2] if proving else state[o + 1]
-    return by if abs(by) > room_for(p, k, 1e-6 * (t_us - since)) else 0.0
+    return by if abs(by) > room_since(p, state, t_us, k, since) else 0.0
+
+
+@inner
+def room_since(p: KernelInputs, state: Numbers, t_us: Number, k: Count, since: Number) -> Number:
+    """By how much a signal may have changed since a value that was received at `since` [us]."""
+    waited = max(0.0, since - state[SIGNAL * k + 10] - 1e6 * p.seconds[k])
+    return room_for(p, k, 1e-6 * (t_us - since + waited))
 
 
 @inner

@@ -168,7 +168,7 @@ class Gatherer:
         values = self.tares.values + self.model.load @ load
         at = np.ascontiguousarray(channels)
         self.kernel.slips(self._plan, at, values, turned, len(turned), TILTED, found)
-        return np.frombuffer(found).reshape(-1, len(turned))
+        return np.frombuffer(found).reshape(len(self.model.machine.rows), len(turned))
 
     @cached_property
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class

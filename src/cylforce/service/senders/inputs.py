@@ -16,7 +16,8 @@ class Channel(NamedTuple):
     time of the last accepted value; `seen_us`: time of the last value of any kind; `reason`: what was wrong with that
     one; `good`: number of good values in a row; `equal`: number of equal values in a row while the machine moved;
     `jumps`: number of values in a row that are off by a `leap`, the `last` one of them; `leapt`: sum of the leaps that
-    were believed after so many of them."""
+    were believed after so many of them; `since_us`: the last value of any kind was measured after that time, however
+    long it then waited for the bus."""
 
     value: float
     t_us: float
@@ -28,6 +29,7 @@ class Channel(NamedTuple):
     leap: float = 0.0
     last: float = 0.0
     leapt: float = 0.0
+    since_us: float = NEVER
 
 
 class FrameCounters(NamedTuple):
