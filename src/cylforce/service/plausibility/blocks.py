@@ -180,7 +180,7 @@ class Gatherer:
         machine = self.model.machine
         arms = machine.arms * np.exp(1j * (channels[: machine.size].cumsum() + channels[-3]))
         beyond = arms[::-1].cumsum()[::-1]  # from each pin to the tool
-        outer = beyond[np.maximum.outer(machine.rows, self.turned)]
+        outer = beyond[np.maximum.outer(machine.rows, np.array(self.turned, dtype=np.int64))]
         return np.concatenate([np.zeros((len(outer), len(self.pressed))), -(outer.conj() * force).real], axis=1)
 
     def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
