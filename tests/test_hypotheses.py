@@ -82,7 +82,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance():
     two = two._replace(rows=np.where(np.arange(BLOCKS)[:, None] < 2, float(ROWS), 0.0) * np.ones(JOINTS))
     plain = SCENE._replace(spread=np.ones(COUNT))
     prior = np.diag([1.0, 2.0, 0.5, 0.1])
-    case = Inference(plain, sums(plain.spread, [two]), noise, np.array([0.2, 0.0, 0.0, 0.1]), prior)
+    case = Inference(plain, sums(plain.spread, [two]), noise, np.array([0.2, 0.0, 0.0, 0.1]), prior, np.zeros(COUNT))
     q = basis()
     design = np.concatenate([rows[b, r, :, :-1] for b in range(2) for r in range(JOINTS)])
     left = np.concatenate([rows[b, r, :, -1] for b in range(2) for r in range(JOINTS)])
@@ -141,8 +141,9 @@ def test_what_was_taken_out_at_its_size_is_as_probable_as_before(machine):
     case = machine.asked(sums(SCENE.spread, [before]))
     plain = case.hypothesis((0,), case.usual)
     rows[..., -1] -= 1.5 * rows[..., 2]
-    again = replace(case, sums=sums(SCENE.spread, [told(rows)._replace(crossed=before.crossed)]))
-    again = replace(again, taken={0: np.array([1.5 / SCENE.spread[2]])})
+    lost = 2.0 * 1.5 * before.crossed[:, 2] / (BLOCKS * ROWS)  # of y - X s; the square of what is in X is small
+    again = sums(SCENE.spread, [told(rows)._replace(crossed=before.crossed)]).with_noise(lost)
+    again = replace(case, sums=again, taken={0: np.array([1.5 / SCENE.spread[2]])})
     assert again.hypothesis((0,), case.usual).log == pytest.approx(plain.log, abs=0.2)
 
 

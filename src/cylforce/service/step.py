@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import GOOD_ENOUGH, Residual
+from cylforce.estimation.residual import Residual
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import Beside, unseen
@@ -246,17 +246,16 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
-    load = Load(_with_unnoticed(load.mass, state.watch.unnoticed, rated), load.centre_x, load.centre_z)
+    load = Load(_with_unnoticed(load.mass, state.watch.unnoticed), load.centre_x, load.centre_z)
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
     return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
 
 
-def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed, rated: float) -> Quantity:
-    """The mass [kg] with what errors of signals add to its standard error, DEGRADED if it certainly is that far off."""
-    mass = Quantity(mass.value, hypot(mass.standard_error, unnoticed.mass), mass.status, mass.reason)
-    return degraded(mass, Reason.UNCERTAIN) if unnoticed.certain > GOOD_ENOUGH * rated else mass
+def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed) -> Quantity:
+    """The mass [kg] with what errors of signals add to its standard error."""
+    return Quantity(mass.value, hypot(mass.standard_error, unnoticed.mass), mass.status, mass.reason)
 
 
 def _less_sure(forces: Forces, reason: Reason) -> Forces:

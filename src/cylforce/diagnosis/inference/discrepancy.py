@@ -67,10 +67,11 @@ class Sums:
         """The same with the energy of the sensors' noise (R,) per row that a correction of the readings took away:
         recordings with less noise are not by that more probable. No more of it than there is noise at all."""
         theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
-        share = np.minimum(1.0, 1.0 / np.maximum(theirs, 1e-300))
-        whole = self.whole.copy()
-        whole[:, -1, -1] += self.rows * share * lost
-        return replace(self, whole=whole)
+        given = np.minimum(1.0, 1.0 / np.maximum(theirs, 1e-300)) * lost
+        whole, smooth = self.whole.copy(), self.smooth.copy()
+        whole[:, -1, -1] += self.rows * given
+        smooth[:, :, -1, -1] += (self.blocks * given)[:, None]
+        return replace(self, whole=whole, smooth=smooth)
 
     def norm(self, noise: Scatter) -> float:
         """What of the logarithm of the likelihood depends on noise alone."""

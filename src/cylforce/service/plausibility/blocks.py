@@ -168,7 +168,7 @@ class Gatherer:
         values = self.tares.values + self.model.load @ load
         at = np.ascontiguousarray(channels)
         self.kernel.slips(self._plan, at, values, turned, len(turned), TILTED, found)
-        return np.frombuffer(found).reshape(-1, len(turned))
+        return np.frombuffer(found).reshape(len(self.model.machine.rows), len(turned))
 
     @cached_property
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
@@ -180,7 +180,7 @@ class Gatherer:
         machine = self.model.machine
         arms = machine.arms * np.exp(1j * (channels[: machine.size].cumsum() + channels[-3]))
         beyond = arms[::-1].cumsum()[::-1]  # from each pin to the tool
-        outer = beyond[np.maximum.outer(machine.rows, self.turned)]
+        outer = beyond[np.maximum.outer(machine.rows, np.array(self.turned, dtype=np.int64))]
         return np.concatenate([np.zeros((len(outer), len(self.pressed))), -(outer.conj() * force).real], axis=1)
 
     def _ended(self, state: Gathering) -> tuple[Gathering, Block]:

@@ -24,8 +24,7 @@ class Unnoticed(NamedTuple):
     """State, of H signals: rows (K, K) of the `lift` so far, in seconds that a load explains; those of the lifts
     `before` (K-4, K-4), their loads taken out, faded; samples `taken` of the lift; probable error of each signal,
     in the gatherer's units; change of the mass [kg] in the bucket per unit of each (`slopes`) (H,); `torques` (R, H)
-    [N m] by these errors at the moment; standard error `mass` [kg] of the mass in the bucket by these errors, and the
-    part of it that is `certain` [kg]."""
+    [N m] by these errors at the moment; standard error `mass` [kg] of the mass in the bucket by these errors."""
 
     lift: Array
     before: Array
@@ -34,7 +33,6 @@ class Unnoticed(NamedTuple):
     slopes: Array
     torques: Array
     mass: float = 0.0
-    certain: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -62,9 +60,9 @@ class Noticing:
         rows = (state.lift + gathering.gram)[:LOAD] / self.gatherer.memory
         mass = np.linalg.inv(rows[:, :LOAD] + np.diag(self.gatherer.prior[:LOAD]))[0]
         slopes = mass @ rows[:, -1 - self.gatherer.size : -1]
-        mass, certain = (float(np.linalg.norm(slopes * each)) for each in state.probable)
+        wrong = float(np.linalg.norm(slopes * state.probable.sizes))
         torques = (gathering.errors + turned) * state.probable.sizes
-        return state._replace(slopes=slopes, torques=torques, mass=mass, certain=certain)
+        return state._replace(slopes=slopes, torques=torques, mass=wrong)
 
     def _with(self, state: Unnoticed, block: Array) -> Unnoticed:
         """With one more second of the lift, (K, K)."""
