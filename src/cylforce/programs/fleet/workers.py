@@ -11,6 +11,9 @@ from cylforce.programs.fleet.store import within
 from cylforce.programs.fleet.task import on_worker
 
 MEMORY = "800MB"  # of a local worker; beyond it Dask ends it, and a new one goes on
+# What the C library keeps of freed memory [bytes], and from which size an array has pages of its own. Dask's 64 kB give
+# every array back: nearly half of a worker's time went into taking it again (measured, see the chapter).
+ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": 2**26, "MALLOC_MMAP_THRESHOLD_": 2**25}
 RETRIES = 2  # of a task whose worker ended, after which its recording is a row with that reason
 CONNECT_S = 15.0  # in which a scheduler must answer
 RESTART_S = 600.0  # in which a worker that ended must be there again; chosen: several ends one after the other
@@ -91,7 +94,8 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    settings = {
+    settings: dict[str, Any] = {
+        "distributed.nanny.pre-spawn-environ": dask.config.get("distributed.nanny.pre-spawn-environ") | ALLOCATOR,
         "distributed.scheduler.allowed-failures": RETRIES,
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
         "distributed.deploy.lost-worker-timeout": f"{RESTART_S:g}s",
