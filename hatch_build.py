@@ -24,18 +24,6 @@ from typing import Any, NamedTuple
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 KERNEL = Path("src/cylforce/estimation/kernel")
-PARTS = (
-    "inputs.py",
-    "plan.py",
-    "bodies.py",
-    "columns.py",
-    "rows.py",
-    "solver.py",
-    "weighed.py",
-    "pushed.py",
-    "recognised.py",
-    "followed.py",
-)  # as in `kernel/choice.py`
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 # cython: infer_types=True
 cimport cython
@@ -91,13 +79,22 @@ def gates(text: str) -> str:
 PASSED = {"Numbers": "as_numbers({})", "Counts": "as_counts({})"}
 
 
+def parts(folder: Path) -> list[str]:
+    """The kernel's files in their order, as `choice.py` lists them: it cannot be imported before it is installed."""
+    for line in ast.parse((folder / "choice.py").read_text(encoding="utf-8")).body:
+        if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "PARTS":
+            return list(ast.literal_eval(line.value))
+    raise OSError(f"{folder / 'choice.py'}: lists no PARTS")
+
+
 def source(folder: Path) -> str:
     """The kernel as Cython reads it."""
-    text = "\n\n".join((folder / name).read_text(encoding="utf-8") for name in PARTS)
+    names = parts(folder)
+    text = "\n\n".join((folder / name).read_text(encoding="utf-8") for name in names)
     python = gates(text)
     for word, meaning in WORDS.items():
         text = re.sub(word, meaning, text, flags=re.MULTILINE)
-    checksum = zlib.crc32(b"".join((folder / name).read_bytes() for name in PARTS))
+    checksum = zlib.crc32(b"".join((folder / name).read_bytes() for name in names))
     return f"{HEAD}\nTEXT = {checksum}\n{text}\n\n{python}"
 
 

@@ -140,18 +140,6 @@ class Core:
         remembered = hanging is not None
         weighing = weighing._replace(books=Books(None, hanging, None, kept.booking, missed, remembered))
         watch = self.monitor.begin()
-        state = State(
-            inputs,
-            None,
-            weighing,
-            drift,
-            kept.scale,
-            0,
-            nothing,
-            self.assembler.still,
-            known,
-            contact,
-            watch,
-            kept.truck,
-        )
+        still = self.assembler.still
+        state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
         return state._replace(tool=kept.tool)

@@ -77,10 +77,6 @@ class State(NamedTuple):
     unexplained: tuple[float, ...] = ()
     rocking: Rocking = STILL
 
-    def concluded(self, estimate: Estimate, cycle: Cycle) -> "State":
-        """The state with the estimate of its instant and the working cycle so far."""
-        return State._make((*self[:6], estimate, *self[7:12], cycle, *self[13:]))
-
     @property
     def memory(self) -> Memory:
         """What a restart does not change."""

@@ -140,10 +140,18 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
     seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *told)
     watch, weighing = _watched(core, state, seen, weighing)
-    follows = _drift(core, state.drift, watch, load, rows, left, usable)
-    known = core.recognizer.step(state.recognition, rows, plain, usable)
-    kept = (state.scale, t_us, state.estimate, moving, known, interaction, watch, *state[11:16])
-    now = State(state.inputs, pipe, weighing, follows, *kept, tuple(left.torque.tolist()), rocking)
+    now = state._replace(
+        pipe=pipe,
+        sampled_us=t_us,
+        moving=moving,
+        weighing=weighing,
+        drift=_drift(core, state.drift, watch, load, rows, left, usable),
+        recognition=core.recognizer.step(state.recognition, rows, plain, usable),
+        interaction=interaction,
+        watch=watch,
+        rocking=rocking,
+        unexplained=tuple(left.torque.tolist()),
+    )
     return _booked(now, _estimate(core, now, load, forces, t_us), state.weighing.books.booking)
 
 
@@ -163,7 +171,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     """The state with its estimate and the working cycle advanced; with a new booking it ends, and the truck has one
     more bucket, whose mass follows the booking while that becomes more precise."""
     cycle, booking = advanced(state.cycle, estimate), state.weighing.books.booking
-    state = state.concluded(estimate, cycle)
+    state = state._replace(estimate=estimate, cycle=cycle)
     if booking is None or booking is before:
         return state
     if before is not None and not is_new(booking, before):

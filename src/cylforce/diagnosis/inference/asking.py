@@ -163,9 +163,9 @@ class Asking:
         """Energy of the sensors' noise in what is left (R,), per row in units of the floor's white noise, with some
         effects taken out of the readings; zeros where it is not known."""
         energy, count = np.zeros(len(self.floor.rms)), np.zeros(len(self.floor.rms))
-        for pair in zip(self.noisy.plain, self.noisy.twins, strict=True):
-            plain, twin = (left_without(each, self.viewer, applied) for each in pair)
-            added = twin - plain
+        for seen, twin in zip(self.problem.faulty, self.noisy.twins, strict=False):
+            plain = seen.recorded._replace(values=seen.recorded.values[: len(twin.values)])
+            added = left_without(twin, self.viewer, applied) - left_without(plain, self.viewer, applied)
             for r in range(added.shape[1]):
                 noise = whitened(added[:, r : r + 1], self.floor.memory[r]) / self.floor.white[r]
                 energy[r] += np.nansum(noise**2)
@@ -199,11 +199,10 @@ def _padded(noise: Array, size: int) -> Array:
 
 class Noisy(NamedTuple):
     """Of every recording, clean and faulty, the noise that its columns share with what is left (R, N+1); the beginnings
-    of the faulty ones, `plain`, and the same with the sensors' noise once more, `twins`."""
+    of the faulty ones with the sensors' noise once more, `twins`, where it is known."""
 
     clean: tuple[Array, ...]
     faulty: tuple[Array, ...]
-    plain: tuple[Recorded, ...] = ()
     twins: tuple[Recorded, ...] = ()
 
 
@@ -231,5 +230,4 @@ def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generat
     for group, others in ((problem.clean, twin.clean), (problem.faulty, twin.faulty)):
         pairs = [(problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True)]
         found.append(tuple(crossed(a[: len(b)], b, floor, own) for a, b in pairs))
-    begun = tuple(seen.recorded._replace(values=seen.recorded.values[:steps]) for seen in problem.faulty)
-    return Noisy(found[0], found[1], begun, tuple(seen.recorded for seen in twin.faulty))
+    return Noisy(found[0], found[1], tuple(seen.recorded for seen in twin.faulty))

@@ -159,7 +159,7 @@ class _Search:
         question = replace(self._question, problem=problem)
         case, size = self._machine.asked(self._first.sums), len(question.scene.spread)
         more = size - len(case.mean)
-        covariance = np.eye(size) * 1e-12
+        covariance = np.zeros((size, size))
         covariance[: size - more, : size - more] = case.covariance
         recording = question.sums(problem.faulty, self.plain.noisy.faulty)
         mean, everyday = (np.append(each, np.zeros(more)) for each in (case.mean, case.everyday))
