@@ -1,7 +1,6 @@
 """Time and memory of `cylforce fleet` by number of recordings and of workers: as whole commands, imports included."""
 
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -9,15 +8,18 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from cylforce.programs.fleet.kept import SUFFIX, KeptResults
+from cylforce.programs.fleet.task import key_of
 from studies._fleets import name_of
 
 
 class Timed(NamedTuple):
     """So many `recordings` by so many `workers` (0: one process, without Dask). In s: wall time of a `first` run and
-    processor time of its recordings; wall and processor time of a run in which `one_new` recording is there, of which
-    `alone` is that recording's own processor time. Largest `memory` of a worker while it worked [MB]."""
+    processor time of its recordings; wall and processor time of a run to which `one_new` recording is new, of which
+    `alone` is that recording's own processor time. In MB: largest `memory` of a worker, `largest` process of the first
+    run."""
 
     recordings: int
     workers: int
@@ -27,51 +29,67 @@ class Timed(NamedTuple):
     one_new_processor_s: float
     alone_s: float
     memory_mb: float
+    largest_mb: float
 
 
 class _Run(NamedTuple):
     seconds: float
     processor: float
-    rows: Sequence[dict[str, object]]
+    largest: float
+    rows: Sequence[dict[str, Any]]
 
 
 def timed(folder: Path, machines: int, workers: int) -> Timed:
-    """On the first of the machines in a folder; their last recording is the new one."""
+    """On the first of the machines in a folder."""
     with TemporaryDirectory(dir=folder.parent) as name:
         base = Path(name)
         (base / "data").mkdir()
         os.link(folder / "machine.toml", base / "data/machine.toml")
         for own in map(name_of, range(machines)):
             shutil.copytree(folder / own, base / "data" / own, copy_function=os.link)
-        kept_back = max((base / "data" / name_of(machines - 1)).iterdir())
-        kept_back.rename(base / kept_back.name)
-        first = _run(base, workers)
-        (base / kept_back.name).rename(kept_back)
-        one = _run(base, workers)
-    took = {str(row["address"]): float(str(row["took_s"])) for row in one.rows}
-    memory = max(float(str(row["memory_mb"])) for row in first.rows)
-    done = sum(float(str(row["took_s"])) for row in first.rows)
-    new = next(
-        seconds for address, seconds in took.items() if address.endswith(f"{name_of(machines - 1)}/{kept_back.name}")
-    )
-    return Timed(len(took), workers, first.seconds, done, one.seconds, one.processor, new, memory)
+        return timed_in(base / "data", base / "cache", workers)
 
 
-def _run(base: Path, workers: int) -> _Run:
+def timed_in(folder: Path, cache: Path, workers: int, repeated: int = 3) -> Timed:
+    """On all machines of a folder, with a cache that is empty: a first run, then others for which the last recording is
+    new again, the shortest of which counts."""
+    first = _run(folder, cache, workers)
+    address = max(str(row["address"]) for row in first.rows)
+    later = []
+    for _ in range(repeated):
+        _forget(folder, cache, address)
+        later.append(_run(folder, cache, workers))
+    one = min(later, key=lambda run: run.seconds)
+    alone = next(float(row["took_s"]) for row in one.rows if row["address"] == address)
+    memory = max(float(row["memory_mb"]) for row in first.rows)
+    done = sum(float(row["took_s"]) for row in first.rows)
+    return Timed(len(one.rows), workers, first.seconds, done, one.seconds, one.processor, alone, memory, first.largest)
+
+
+def _forget(folder: Path, cache: Path, address: str) -> None:
+    """Make a recording new again."""
+    kept = KeptResults(cache)
+    _, sha256 = kept.stamps.pop(address)
+    (cache / f"{key_of(sha256, (folder / 'machine.toml').read_text())}{SUFFIX}").unlink()
+    kept.remember()
+
+
+def _run(folder: Path, cache: Path, workers: int) -> _Run:
     from pyarrow import parquet
 
-    output = base / "results.parquet"
-    command = [sys.executable, "-m", "cylforce", "fleet", str(base / "data"), "-o", str(output)]
-    command += ["--cache", str(base / "cache"), "--workers", str(workers)]
-    before, begun = _processor(), time.monotonic()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    seconds = time.monotonic() - begun
-    return _Run(seconds, _processor() - before, parquet.read_table(output).to_pylist())
-
-
-def _processor() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    with TemporaryDirectory() as scratch:
+        output = Path(scratch) / "results.parquet"
+        command = [sys.executable, "-m", "cylforce", "fleet", str(folder), "-o", str(output)]
+        command += ["--cache", str(cache), "--workers", str(workers)]
+        begun = time.monotonic()
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+            _, status, used = os.wait4(running.pid, 0)
+            running.returncode = os.waitstatus_to_exitcode(status)
+        if running.returncode:
+            raise subprocess.CalledProcessError(running.returncode, command)
+        seconds = time.monotonic() - begun
+        rows = parquet.read_table(output).to_pylist()
+        return _Run(seconds, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3, rows)
 
 
 def plot(times: Sequence[Timed], path: Path) -> None:

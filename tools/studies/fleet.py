@@ -5,7 +5,6 @@ import argparse
 import json
 import os
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +18,7 @@ from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.task import FAILED
 from cylforce.programs.fleet.workers import Where
-from studies._fleet_times import Timed, plot, timed
+from studies._fleet_times import Timed, plot, timed, timed_in
 from studies._fleets import Faulty, Size, add_size, day_of, size_of, write_fleet
 
 
@@ -77,8 +76,9 @@ def main() -> None:
         type=int,
         nargs="*",
         default=[],
-        help="time only, so many machines: in one process, with 1, 2 workers",
+        help="time only, so many machines; what a file of --json says of others is kept",
     )
+    parser.add_argument("--by", type=int, nargs="+", default=[1, 2], help="numbers of workers; 0: in one process")
     parser.add_argument("--rivals", action="store_true", help="also find changes with the library ruptures")
     parser.add_argument("--plot", type=Path, help="draw the times there (SVG)")
     options = parser.parse_args()
@@ -97,12 +97,12 @@ def main() -> None:
 def _found(
     folder: Path, truth: dict[str, Faulty], size: Size, options: argparse.Namespace, cache: Path
 ) -> dict[str, Any]:
-    """What is found of a fleet."""
+    """What is found of a fleet, and how long that takes."""
+    times = None if cache.exists() else timed_in(folder, cache, options.workers)
     with TemporaryDirectory() as scratch:
         wanted = Wanted((str(folder),), Path(scratch) / "results.parquet", cache=cache)
-        before = time.monotonic()
         result = run_fleet(wanted, Where(None, options.workers), say=lambda text: print(text, file=sys.stderr))
-    figures = scored(truth, result, size) | {"seconds": time.monotonic() - before}
+    figures = scored(truth, result, size) | ({} if times is None else times._asdict())
     _show(figures, truth, result)
     return figures | _rivals(result, truth) if options.rivals else figures
 
@@ -121,7 +121,13 @@ def _rivals(result: FleetResult, truth: dict[str, Faulty]) -> dict[str, Any]:
 
 def _timed(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Time and memory by number of recordings and workers."""
-    times = [timed(folder, machines, workers) for machines in options.times for workers in (0, 1, 2)]
+    before = json.loads(options.json.read_text()) if options.json and options.json.exists() else {}
+    known = {(each["recordings"], each["workers"]): Timed(**each) for each in before.get("times", ())}
+    for machines in options.times:
+        for workers in options.by:
+            each = timed(folder, machines, workers)
+            known[each.recordings, each.workers] = each
+    times = [known[key] for key in sorted(known)]
     table = Table(
         *(name.replace("_", " ") for name in Timed._fields),
         title=f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",

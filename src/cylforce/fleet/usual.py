@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.fleet.gaussians import Belonging, loosened, solved
+from cylforce.fleet.gaussians import Belonging, loosened, pieces, solved
 from cylforce.signals.estimate import Array
 
 PRIOR_COUNT = 4.0  # things seen, to which the stated spread amounts; chosen: three machines change it, one hardly does
@@ -128,6 +128,9 @@ def _deviations(each: Belonging, flat: tuple[Array, Array], variance: Array) -> 
     known = np.diag(spread**-2.0)
     centre, covariance = solved(common + known, common_pull + known @ mean)
     middle = variance * (pull - (information @ centre[each.group][..., None])[..., 0])
-    by_centre = np.sum((information @ covariance[each.group]) * information, axis=-1)
+    by_centre = np.empty_like(pull)
+    for some in pieces(len(pull)):
+        weighed = information[some] @ covariance[each.group[some]]
+        by_centre[some] = np.einsum("nkl,nkl->nk", weighed, information[some])
     left = variance - variance**2 * (np.einsum("nkk->nk", information) - by_centre)
     return middle, np.asarray(left)

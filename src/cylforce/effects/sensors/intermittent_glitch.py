@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from cylforce.effects.fault import About, Place
 from cylforce.mechanics.machine import Machine
@@ -64,6 +63,8 @@ class IntermittentGlitch:
 def glitches(reading: Array, dt: float) -> NDArray[np.bool_]:
     """Which samples (T,) of one sensor, `dt` [s] apart, belong to jumps: away from the running median, reached and left
     by steps that no motion makes. A pressure may jump on a machine in order: compare with its references."""
+    from scipy.ndimage import median_filter  # not needed by who reads results of recordings
+
     window = round(LONGEST / dt)
     off = reading - median_filter(reading, 2 * window + 1, mode="nearest")
     step = np.diff(reading, prepend=reading[0])

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from math import copysign, exp
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from cylforce.effects.fault import About, Place
 from cylforce.mechanics.machine import Machine
@@ -41,6 +40,8 @@ class PressureSensorHysteresis:
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with signal `where` changed to p - error. A negative size takes the error out of a
         reading."""
+        from scipy.ndimage import uniform_filter1d  # not needed by who reads results of recordings
+
         found, window = values.copy(), 2 * int(self.smoothing / 2.0 * (len(t) - 1) / max(t[-1] - t[0], 1e-9)) + 1
         pressure = uniform_filter1d(values[:, where], window, mode="nearest")
         still = size < 0.0 and not self.opening

@@ -9,6 +9,7 @@ import os
 import zlib
 from contextlib import suppress
 from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from cylforce.programs.fleet.task import Summary
 from cylforce.signals.estimate import Array
 
 STAMPS, SUFFIX = "stamps.json", ".result"
-NUMBER = "<f8"
+NUMBER, WHOLE = "<f8", 8  # bytes of a number, of which the arrays' place is a multiple: they are read where they are
 
 
 def fleet_cache_folder() -> Path | None:
@@ -94,21 +95,22 @@ def packed(outcome: Summary) -> bytes:
             arrays += [v for v in own.values() if isinstance(v, np.ndarray)]
     content = b"".join(np.ascontiguousarray(each, dtype=NUMBER).tobytes() for each in arrays)
     said["crc32"] = zlib.crc32(content)
-    return json.dumps(said).encode() + b"\n" + content
+    header = json.dumps(said).encode()
+    return header + b" " * (-(len(header) + 1) % WHOLE) + b"\n" + content
 
 
 def unpacked(content: bytes) -> Summary:
     """A result from `packed`. Raises ValueError, KeyError or TypeError for what is none, or not whole."""
-    header, _, rest = content.partition(b"\n")
-    said = json.loads(header)
-    if zlib.crc32(rest) != said["crc32"]:
+    begins = content.index(b"\n") + 1
+    said = json.loads(content[:begins])
+    if zlib.crc32(memoryview(content)[begins:]) != said["crc32"]:
         raise ValueError("is not whole")
-    numbers, at = np.frombuffer(rest, dtype=NUMBER), 0
+    numbers, at = np.frombuffer(content, dtype=NUMBER, offset=begins), 0
 
     def filled(own: dict[str, Any], arrays: tuple[str, ...]) -> dict[str, Any]:
         nonlocal at
         for name in arrays:
-            size = int(np.prod(own[name]))
+            size = prod(own[name])
             own[name], at = numbers[at : at + size].reshape(own[name]), at + size
         return own
 

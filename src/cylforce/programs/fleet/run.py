@@ -48,14 +48,14 @@ def run_fleet(wanted: Wanted, where: Where, watch: Watch = silent, say: Say = pr
     gathered = FleetReading(found, kept, where, watch, say, flush).gathered()
     watch("what changed, what is usual", None)
     analysis = analysed(gathered)
-    flush(gathered)
-    weights = bookings(gathered, kept, where, watch, say) if wanted.weights else {}
     changed = tuple(_changes(analysis))
-    rows = _rows(gathered, analysis, changed, weights)
-    write_rows(wanted.output, rows)
+    rows = _rows(gathered, analysis, changed)
+    write_rows(wanted.output, list(rows.values()))
+    if wanted.weights and _booked(rows, bookings(gathered, kept, where, watch, say)):
+        write_rows(wanted.output, list(rows.values()))
     if wanted.usual is not None:
         write_usual(wanted.usual, {each.name: _usual(each) for each in analysis.types}, wanted.recordings)
-    result = FleetResult(gathered, analysis, changed, rows, tuple(namesakes(found)))
+    result = FleetResult(gathered, analysis, changed, tuple(rows.values()), tuple(namesakes(found)))
     if wanted.report is not None:
         from cylforce.programs.fleet.page import write_pages
 
@@ -102,8 +102,9 @@ def _facts(each: Gathered) -> dict[str, Any]:
 
 
 def _rows(
-    gathered: Sequence[Gathered], analysis: Analysis, changed: Sequence[FleetChange], weights: Mapping[str, Booked]
-) -> list[dict[str, Any]]:
+    gathered: Sequence[Gathered], analysis: Analysis, changed: Sequence[FleetChange]
+) -> dict[str, dict[str, Any]]:
+    """By address."""
     rows = {each.stored.address: _facts(each) for each in gathered}
     for address, note in analysis.notes.items():
         rows[address]["reason"] = "; ".join(text for text in (rows[address]["reason"], note) if text)
@@ -114,11 +115,16 @@ def _rows(
         row = next(r for r in rows.values() if (r["machine"], _day(r)) == (change.machine, change.date))
         row["change"] = "; ".join(text for text in (row.get("change"), change.words) if text)
         row["change_probability"] = max(change.altered.probability, row.get("change_probability") or 0.0)
+    return rows
+
+
+def _booked(rows: dict[str, dict[str, Any]], weights: Mapping[str, Booked]) -> bool:
+    """Add weights to the rows; whether there are any."""
     for address, each in weights.items():
         rows[address] |= {"booked_kg": list(each.kg), "booked_error_kg": list(each.errors)}
         if each.reason:
             rows[address]["reason"] += f"; weights: {each.reason}"
-    return list(rows.values())
+    return bool(weights)
 
 
 def _day(row: Mapping[str, Any]) -> str:
