@@ -7,8 +7,6 @@ from itertools import count
 from pathlib import Path
 from typing import TextIO
 
-import structlog
-
 Tell = Callable[[str], None]
 
 
@@ -22,6 +20,8 @@ class RecordingError(Exception):
 
 def warn(sentence: str) -> None:
     """Log a sentence about something that does not stop the work."""
+    import structlog  # most commands need it never, or late
+
     structlog.get_logger("cylforce").warning(sentence)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from cylforce.files.atomic import RecordingError, Tell, check_ordinary, lines_of, warn
 from cylforce.files.candump import HEAD, Line, Parts, Sent, is_newer_frame, own_event, parts
 from cylforce.files.logfile import Header, header_from
-from cylforce.files.messages import messages
 from cylforce.signals.events import Event, Frame, Tick
 
 SUFFIXES = (".log", ".blf", ".asc")
@@ -76,6 +75,8 @@ def _lines(path: Path, tell: Tell) -> Iterator[Line]:
     if path.suffix.lower() == ".log":
         return starmap(Line, _candump(path, tell, ours=False))
     if path.suffix.lower() in SUFFIXES:
+        from cylforce.files.messages import messages  # with python-can's readers, which take a while to import
+
         return messages(path, tell)
     raise RecordingError(f"{path}: is none of the recordings that can be read ({', '.join(SUFFIXES)})")
 

@@ -15,7 +15,7 @@ from cylforce.fleet.changes import LONGEST, Altered, Shape, changes
 from cylforce.fleet.coordinates import Coordinate, coordinates, data_sheet, joint_coordinates, joint_directions
 from cylforce.fleet.courses import Course, course
 from cylforce.fleet.evidence import Evidence
-from cylforce.fleet.gaussians import Belonging, loosened
+from cylforce.fleet.gaussians import Belonging, Beside, in_turn, loosened
 from cylforce.fleet.history import History
 from cylforce.fleet.usual import Levels, Usual, learnt, stated
 from cylforce.signals.estimate import Array
@@ -52,9 +52,10 @@ class Fleet(NamedTuple):
     machines: Mapping[str, MachineTold]
 
 
-def fleet(model: Model, recordings: Mapping[str, Sequence[Dated]]) -> Fleet:
-    """The fleet of machines by name, each with its recordings in order of time."""
-    return _Learning(model, {name: recordings[name][-LONGEST:] for name in sorted(recordings)}).told
+def fleet(model: Model, recordings: Mapping[str, Sequence[Dated]], beside: Beside = in_turn) -> Fleet:
+    """The fleet of machines by name, each with its recordings in order of time. `beside`: who does what can be done at
+    the same time; it changes nothing of what comes out."""
+    return _Learning(model, {name: recordings[name][-LONGEST:] for name in sorted(recordings)}, beside).told
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class _Learning:
 
     model: Model
     recordings: Mapping[str, Sequence[Dated]]
+    beside: Beside
 
     @cached_property
     def _followed(self) -> tuple[Coordinate, ...]:
@@ -119,15 +121,14 @@ class _Learning:
     @property
     def told(self) -> Fleet:
         """Everything."""
-        usual, days = learnt(self._levels, self._before)
+        usual, days = learnt(self._levels, self._before, beside=self.beside)
         altered = self._altered(usual, days)
         for _ in range(1, ROUNDS):
-            usual, days = learnt(self._levels, self._before, usual, self._in_order(altered))
+            usual, days = learnt(self._levels, self._before, usual, self._in_order(altered), self.beside)
             altered = self._altered(usual, days)
-        told = {
-            name: MachineTold(self._course(days, usual, k, altered[k]), tuple(altered[k]))
-            for k, name in enumerate(self.recordings)
-        }
+        courses = self.beside(lambda k: self._course(days, usual, k, altered[k]), range(len(altered)))
+        each = zip(self.recordings, courses, altered, strict=True)
+        told = {name: MachineTold(course, tuple(changed)) for name, course, changed in each}
         parts = ("mean", "between", "days", "within")
         in_si = usual._replace(**{part: getattr(usual, part) * self._unit for part in parts})
         return Fleet(self._followed, self._known, in_si, told)
@@ -137,10 +138,11 @@ class _Learning:
 
     def _altered(self, usual: Usual, days: Belonging) -> list[list[Altered]]:
         """The changes of every machine."""
-        steady = loosened(days.information, days.pull, usual.days**2)
+        steady = loosened(days.information, days.pull, usual.days**2, self.beside)
         found = culprits(self.model.machine, self._known, usual.days * self._unit)
         scaled = [c._replace(directions=c.directions / self._unit[:, None]) for c in found]
-        return [self._of_machine(k, steady, usual, scaled) for k in range(len(self.recordings))]
+        own = range(len(self.recordings))
+        return self.beside(lambda k: self._of_machine(k, steady, usual, scaled), own)
 
     def _of_machine(self, k: int, steady: tuple[Array, Array], usual: Usual, found: Sequence[Culprit]) -> list[Altered]:
         own = self._own(k)

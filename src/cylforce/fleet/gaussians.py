@@ -1,13 +1,15 @@
 """Gaussian knowledge as information (N, K, K) and pull (N, K): what it finds is the solution of information x = pull.
 Knowledge of the same thing adds up; many are computed at once."""
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.signals.estimate import Array
 
+Beside = Callable[[Callable[[Any], Any], Sequence[Any]], list[Any]]  # does some work for each; may use threads
 AT_ONCE = 32  # pieces of knowledge: their matrices fit the processor's cache (of 8 to 256 the fastest, by measurement)
 
 
@@ -46,17 +48,25 @@ def pieces(count: int) -> list[slice]:
     return [slice(begin, begin + AT_ONCE) for begin in range(0, count, AT_ONCE)]
 
 
-def loosened(information: Array, pull: Array, variance: Array) -> tuple[Array, Array]:
+def in_turn(work: Callable[[Any], Any], each: Sequence[Any]) -> list[Any]:
+    """`work` of each, one after the other."""
+    return [work(one) for one in each]
+
+
+def loosened(information: Array, pull: Array, variance: Array, beside: Beside = in_turn) -> tuple[Array, Array]:
     """The same knowledge of a thing that differs from the known one by N(0, diag(variance)):
     (S^-1 + V)^-1 = r^-1 (1 - (1 + r S r)^-1) r^-1 with r = sqrt(V), information S that need not be regular. No variance
     may be 0."""
     r = np.sqrt(variance)
     scale, one = np.outer(r, r), np.eye(len(r))
     told, force = np.empty_like(information), np.empty_like(pull)
-    for some in pieces(len(pull)):
+
+    def loosen(some: slice) -> None:
         less = np.linalg.inv(information[some] * scale + one)
         told[some] = (one - less) / scale
         force[some] = (less @ (r * pull[some])[..., None])[..., 0] / r
+
+    beside(loosen, pieces(len(pull)))
     return told, force
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.fleet.gaussians import Belonging, loosened, pieces, solved
+from cylforce.fleet.gaussians import Belonging, Beside, in_turn, loosened, pieces, solved
 from cylforce.signals.estimate import Array
 
 PRIOR_COUNT = 4.0  # things seen, to which the stated spread amounts; chosen: three machines change it, one hardly does
@@ -58,26 +58,30 @@ def stated(mean: Array, constant: Array, daily: Array) -> Usual:
 
 
 def learnt(
-    levels: Levels, before: Usual, start: Usual | None = None, in_order: NDArray[np.intp] | None = None
+    levels: Levels,
+    before: Usual,
+    start: Usual | None = None,
+    in_order: NDArray[np.intp] | None = None,
+    beside: Beside = in_turn,
 ) -> tuple[Usual, Belonging]:
     """The usual spread, from the stated one `before`, and what each recording (N,) tells of its day with it, which
     belong to machines. `in_order`: numbers of the recordings that tell the spread, by default all; `start`: what it was
-    before the others were left out."""
+    before the others were left out. `beside`: who does what can be done at the same time."""
     start = start or before
     flat = (before.mean, before.between)
     few = levels if in_order is None else levels.chosen(in_order)
-    within = _spread(few.parts, flat, before.within, start.within)
-    every_day = Belonging(*_loosened(levels.parts, within).summed(), levels.machine)
+    within = _spread(few.parts, flat, before.within, start.within, beside)
+    every_day = Belonging(*_loosened(levels.parts, within, beside).summed(), levels.machine)
     days = every_day if in_order is None else every_day.chosen(in_order)._replace(group=few.machine)
-    daily = _spread(days, flat, before.days, start.days)
-    machines = Belonging(*_loosened(days, daily).summed(), np.zeros(days.groups, dtype=np.intp))
-    between = _spread(machines, (before.mean, 10.0 * before.between), None, start.between)
+    daily = _spread(days, flat, before.days, start.days, beside)
+    machines = Belonging(*_loosened(days, daily, beside).summed(), np.zeros(days.groups, dtype=np.intp))
+    between = _spread(machines, (before.mean, 10.0 * before.between), None, start.between, beside)
     mean = _mean(machines, between, before)
     return Usual(mean, between, daily, within, days.groups, len(days.group), len(few.parts.group)), every_day
 
 
-def _loosened(each: Belonging, spread: Array) -> Belonging:
-    return Belonging(*loosened(each.information, each.pull, spread**2), each.group)
+def _loosened(each: Belonging, spread: Array, beside: Beside) -> Belonging:
+    return Belonging(*loosened(each.information, each.pull, spread**2, beside), each.group)
 
 
 def _mean(machines: Belonging, between: Array, before: Usual) -> Array:
@@ -87,7 +91,7 @@ def _mean(machines: Belonging, between: Array, before: Usual) -> Array:
     return np.asarray(np.linalg.solve(information.sum(axis=0) + np.diag(own), pull.sum(axis=0) + own * before.mean))
 
 
-def _spread(each: Belonging, flat: tuple[Array, Array], before: Array | None, start: Array) -> Array:
+def _spread(each: Belonging, flat: tuple[Array, Array], before: Array | None, start: Array, beside: Beside) -> Array:
     """Standard deviations (K,) of the things of a group about what they have in common, of which N(flat) is all that is
     known. Without `before` nothing is known of their order of magnitude either: the mean of a variance of which N
     normal things are seen is then their squares over N - 3."""
@@ -97,7 +101,7 @@ def _spread(each: Belonging, flat: tuple[Array, Array], before: Array | None, st
         return start
     variance = start**2
     for _ in range(ROUNDS):
-        middle, left = _deviations(few, flat, variance)
+        middle, left = _deviations(few, flat, variance, beside)
         if before is None:
             found = np.sum(middle**2 + left, axis=0) / count
         else:
@@ -118,19 +122,22 @@ def _evenly(each: Belonging) -> Belonging:
     return few._replace(group=np.unique(few.group, return_inverse=True)[1])
 
 
-def _deviations(each: Belonging, flat: tuple[Array, Array], variance: Array) -> tuple[Array, Array]:
+def _deviations(each: Belonging, flat: tuple[Array, Array], variance: Array, beside: Beside) -> tuple[Array, Array]:
     """Means and variances (N, K) of the deviation d of each thing from what its group has in common, c. With
     information L and pull l about c, d = V (l - L c), leaving V - V L V of its variance V; c itself is known to the
     covariance C by all."""
     mean, spread = flat
-    information, pull = loosened(each.information, each.pull, variance)
+    information, pull = loosened(each.information, each.pull, variance, beside)
     common, common_pull = Belonging(information, pull, each.group).summed()
     known = np.diag(spread**-2.0)
     centre, covariance = solved(common + known, common_pull + known @ mean)
     middle = variance * (pull - (information @ centre[each.group][..., None])[..., 0])
     by_centre = np.empty_like(pull)
-    for some in pieces(len(pull)):
+
+    def weigh(some: slice) -> None:
         weighed = information[some] @ covariance[each.group[some]]
         by_centre[some] = np.einsum("nkl,nkl->nk", weighed, information[some])
+
+    beside(weigh, pieces(len(pull)))
     left = variance - variance**2 * (np.einsum("nkk->nk", information) - by_centre)
     return middle, np.asarray(left)

@@ -5,10 +5,10 @@ import re
 from configparser import Error as ConfigError
 from configparser import RawConfigParser
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from canopen import ObjectDictionary, import_od
-from canopen.objectdictionary import ODArray, ODVariable
+if TYPE_CHECKING:  # imported where a file is read: few machines have one, and all load this
+    from canopen.objectdictionary import ODVariable
 
 CODES = {
     2: "b",
@@ -32,11 +32,13 @@ class Eds(NamedTuple):
     """A vendor's object dictionary and the name of its file."""
 
     name: str
-    dictionary: ObjectDictionary
+    dictionary: Any  # canopen.ObjectDictionary
 
 
 def read(path: Path) -> Eds:
     """The dictionary of an EDS file. Raises EdsError."""
+    from canopen import import_od
+
     parser = _parsed(path)
     if not parser.has_section("DeviceInfo"):
         raise EdsError(
@@ -119,6 +121,8 @@ def mapped_code(eds: Eds, index: int, sub: int) -> str:
 
 def _described(eds: Eds, index: int, sub: int) -> bool:
     """Whether the file describes sub-index `sub` of an array: the library invents members beyond those described."""
+    from canopen.objectdictionary import ODArray
+
     entry = eds.dictionary[index]
     count = _default(eds.dictionary.get_variable(index, 0))
     return not isinstance(entry, ODArray) or sub in entry.subindices or sub <= count
@@ -131,6 +135,6 @@ def default_mapping(eds: Eds, number: int) -> tuple[tuple[int, int, int], ...]:
     return tuple((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF) for entry in entries)
 
 
-def _default(variable: ODVariable | None) -> int:
+def _default(variable: "ODVariable | None") -> int:
     default = getattr(variable, "default", None)
     return default if isinstance(default, int) else 0

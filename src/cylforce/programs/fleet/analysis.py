@@ -1,12 +1,15 @@
 """From what each recording tells to machines and types: order in time, contradictions, and what the fleet says."""
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from typing import NamedTuple
 
 from cylforce.estimation.model import Model
 from cylforce.fleet.coordinates import coordinates, followed_model
 from cylforce.fleet.fleet import Dated, Fleet, MachineTold, fleet
+from cylforce.fleet.gaussians import Beside
 from cylforce.programs.fleet.gathering import ABSOLUTE_S, Gathered
 from cylforce.programs.fleet.task import DOUBTFUL, OK
 
@@ -61,13 +64,24 @@ def analysed(gathered: Sequence[Gathered]) -> Analysis:
         if each.outcome.told is None or each.outcome.facts["state"] not in (OK, DOUBTFUL):
             continue
         groups.setdefault(kind, {}).setdefault(each.stored.machine, []).append(each)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # numpy's arithmetic on large arrays runs beside other threads
+        types = _types(groups, first, notes, lambda work, each: list(threads.map(work, each)))
+    return Analysis(tuple(types), notes)
+
+
+def _types(
+    groups: Mapping[str, Mapping[str, list[Gathered]]],
+    first: Mapping[str, Gathered],
+    notes: dict[str, str],
+    beside: Beside,
+) -> list[OfType]:
     types = []
     for kind, machines in sorted(groups.items()):
         model_of_type = followed_model(first[kind].machine_file.service)
         ordered = {name: _ordered(name, each, notes) for name, each in sorted(machines.items())}
         dated = {name: _dated(each) for name, each in ordered.items()}
-        types.append(OfType(kind, model_of_type, ordered, fleet(model_of_type, dated)))
-    return Analysis(tuple(types), notes)
+        types.append(OfType(kind, model_of_type, ordered, fleet(model_of_type, dated, beside)))
+    return types
 
 
 class _Parts(dict[str, tuple[str, ...]]):
