@@ -14,7 +14,8 @@ import pytest
 from cylforce.files.atomic import RecordingError
 from cylforce.files.recording import open_pieces, sensor_frames
 from cylforce.fleet.changes import Shape
-from cylforce.programs.common.usual_file import everyday_of, read_usual
+from cylforce.programs.common.usual_file import everyday_from, everyday_of, read_usual
+from cylforce.programs.common.usual_tables import UsualQuantity
 from cylforce.programs.fleet import gathering, store, task, workers
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
@@ -175,6 +176,83 @@ def test_a_worker_that_ends_for_want_of_memory(few, tmp_path, monkeypatch):
     assert seen == [bad.name]
 
 
+@pytest.fixture
+def three(small, few):
+    """The same machine with a third recording: so many are given to workers."""
+    folder, _ = few
+    shutil.copy(small[0] / "data" / name_of(1) / f"{day_of(2)}.parquet", folder / name_of(1))
+    return folder
+
+
+def test_a_worker_that_is_killed_once_changes_nothing(three, tmp_path, monkeypatch):
+    """Its recording is computed again; the table is that of one process."""
+    once = tmp_path / "once"
+    real = task.summarised
+
+    def summarised(job, known):
+        if job.address.endswith(f"{day_of(1)}.parquet") and not once.exists():
+            once.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(job, known)
+
+    run(three, tmp_path / "one.parquet", None)
+    monkeypatch.setattr(gathering, "summarised", summarised)
+    said = []
+    run_fleet(Wanted((str(three),), tmp_path / "two.parquet"), Where(None, 2), say=said.append)
+    assert once.exists()
+    assert rows_of(tmp_path / "one.parquet").equals(rows_of(tmp_path / "two.parquet"))
+    assert said[0].startswith("2 workers of at most 800MB; dashboard http://127.0.0.1:")
+
+
+def test_the_order_of_the_work_changes_nothing(three, tmp_path, monkeypatch):
+    run(three, tmp_path / "one.parquet", None)
+    real, orders = gathering.computed, []
+
+    def computed(function, jobs, *more):
+        orders.append([job.address for (job,) in jobs[::-1]])
+        real(function, jobs[::-1], *more)
+
+    monkeypatch.setattr(gathering, "computed", computed)
+    run(three, tmp_path / "two.parquet", None)
+    assert orders[0] == sorted(orders[0], reverse=True)
+    assert rows_of(tmp_path / "one.parquet").equals(rows_of(tmp_path / "two.parquet"))
+
+
+def test_results_are_read_while_the_work_goes_on(three, tmp_path, monkeypatch):
+    output, seen, shares = tmp_path / "r.parquet", [], []
+    real = task.evidence
+
+    def evidence(model, recorded):
+        seen.append(pq.read_table(output)["state"].to_pylist() if output.exists() else [])
+        return real(model, recorded)
+
+    monkeypatch.setattr(task, "evidence", evidence)
+    monkeypatch.setattr(gathering, "FLUSH_S", 0.0)
+    wanted = Wanted((str(three),), output)
+    run_fleet(wanted, HERE, lambda what, share: shares.append((what, share)), lambda _: None)
+    assert [len(states) for states in seen] == [0, 1, 2]
+    assert set(seen[-1]) <= {"ok", "doubtful"}
+    assert [share for what, share in shares if what == "recordings"] == [0.0, *(k / 3 for k in (1, 2, 3))]
+
+
+def test_a_worker_of_another_version_is_refused():
+    """Results must not depend on where they were computed."""
+
+    class Client:
+        def __init__(self, programs):
+            self._programs = programs
+
+        def run(self, function):
+            return self._programs
+
+    own = task.on_worker()
+    workers._check_version(Client({"tcp://1.2.3.4:5": own}))
+    with pytest.raises(RecordingError, match=r"tcp://1.2.3.4:6 has another version of cylforce .* install the same"):
+        workers._check_version(Client({"tcp://1.2.3.4:5": own, "tcp://1.2.3.4:6": ("another", 1)}))
+    with pytest.raises(RecordingError, match="has no worker: start one"):
+        workers._check_version(Client({}))
+
+
 def write_bus(loaded, table, path):
     """What candump or python-can would have recorded while the sensors sent a table's samples."""
     path.parent.mkdir(parents=True)
@@ -236,6 +314,14 @@ def test_usual_replaces_what_the_diagnosis_states(small):
         np.sqrt(np.mean([usual[f"{c.name}.friction_level"].between_days ** 2 for c in machine.cylinders])) / 0.08
     )
     assert everyday_of(None, machine) != said
+
+
+def test_friction_at_creeping_speed_differs_with_the_level_too():
+    """The level of the diagnosis is that of the other laws: 30 N of its own and 4 % of 1000 N."""
+    spreads = {"between_machines": 1.0, "within_a_day": 1.0}
+    own = UsualQuantity(name="boom.stribeck", unit="N", mean=1000.0, between_days=30.0, **spreads)
+    level = UsualQuantity(name="boom.friction_level", unit="1", mean=0.0, between_days=0.04, **spreads)
+    assert everyday_from({q.name: q for q in (own, level)})["stribeck"] == pytest.approx(50.0 / 200.0)
 
 
 def test_usual_of_another_type_is_refused(small):

@@ -93,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="accuracy fleet_gap", description=__doc__)
     add_size(parser)
     parser.add_argument("--in-order", type=int, default=10, help="so many machines in order are asked, too")
-    parser.add_argument("--references", type=int, default=2, help="recordings, each machine's first; before any change")
+    parser.add_argument("--references", type=int, default=3, help="recordings, each machine's first; before any change")
     options = parser.parse_args()
     size, console = size_of(options), Console(highlight=False, soft_wrap=True)
     found: list[Asked] = []

@@ -106,7 +106,6 @@ def _ratios(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:
         "coulomb_friction": "coulomb",
         "viscous_friction": "viscous",
         "load_dependent_friction": "load_dependent",
-        "stribeck": "stribeck",
         "pressure_offset": "pressure_zero",
         "angle_offset": "angle_offset",
         "extra_mass": CARRIED,
@@ -114,10 +113,25 @@ def _ratios(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:
     }
     found = {effect: _rms(usual, law) / least[effect] for effect, law in ways.items()}
     found["first_moment_change"] = _rms(usual, "X", "Z") / least["first_moment_change"]
-    return found
+    return found | {"stribeck": _at_creep(usual) / least["stribeck"]}
 
 
 def _rms(usual: Mapping[str, UsualQuantity], *quantities: str) -> float:
     """Of the differences from day to day of all quantities of a kind; NaN where there is none."""
-    found = [q.between_days for name, q in usual.items() if name.rpartition(".")[2] in quantities]
+    return _root_mean_square([q.between_days for name, q in usual.items() if name.rpartition(".")[2] in quantities])
+
+
+def _at_creep(usual: Mapping[str, UsualQuantity]) -> float:
+    """The same of friction at creeping speed. A cylinder's friction level moves it, too, but is not part of the level
+    that the diagnosis knows."""
+    found = []
+    for name, q in usual.items():
+        at, _, law = name.rpartition(".")
+        if law == "stribeck":
+            level = usual.get(f"{at}.{LEVEL}")
+            found.append(float(np.hypot(q.between_days, level.between_days * q.mean if level else 0.0)))
+    return _root_mean_square(found)
+
+
+def _root_mean_square(found: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
