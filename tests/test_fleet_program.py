@@ -98,11 +98,15 @@ def test_earlier_recordings_are_a_prior(small):
 
 
 def test_the_page_links_every_machine(small):
-    base, _, _ = small
+    base, truth, _ = small
     text = (base / "fleet.html").read_text()
     for number in range(SIZE.machines):
         assert f'href="fleet_machines/{name_of(number)}.html"' in text
         assert "Courses" in (base / "fleet_machines" / f"{name_of(number)}.html").read_text()
+    (changed,) = truth.values()
+    page = (base / "fleet_machines" / f"{changed.machine}.html").read_text()
+    assert f"--usual {base / 'usual.toml'} --html gap.html" in page
+    assert f">{day_of(0)}</text>" in page
     assert "http://" not in text
     assert "https://" not in text
 

@@ -26,13 +26,15 @@ from cylforce.signals.estimate import Array
 KNOWN = 0.5  # of the spread between machines: a quantity whose error is larger at all times is not shown
 
 
-def write_pages(path: Path, result: FleetResult) -> None:
-    """The fleet's page at `path`, machines' pages in a folder beside it. Raises RecordingError."""
+def write_pages(path: Path, result: FleetResult, usual: Path | None) -> None:
+    """The fleet's page at `path`, machines' pages in a folder beside it; `usual`: where what is usual was written.
+    Raises RecordingError."""
     folder = path.with_name(f"{path.stem}_machines")
     folder.mkdir(exist_ok=True)
     made = templates(__package__)
     origin = {"date": datetime.now(UTC).isoformat(timespec="seconds"), "version": cylforce.__version__}
-    machines = [_machine(result, kind, ordered) for kind in result.analysis.types for ordered in kind.machines.values()]
+    each = [(kind, ordered) for kind in result.analysis.types for ordered in kind.machines.values()]
+    machines = [_machine(result, kind, ordered, usual) for kind, ordered in each]
     for machine in machines:
         _write(
             folder / machine["file"],
@@ -78,7 +80,7 @@ def _cards(result: FleetResult, machines: Sequence[Mapping[str, Any]]) -> list[d
     ]
 
 
-def _machine(result: FleetResult, kind: OfType, ordered: Ordered) -> dict[str, Any]:
+def _machine(result: FleetResult, kind: OfType, ordered: Ordered, usual: Path | None) -> dict[str, Any]:
     told = kind.told(ordered.machine)
     changes = [c for c in result.changes if c.machine == ordered.machine]
     lasting = [c for c in changes if c.altered.shape is not Shape.DAY]
@@ -93,9 +95,9 @@ def _machine(result: FleetResult, kind: OfType, ordered: Ordered) -> dict[str, A
         "severity": _severity(lasting, changes, course),
         "gap": _last(course.from_past),
         "spark": _spark(kind, course, t, lasting),
-        "courses": _courses(kind, course, t, lasting),
+        "courses": _courses(kind, course, t, lasting, _ends(ordered, len(t))),
         "rows": rows,
-        "ask": _command(ordered, lasting[0].altered.first) if lasting else "",
+        "ask": _command(ordered, lasting[0].altered.first, usual) if lasting else "",
         "latest": rows[-1]["made"][:10] if rows else "",
     }
 
@@ -131,7 +133,15 @@ def _column(quantities: Sequence[Coordinate], altered: Altered) -> int | None:
     return next((k for k, c in enumerate(quantities) if c.name == wanted), None)
 
 
-def _courses(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange]) -> list[dict[str, Any]]:
+def _ends(ordered: Ordered, count: int) -> tuple[str, str]:
+    """What the first and the last of the latest recordings are called."""
+    names = [each.made[:10] if ordered.dated else each.stored.name for each in ordered.recordings[-count:]]
+    return names[0], names[-1]
+
+
+def _courses(
+    kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange], ends: tuple[str, str]
+) -> list[dict[str, Any]]:
     """What changed first."""
     usual, found = kind.fleet.usual, []
     first = {_column(kind.fleet.quantities, c.altered) for c in lasting}
@@ -141,18 +151,19 @@ def _courses(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChan
             continue
         factor, _ = factor_of(c)
         band = (float(usual.mean[k]) * factor, float(usual.between[k]) * factor)
-        curve = Curve(t, course.own[:, k] * factor, course.own_error[:, k] * factor, band, marks)
+        curve = Curve(t, course.own[:, k] * factor, course.own_error[:, k] * factor, band, marks, ends)
         found.append({"title": title_of(c), "changed": k in first, "svg": course_svg(title_of(c), curve)})
     return sorted(found, key=lambda each: not each["changed"])
 
 
-def _command(ordered: Ordered, first: int) -> str:
+def _command(ordered: Ordered, first: int, usual: Path | None) -> str:
     """How to ask for the whole diagnosis."""
     before, after = ordered.recordings[:first], ordered.recordings[first:]
     words = ["cylforce", "gap", before[0].stored.machine_file, *(each.stored.address for each in after[:3])]
     for each in before[-3:]:
         words += ["--reference", each.stored.address]
-    return shlex.join([*words, "--usual", "usual.toml", "--html", "gap.html"])
+    words += [] if usual is None else ["--usual", str(usual)]
+    return shlex.join([*words, "--html", "gap.html"])
 
 
 def _spreads(kind: OfType) -> dict[str, Any]:

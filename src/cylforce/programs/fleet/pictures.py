@@ -11,7 +11,7 @@ from cylforce.fleet.coordinates import Coordinate
 from cylforce.signals.estimate import Array
 
 WIDE, HIGH, EDGE = 320.0, 120.0, 6.0
-LEFT = 58.0  # of the drawing with its scale
+LEFT, BELOW = 58.0, 15.0  # of the drawing with its scales
 SPARK = (120.0, 26.0)
 SHOWN = {"Pa": (1e-5, "bar"), "rad": (float(np.degrees(1.0)), "deg"), "s": (1e3, "ms"), "1": (100.0, "%")}
 WORDS = {
@@ -34,13 +34,14 @@ WORDS = {
 
 class Curve(NamedTuple):
     """n values `y` with standard errors `error` at times `t` [d]; `usual`: mean and standard deviation of the type;
-    `marks`: times at which something changed."""
+    `marks`: times at which something changed; `ends`: what the first and the last time are called."""
 
     t: Array
     y: Array
     error: Array
     usual: tuple[float, float]
     marks: Sequence[float] = ()
+    ends: tuple[str, str] = ("", "")
 
 
 def factor_of(quantity: Coordinate) -> tuple[float, str]:
@@ -82,8 +83,10 @@ def course_svg(title: str, curve: Curve) -> Markup:
         parts.append(f'<circle cx="{x[k]:.1f}" cy="{y[k]:.1f}" r="2.6"/>')
     for value, at in ((high, EDGE + 8.0), (low, HIGH - EDGE)):
         parts.append(f'<text x="{LEFT - 4.0}" y="{at:.1f}">{_number(value)}</text>')
-    inside = "".join(parts)
-    named = f'<svg class="course" viewBox="0 0 {WIDE} {HIGH}" role="img" aria-label="{escape(title)}">{inside}</svg>'
+    for called, place in zip(curve.ends, (f'class="low" x="{LEFT}"', f'x="{WIDE}"'), strict=True):
+        parts.append(f'<text {place} y="{HIGH + 12.0}">{escape(called)}</text>')
+    inside, box = "".join(parts), f"0 0 {WIDE} {HIGH + BELOW}"
+    named = f'<svg class="course" viewBox="{box}" role="img" aria-label="{escape(title)}">{inside}</svg>'
     return Markup(named)  # noqa: S704 - our own drawing; the title is escaped
 
 

@@ -60,7 +60,7 @@ def run_fleet(wanted: Wanted, where: Where, watch: Watch = silent, say: Say = pr
         from cylforce.programs.fleet.page import write_pages
 
         watch("drawing the pages", None)
-        write_pages(wanted.report, result)
+        write_pages(wanted.report, result, wanted.usual)
     return result
 
 
