@@ -4,9 +4,11 @@ import os
 import shutil
 import signal
 import socket
+import tempfile
 import time
 
 import can
+import fsspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -239,6 +241,14 @@ def test_results_are_read_while_the_work_goes_on(three, tmp_path, monkeypatch):
     assert [share for what, share in shares if what == "recordings"] == [0.0, *(k / 3 for k in (1, 2, 3))]
 
 
+def test_a_worker_near_its_limit_of_memory_goes_on():
+    """It neither waits for memory that no task gives back, nor writes to disk; beyond the limit it is ended."""
+    with workers._client(Where(None, 1), lambda _: None) as client:
+        (said,) = client.run(lambda dask_worker: vars(dask_worker.memory_manager)).values()
+    assert said["memory_limit"] == 800_000_000
+    assert [said[f"memory_{name}_fraction"] for name in ("target", "spill", "pause")] == [False, False, False]
+
+
 def test_a_worker_of_another_version_is_refused():
     """Results must not depend on where they were computed."""
 
@@ -267,9 +277,10 @@ def write_bus(loaded, table, path):
             log(message)
 
 
-@pytest.mark.parametrize("suffix", [".log", ".blf"])
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".asc"])
 def test_a_fleet_of_logs_of_the_bus(few, tmp_path, suffix):
-    """The frames of the sensors tell the same as the table from which they were made, to the resolution of the bus."""
+    """The frames of the sensors tell the same as the table from which they were made, to the resolution of the bus; in
+    a store the same as in a folder."""
     folder, cache = few
     table = folder / name_of(1) / f"{day_of(0)}.parquet"
     loaded = load(folder / "machine.toml")
@@ -281,6 +292,10 @@ def test_a_fleet_of_logs_of_the_bus(few, tmp_path, suffix):
     for name in ("boom.X", "stick.coulomb", "bucket_angle.angle_offset"):
         error = near.rows[0][f"own_error:{name}"]
         assert far.rows[0][f"own:{name}"] == pytest.approx(near.rows[0][f"own:{name}"], abs=3.0 * error)
+    fsspec.filesystem("memory").put(f"{tmp_path / 'bus'}/", f"/bus{suffix}/", recursive=True)
+    run(f"memory://bus{suffix}", tmp_path / "stored.parquet", None)
+    far_rows, stored = (rows_of(tmp_path / f"{name}.parquet").drop_columns("address") for name in ("far", "stored"))
+    assert stored.equals(far_rows)
 
 
 def test_a_cluster_says_the_same(few, tmp_path):
@@ -492,7 +507,10 @@ def test_a_store_by_its_s3_interface(few, tmp_path, monkeypatch):
         there, _ = store.opened("s3://fleet")
         there.mkdir("fleet")
         there.put(str(folder), "fleet/data", recursive=True)
+        (tmp_path / "scratch").mkdir()
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "scratch"))
         result = run("s3://fleet/data", tmp_path / "far.parquet", tmp_path / "cache")
+        assert list((tmp_path / "scratch").iterdir()) == []  # no file is copied to disk
         seen = looked_at(monkeypatch)
         run("s3://fleet/data", tmp_path / "again.parquet", tmp_path / "cache")
         assert seen == []

@@ -12,8 +12,12 @@ from cylforce.programs.fleet.task import on_worker
 
 MEMORY = "800MB"  # of a local worker; beyond it Dask ends it, and a new one goes on
 # What the C library keeps of freed memory [bytes], and from which size an array has pages of its own. Dask's 64 kB give
-# every array back: nearly half of a worker's time went into taking it again (measured, see the chapter).
-ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": 2**26, "MALLOC_MMAP_THRESHOLD_": 2**25}
+# every array back: nearly half of a worker's time went into taking it again (measured, see the chapter). One arena for
+# all threads: in those of its own the thread of the tasks leaves gaps, and grew by half a megabyte with each recording.
+ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": 2**26, "MALLOC_MMAP_THRESHOLD_": 2**25, "MALLOC_ARENA_MAX": 1}
+# A worker keeps nothing that could be moved to disk, or become less by waiting: without this one at 80 % of its memory
+# waits for ever. One at 95 % is ended, and its task tried again.
+MEMORY_LIMITS = {"target": False, "spill": False, "pause": False, "terminate": 0.95}
 RETRIES = 2  # of a task whose worker ended, after which its recording is a row with that reason
 CONNECT_S = 15.0  # in which a scheduler must answer
 RESTART_S = 600.0  # in which a worker that ended must be there again; chosen: several ends one after the other
@@ -96,6 +100,7 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
 
     settings: dict[str, Any] = {
         "distributed.nanny.pre-spawn-environ": dask.config.get("distributed.nanny.pre-spawn-environ") | ALLOCATOR,
+        **{f"distributed.worker.memory.{name}": value for name, value in MEMORY_LIMITS.items()},
         "distributed.scheduler.allowed-failures": RETRIES,
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
         "distributed.deploy.lost-worker-timeout": f"{RESTART_S:g}s",
