@@ -4,6 +4,7 @@ Errors of tares, friction and zeros are the same while a load is lifted and whil
 not change from one to the other: the sensitivities of both weights to them are kept, so that the difference of both is
 better known than either."""
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -38,10 +39,22 @@ class Weighed(NamedTuple):
 
 class Probable(NamedTuple):
     """Of H signals the errors that explain the torques best (`sizes`), and how much of them is `certain`: the root of
-    the square less its variance, which is the mean square of an error without noise (0: less than its noise)."""
+    the square less its variance, which is the mean square of an error without noise (0: less than its noise). `off`:
+    probability that any signal is off."""
 
     sizes: Array
     certain: Array
+    off: float = 1.0
+
+    @property
+    def expected(self) -> Array:
+        """Root of the mean square (H,) of each error: as large as it seems if a signal is off, else nothing."""
+        return np.asarray(sqrt(self.off) * self.sizes)
+
+    @property
+    def expected_certain(self) -> Array:
+        """The same of what is certain."""
+        return np.asarray(sqrt(self.off) * self.certain)
 
 
 class Beside(NamedTuple):
@@ -133,7 +146,7 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
 def _known(books: Books, lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
     """Whether the lifted weight is known well enough, also if signals are off by what is certain of that, and what is
     `left` in the bucket or what left it is, too."""
-    certain = None if books.probable is None else books.probable.certain
+    certain = None if books.probable is None else books.probable.expected_certain
     if error(lifted, tares, drift) > enough or _unnoticed(lifted.slopes, certain) > enough**2:
         return False
     return min(error(left, tares, drift), difference_error(lifted, left, tares, drift)) <= enough
@@ -207,7 +220,7 @@ def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Ta
     else:
         number, t_us = last.number, last.t_us
     mass, remains = corrected(lifted, drift), corrected(left, drift)
-    sizes = None if books.probable is None else books.probable.sizes
+    sizes = None if books.probable is None else books.probable.expected
     booking = Booking(
         number,
         t_us,
