@@ -177,6 +177,18 @@ def test_nothing_is_booked_while_signals_may_be_so_far_off():
     assert bookings[1].standard_error == pytest.approx(np.hypot(2.0, 2.0 * enough))
 
 
+def test_one_signal_is_off_and_not_all():
+    """Two signals, each of which would explain the same torques: what is certain of either does not add up."""
+    enough, books = (
+        GOOD_ENOUGH * RATED,
+        Books(probable=Probable(np.full(2, 12.0), np.full(2, 0.8 * GOOD_ENOUGH * RATED))),
+    )
+    for t, mass in enumerate((900.0, 900.0, 0.0, 0.0)):
+        books = noted(books, weight(mass, (1.0, 1.0)), RATED, t, TARES, STILL)
+    assert books.booking is not None
+    assert books.booking.standard_error > enough
+
+
 def booked(core, events):
     """Masses and standard errors [kg] of bookings when they are made, by number."""
     found = {}

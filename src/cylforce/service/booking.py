@@ -144,12 +144,19 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
 
 
 def _known(books: Books, lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
-    """Whether the lifted weight is known well enough, also if signals are off by what is certain of that, and what is
-    `left` in the bucket or what left it is, too."""
-    certain = None if books.probable is None else books.probable.expected_certain
-    if error(lifted, tares, drift) > enough or _unnoticed(lifted.slopes, certain) > enough**2:
+    """Whether the lifted weight is known well enough, also if any one signal is off by what is certain of that, and
+    what is `left` in the bucket or what left it is, too."""
+    if error(lifted, tares, drift) > enough or _certain(lifted.slopes, books.probable) > enough:
         return False
     return min(error(left, tares, drift), difference_error(lifted, left, tares, drift)) <= enough
+
+
+def _certain(slopes: Array | None, probable: Probable | None) -> float:
+    """Error [kg] that is certain if one signal is off, the one with the largest: they explain the same torques, so that
+    it is one of them and not all."""
+    if slopes is None or probable is None:
+        return 0.0
+    return float(np.abs(slopes * probable.expected_certain).max(initial=0.0))
 
 
 def parted(books: Books) -> Books:
