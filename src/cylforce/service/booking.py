@@ -101,31 +101,46 @@ def corrected(weight: Weighed, drift: Drift) -> float:
     return weight.mass - float(weight.drifted @ drift.values)
 
 
+class Variances(NamedTuple):
+    """What a weight's standard error [kg] consists of, in squares [kg^2]: noise, tares, drift, scale, and errors of
+    signals that are not noticed."""
+
+    noise: float
+    tares: float
+    drift: float
+    scale: float
+    unnoticed: float
+
+
+def variances(weight: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> Variances:
+    """Of the corrected mass; signals are off by `sizes` (H,), each by itself."""
+    known = float(weight.gain @ tares.covariance @ weight.gain)
+    drifting = float(weight.drifted @ drift.covariance @ weight.drifted)
+    off = 0.0 if weight.slopes is None or sizes is None else float(((weight.slopes * sizes) ** 2).sum())
+    return Variances(weight.noise, known, drifting, (corrected(weight, drift) * tares.scale_error) ** 2, off)
+
+
 def error(weight: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> float:
     """Standard error [kg] of the corrected mass: noise, tares, drift, scale, signals off by `sizes` (H,)."""
-    mass = corrected(weight, drift)
-    noise = weight.noise + _unnoticed(weight.slopes, sizes)
-    return _error(noise, weight.gain, weight.drifted, mass, tares, drift)
+    return sqrt(sum(variances(weight, tares, drift, sizes)))
 
 
 def difference_error(lifted: Weighed, left: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> float:
-    """Standard error [kg] of what left the bucket, with the errors that both weights have in common."""
-    mass = corrected(lifted, drift) - corrected(left, drift)
-    gain, drifted = lifted.gain - left.gain, lifted.drifted - left.drifted
-    noise = lifted.noise + left.noise
-    if lifted.slopes is not None and left.slopes is not None:
-        noise += _unnoticed(lifted.slopes - left.slopes, sizes)
-    return _error(noise, gain, drifted, mass, tares, drift)
+    """Standard error [kg] of what left the bucket, without the errors that both weights have in common."""
+    return error(_difference(lifted, left), tares, drift, sizes)
 
 
-def _unnoticed(slopes: Array | None, sizes: Array | None) -> float:
-    """Variance [kg^2] by errors of the signals, each by itself."""
-    return 0.0 if slopes is None or sizes is None else float(((slopes * sizes) ** 2).sum())
-
-
-def _error(noise: float, gain: Array, drifted: Array, mass: float, tares: Tares, drift: Drift) -> float:
-    common = gain @ tares.covariance @ gain + drifted @ drift.covariance @ drifted
-    return float(np.sqrt(noise + common + (mass * tares.scale_error) ** 2))
+def _difference(lifted: Weighed, left: Weighed) -> Weighed:
+    """What left the bucket."""
+    both = None if lifted.slopes is None or left.slopes is None else lifted.slopes - left.slopes
+    return Weighed(
+        lifted.mass - left.mass,
+        lifted.noise + left.noise,
+        lifted.gain - left.gain,
+        lifted.drifted - left.drifted,
+        moving=0,
+        slopes=both,
+    )
 
 
 def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, drift: Drift) -> Books:
