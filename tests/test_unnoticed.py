@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.residual import GOOD_ENOUGH
-from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted
+from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted, variances
 from cylforce.service.plausibility.blocks import LOAD, Gatherer
 from cylforce.service.plausibility.unnoticed import MEMORY, Noticing, off
 from cylforce.service.step import Core, step
@@ -163,6 +163,18 @@ def test_a_weight_is_as_uncertain_as_signals_are_off():
     assert error(lifted, TARES, STILL) == pytest.approx(2.0)
     assert error(lifted, TARES, STILL, sizes) == pytest.approx(np.sqrt(4.0 + 36.0 + 144.0))
     assert difference_error(lifted, weight(0.0, (3.0, -4.0)), TARES, STILL, sizes) == pytest.approx(np.sqrt(8.0))
+
+
+def test_the_parts_of_a_standard_error_by_hand():
+    """Noise 4 kg^2; a tare off by 2 changes the mass by 3 each; a drift off by 1 by 5 each; 1 % of 900 kg; a signal off
+    by 2 changes it by 3 each."""
+    tares = SimpleNamespace(covariance=np.array([[4.0]]), scale_error=0.01)
+    drift = SimpleNamespace(values=np.zeros(1), covariance=np.array([[1.0]]))
+    lifted = Weighed(900.0, 4.0, np.array([3.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
+    assert variances(lifted, tares, drift, np.array([2.0])) == pytest.approx((4.0, 36.0, 25.0, 81.0, 36.0))
+    assert error(lifted, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(182.0))
+    left = Weighed(100.0, 5.0, np.array([1.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
+    assert difference_error(lifted, left, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(9.0 + 16.0 + 64.0))
 
 
 def test_nothing_is_booked_while_signals_may_be_so_far_off():
