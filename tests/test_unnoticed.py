@@ -14,6 +14,7 @@ from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Tick
 from scenarios import EXCAVATOR, cycles, identified, through, with_value
+from weighing.parts import Parts
 
 LIFT = 200  # samples of a lift, more than those of a second
 PRIOR = np.full(LOAD + 1, 0.01)
@@ -175,6 +176,16 @@ def test_the_parts_of_a_standard_error_by_hand():
     assert error(lifted, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(182.0))
     left = Weighed(100.0, 5.0, np.array([1.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
     assert difference_error(lifted, left, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(9.0 + 16.0 + 64.0))
+
+
+def test_the_study_says_how_wide_each_way_is_and_what_holds():
+    """Two bookings, off by 0.4 and 3 %; 1 % without unnoticed errors, by which the first way adds nothing, the second
+    two squares of a percent."""
+    told = 1e-4 * np.array([[0.2, 0.3, 0.5, 0.0, 7.0]] * 2)
+    found = Parts(np.array([0.004, -0.03]), told, 1e-4 * np.array([[0.0, 2.0, 1.0, 0.5]] * 2))
+    assert found.width("without") == pytest.approx(0.01)
+    assert found.width("whole") == pytest.approx(0.01 * np.sqrt(3.0))
+    assert (found.share("without"), found.share("whole")) == (0.5, 1.0)
 
 
 def test_nothing_is_booked_while_signals_may_be_so_far_off():
