@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.mechanics.machine import Machine
+from cylforce.service.plausibility.quiet import Noises, begun, listened
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -29,7 +30,7 @@ VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of ze
 class Changes(NamedTuple):
     """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
     last groups in motion means, noises (variances) and ways (3, GROUPS, P), 0 where there was none yet; which
-    pressures are `constant`, which `burst` and which are `below` vacuum (P,)."""
+    pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise."""
 
     readings: tuple[tuple[float, ...], ...]
     fresh: int
@@ -37,6 +38,7 @@ class Changes(NamedTuple):
     constant: NDArray[np.bool_]
     burst: NDArray[np.bool_]
     below: NDArray[np.bool_]
+    noises: Noises
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Watching:
         """Nothing was seen."""
         size = len(self.signals)
         no = np.zeros(size, dtype=bool)
-        return Changes((), 0, np.zeros((3, GROUPS, size)), no, no, no)
+        return Changes((), 0, np.zeros((3, GROUPS, size)), no, no, no, begun(size))
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
@@ -88,7 +90,7 @@ class Watching:
         new[:, :-1], new[0, -1], new[2, -1] = state.groups[:, 1:], middle, np.sign(way)
         new[1, -1] = ((group - middle) ** 2).sum(axis=0) / (GROUP - 1)
         groups = np.where(moved, new, state.groups)
-        state = state._replace(groups=groups)
+        state = state._replace(groups=groups, noises=listened(state.noises, group, groups[:2], moved))
         forwards, backwards = (groups[2] > 0.0).sum(axis=0), (groups[2] < 0.0).sum(axis=0)
         judged = (np.minimum(forwards, backwards) >= EACH_WAY) & (forwards + backwards == GROUPS)
         if not judged.any():
