@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.mechanics.machine import Machine
-from cylforce.service.plausibility.quiet import Noises, begun, listened
+from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -97,4 +97,5 @@ class Watching:
             return state
         noise = np.sort(groups[1], axis=0)[GROUPS // 2]
         still = groups[0].var(axis=0, ddof=1) <= CONSTANT * noise / GROUP
-        return state._replace(constant=np.where(judged, still, state.constant))
+        noises = taken_back(state.noises, judged & ~still, GROUPS)
+        return state._replace(constant=np.where(judged, still, state.constant), noises=noises)

@@ -1,16 +1,16 @@
 """Has a pressure leapt as no oil does? In contact any force is possible, so that a pressure that is wrong contradicts
-nothing until the next motion in the air. But the moment shows in which it becomes wrong. Oil and steel move smoothly
-within 0.15 s, or all of them are hit; a signal that is exchanged, dead or shifted leaps by itself, between two messages.
+nothing until the next motion in the air. But the moment shows in which it becomes wrong. Within 0.15 s pressures follow
+a curve, or all of them are hit; one that is exchanged, dead or shifted leaps by itself, between two messages.
 
 Curves (polynomials) through the last readings are compared. Two signals are exchanged if each goes on where the other
-one was: the curves through the first readings of one and the last readings of the other leave less. One signal steps if
-a curve with a step leaves less. By how much: twice the log likelihood ratio of readings whose noise is what is left, but
-at least the sensor's."""
+one was: curves through the first readings of one and the last ones of the other leave less. One signal steps if a curve
+with a step leaves less. By how much: the log likelihood ratio, with the noise that is left, but at least the
+sensor's."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import exp, log, sqrt
+from operator import gt, sub
 from typing import NamedTuple
 
 import numpy as np
@@ -107,7 +107,7 @@ class Leaping:
 
     def step(self, state: Leaps, values: Array, steps: int) -> Leaps:
         """One step: all signals (S,), the filters' `steps` so far."""
-        if steps % self._every:
+        if steps % self._every or not self.signals:
             return state
         each = values.tolist()
         now = tuple([each[k] for k in self.signals])
@@ -117,24 +117,27 @@ class Leaping:
         if len(readings) < BEFORE + AFTER:
             return state
         last, new = readings[BEFORE - 1], readings[BEFORE]
-        if not any([abs(b - a) > least for a, b, least in zip(last, new, self._gate, strict=True)]):
+        if not any(map(gt, map(abs, map(sub, new, last)), self._gate)):
             return state
-        return self._looked(state)
+        doubt = self.leap(np.array(readings))
+        if doubt.level is Level.FINE:
+            return state
+        return state._replace(readings=(), doubt=doubt, since=steps, votes=0.0)
 
-    def _looked(self, state: Leaps) -> Leaps:
-        window = np.array(state.readings)
-        window -= window.mean()
+    def leap(self, readings: Array) -> SensorDoubt:
+        """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
+        window = readings - readings.mean()
         left = self._left(window)
         swapped = self._swapped(left)
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
-            return _begun(state, SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals))
+            return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
         along = self._curves[:, -1] @ window
         stepped = self._stepped(np.diagonal(left), along)
         if stepped is None:
-            return state
+            return NOTHING_SUSPECTED
         size = float(along[stepped] / self._curves[BEFORE:, -1].sum())
-        return _begun(state, SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[stepped],), size))
+        return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[stepped],), size)
 
     def _left(self, window: Array) -> Array:
         """What the curves through the first readings of one pressure and the last ones of another leave, (P, P) [Pa^2],
@@ -166,10 +169,6 @@ class Leaping:
         most = int(ratio.argmax())
         others = np.delete(without, most).max(initial=0.0)
         return most if ratio[most] > max(self.least, others) else None
-
-
-def _begun(state: Leaps, doubt: SensorDoubt) -> Leaps:
-    return state._replace(readings=(), doubt=doubt, since=state.steps, votes=0.0)
 
 
 _SIDES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)

@@ -184,29 +184,26 @@ class Monitor:
         return max(self._objections(state), key=lambda doubt: doubt.level, default=NOTHING_SUSPECTED)
 
     def _objections(self, state: Watch) -> Iterator[SensorDoubt]:
-        changes, off = state.changes, self._off(state.offset)
-        for marked, cause in ((changes.below, SensorFault.IMPOSSIBLE), (changes.burst, SensorFault.BURST)):
-            if marked.any():
-                yield self._marked(marked, cause)
+        changes = state.changes
+        yield self._marked(changes.below, SensorFault.IMPOSSIBLE)
+        yield self._marked(changes.burst, SensorFault.BURST)
         if state.leapt:
             yield SensorDoubt(Level.REJECTED, SensorFault.LEAPT, state.leapt)
-        if state.leaps.doubt.level is not Level.FINE:
-            yield state.leaps.doubt
+        yield state.leaps.doubt
         if state.driven.level is not Level.FINE:
             yield SensorDoubt(state.driven.level, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
-        if changes.constant.any():
-            yield self._marked(changes.constant, SensorFault.STUCK)
-        if changes.noises.gone.any():
-            yield self._marked(changes.noises.gone, SensorFault.STUCK, Level.DOUBTED)
-        if off.level is not Level.FINE:
-            yield off
+        yield self._marked(changes.constant, SensorFault.STUCK)
+        yield self._marked(changes.noises.gone, SensorFault.STUCK, Level.DOUBTED)
+        yield self._off(state.offset)
         if state.swept.level is not Level.FINE:
             yield SensorDoubt(state.swept.level, SensorFault.EXCHANGED, tuple(self._watching.signals))
         if state.light:
             yield SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, tuple(self._watching.signals))
 
     def _marked(self, marked: NDArray[np.bool_], cause: SensorFault, level: Level = Level.REJECTED) -> SensorDoubt:
-        """The pressures that are `marked` (P,)."""
+        """The pressures that are `marked` (P,), if any are."""
+        if not marked.any():
+            return NOTHING_SUSPECTED
         return SensorDoubt(level, cause, tuple(np.array(self._watching.signals)[marked].tolist()))
 
     def _pushing(self, strain: Array) -> tuple[int, ...]:
