@@ -100,10 +100,9 @@ def test_when_all_of_them_are_hit_none_stepped(leaping):
 
 def course(leaping, readings, steps=None):
     """The state along readings (T, 6) that come at steps."""
-    state, values = leaping.begin(), np.zeros(len(leaping.machine.signals))
-    for k, row in zip(steps or range(1, len(readings) + 1), readings, strict=True):
-        values[leaping.signals] = row
-        state = leaping.step(state, values, k)
+    state = leaping.begin()
+    for k, row in zip(steps or range(1, len(readings) + 1), readings.tolist(), strict=True):
+        state = leaping.step(state, tuple(row), k)
     return state
 
 
@@ -138,7 +137,7 @@ def test_a_machine_without_pressures_has_no_leaps():
     bare = Leaping(replace(rig(), signals=()), 100.0)
     state = bare.begin()
     for k in range(1, 40):
-        state = bare.step(state, np.zeros(0), k)
+        state = bare.step(state, (), k)
     assert state.doubt == NOTHING_SUSPECTED
 
 

@@ -111,11 +111,9 @@ def seen(piece: Piece, rng: np.random.Generator) -> Seen:
 
 def doubted(leaping: Leaping, pressures: Array) -> int:
     """How many leaps are doubted along pressures (T, P) [Pa]."""
-    values = np.zeros((len(pressures), len(leaping.machine.signals)))
-    values[:, leaping.signals] = pressures
     state, times = leaping.begin(), set()
-    for k, row in enumerate(values, 1):
-        state = leaping.step(state, row, k)
+    for k, row in enumerate(pressures.tolist(), 1):
+        state = leaping.step(state, tuple(row), k)
         times.add(state.since)
     return len(times - {0})
 

@@ -105,15 +105,13 @@ class Leaping:
         """The measurement stopped: what was read before says nothing of what follows."""
         return state._replace(readings=())
 
-    def step(self, state: Leaps, values: Array, steps: int) -> Leaps:
-        """One step: all signals (S,), the filters' `steps` so far."""
-        if steps % self._every or not self.signals:
+    def step(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
+        """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far."""
+        if steps % self._every or not now:
             return state
-        each = values.tolist()
-        now = tuple([each[k] for k in self.signals])
         kept = state.readings if steps == state.steps + self._every else ()
         readings = (*kept[1 - BEFORE - AFTER :], now)
-        state = state._replace(readings=readings, steps=steps)
+        state = Leaps(readings, steps, *state[2:])
         if len(readings) < BEFORE + AFTER:
             return state
         last, new = readings[BEFORE - 1], readings[BEFORE]

@@ -138,7 +138,7 @@ class Monitor:
         """The state after one step."""
         changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
         before = state.changes
-        leaps = self._leaping.step(state.leaps, seen.values, seen.pipe.steps)
+        leaps = self._leaping.step(state.leaps, changes.readings[-1], seen.pipe.steps)
         looked = seen.leapt != state.leapt or not (
             changes.constant is before.constant
             and changes.burst is before.burst
