@@ -119,10 +119,19 @@ def test_a_leap_is_looked_for_as_readings_come(leaping):
 def test_nothing_is_said_across_a_pause(leaping):
     window = smooth(np.random.default_rng(9))
     window[BEFORE:, 2] += 50.0 * BAR
-    steps = [*range(1, BEFORE + 1), *range(100, 100 + AFTER)]
+    steps = [*range(1, BEFORE + 1), *range(BEFORE + AFTER + 2, BEFORE + 2 * AFTER + 2)]
     assert course(leaping, window, steps).doubt == NOTHING_SUSPECTED
     state = course(leaping, window[:BEFORE])
     assert leaping.interrupt(state).readings == ()
+
+
+def test_a_reading_that_is_missing_does_not_matter(leaping):
+    window = smooth(np.random.default_rng(9))
+    window[BEFORE:, 2] += 50.0 * BAR
+    for lost in (3, BEFORE + 2, SIZE - 2):
+        steps = [k for k in range(1, SIZE + 1) if k != lost]
+        state = course(leaping, np.delete(window, lost - 1, axis=0), steps)
+        assert state.doubt.cause is SensorFault.STEPPED
 
 
 def test_pressures_that_are_sent_every_other_step_are_read_so(leaping):

@@ -21,6 +21,10 @@ MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
 # change. A constant with white noise exceeds it once in fifty times; machines in order are at 4 and more.
 CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exceeded by 2 %
+# Above this one that did not change does so again: a constant exceeds it once in ten hours (1.16e-6: four a second, of
+# six pressures)
+CHANGES = 56.118 / (GROUPS - 1)
+TINY = 1.0  # Pa^2: noise is not less than a pascal
 FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
@@ -96,6 +100,7 @@ class Watching:
         if not judged.any():
             return state
         noise = np.sort(groups[1], axis=0)[GROUPS // 2]
-        still = groups[0].var(axis=0, ddof=1) <= CONSTANT * noise / GROUP
-        noises = taken_back(state.noises, judged & ~still, GROUPS)
+        ratio = groups[0].var(axis=0, ddof=1) * GROUP / np.maximum(noise, TINY)
+        still = np.where(state.constant, ratio <= CHANGES, ratio <= CONSTANT)
+        noises = taken_back(state.noises, judged & (ratio > CHANGES), GROUPS)
         return state._replace(constant=np.where(judged, still, state.constant), noises=noises)

@@ -106,11 +106,21 @@ class Leaping:
         return state._replace(readings=())
 
     def step(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
-        """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far."""
+        """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
+        filled by linear interpolation."""
         if steps % self._every or not now:
             return state
-        kept = state.readings if steps == state.steps + self._every else ()
-        readings = (*kept[1 - BEFORE - AFTER :], now)
+        missing = (steps - state.steps) // self._every - 1
+        if not 0 <= missing <= AFTER or not state.readings:
+            return Leaps((now,), steps, *state[2:])
+        before = state.readings[-1]
+        for k in range(1, missing + 1):
+            between = tuple([a + (b - a) * k / (missing + 1) for a, b in zip(before, now, strict=True)])
+            state = self._read(state, between, steps)
+        return self._read(state, now, steps)
+
+    def _read(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
+        readings = (*state.readings[1 - BEFORE - AFTER :], now)
         state = Leaps(readings, steps, *state[2:])
         if len(readings) < BEFORE + AFTER:
             return state
