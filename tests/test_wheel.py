@@ -158,7 +158,10 @@ def test_a_machine_is_simulated_identified_and_replayed(installed):
 
 
 def test_the_demo_needs_nothing_else(installed):
-    """On the bus inside its process, with the shipped machine: one cycle, whose load is booked and near the truth."""
-    done(installed.call, "demo", "--cycles", "1", "--seed", "6", "--json", "demo.json")
-    [cycle] = json.loads((installed.here / "demo.json").read_text())["cycles"]
+    """On the bus inside its process, with the shipped machine: a load is booked and near the truth. A busy computer
+    misses steps of the real clock; then the last load may wait for motion of the empty bucket when the run ends."""
+    found = installed.call("demo", "--cycles", "2", "--seed", "6", "--json", "demo.json")
+    cycle, last = json.loads((installed.here / "demo.json").read_text())["cycles"]
+    assert found.returncode == (last["estimated_kg"] is None), found.stderr
+    assert ("not booked" in found.stdout) == (last["estimated_kg"] is None)
     assert abs(cycle["estimated_kg"] - cycle["true_kg"]) < 0.02 * 1500.0

@@ -28,21 +28,23 @@ from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.shown import show
 from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
-from cylforce.programs.run import Daemon, show_status
+from cylforce.programs.run import Daemon, show_status, why_missed
 from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
 MOVES_S = 120.0
+NOT_SEEN_EMPTY_YET = "the run ended before the bucket was seen empty clearly enough"
 MASS_ERROR = 0.1  # of the true masses, as a fraction; the default of `cylforce sim`
 RELAY = "remote:127.0.0.1"
 
 
 class Watched(NamedTuple):
-    """What the daemon concluded while it ran."""
+    """What the daemon concluded while it ran; `missed`: the numbers of the loads that it did not book."""
 
     estimates: list[Estimate]
     bookings: list[Booking]
+    missed: list[int]
     counts: Counts
 
 
@@ -126,7 +128,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
     """Daemon and simulated machine on one bus, until the machine's run is over."""
     console.print(f"3. {cycles} digging cycles of at most 15 s on the bus")
     daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, NOTHING_KEPT)
-    watched = Watched([], [], Counts())
+    watched = Watched([], [], [0], Counts())
 
     def watch(estimate: Estimate) -> None:
         watched.estimates.append(estimate)
@@ -134,6 +136,10 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
         if booking is not None and booking.number > len(watched.bookings):
             watched.bookings.append(booking)
             console.print(f"   booked {booking.mass:7.1f} kg +- {booking.standard_error:.1f} kg")
+        books = daemon.state.weighing.books
+        if books.missed.number > watched.missed[-1]:
+            watched.missed.append(books.missed.number)
+            console.print(f"   not booked {books.missed.mass:7.1f} kg: {why_missed(books.missed)}")
 
     daemon.on_estimate = watch
     until = asyncio.Event()
@@ -146,6 +152,9 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
         await digging
     if stopped:
         raise KeyboardInterrupt
+    waiting = daemon.state.weighing.books.candidate
+    if waiting is not None:
+        console.print(f"   not booked {waiting.mass:7.1f} kg: {NOT_SEEN_EMPTY_YET}")
     return watched._replace(counts=daemon.counts)
 
 

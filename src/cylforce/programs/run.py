@@ -187,8 +187,12 @@ class Daemon(Station[State]):
         self._tell.info("booked", number=booking.number, **kg, **drift)
 
     def _say_missed(self, missed: Missed) -> None:
-        why = NOT_MEASURED if missed.interrupted else NOT_SEEN_EMPTY
-        self._tell.warning("not booked", mass_kg=round(missed.mass, 1), why=why)
+        self._tell.warning("not booked", mass_kg=round(missed.mass, 1), why=why_missed(missed))
+
+
+def why_missed(missed: Missed) -> str:
+    """Why a load is not booked, in words."""
+    return NOT_MEASURED if missed.interrupted else NOT_SEEN_EMPTY
 
 
 def _j1939_of(service: Service, bus: Bus) -> J1939 | None:
