@@ -102,8 +102,8 @@ class Leaping:
         return Leaps()
 
     def interrupt(self, state: Leaps) -> Leaps:
-        """The measurement stopped: what was read before says nothing of what follows."""
-        return state._replace(readings=())
+        """The measurement stopped, and the filters begin anew: what was read before says nothing of what follows."""
+        return state._replace(readings=(), steps=0, since=0)
 
     def step(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
         """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
