@@ -124,13 +124,20 @@ class Leaping:
         state = Leaps(readings, steps, *state[2:])
         if len(readings) < BEFORE + AFTER:
             return state
-        last, new = readings[BEFORE - 1], readings[BEFORE]
-        if not any(map(gt, map(abs, map(sub, new, last)), self._gate)):
+        if not self._suspicious(readings):
             return state
         doubt = self.leap(np.array(readings))
         if doubt.level is Level.FINE:
             return state
         return state._replace(readings=(), doubt=doubt, since=steps, votes=0.0)
+
+    def _suspicious(self, readings: tuple[tuple[float, ...], ...]) -> bool:
+        """Whether a pressure changes by enough to be looked at, and by as much more than before and after."""
+        first, last, new, then = readings[BEFORE - 2 : BEFORE + 2]
+        if not any(map(gt, map(abs, map(sub, new, last)), self._gate)):
+            return False
+        rows = zip(first, last, new, then, self._gate, strict=True)
+        return any(abs(b - a) > least < abs(1.5 * (b - a) - 0.5 * (d - c)) for c, a, b, d, least in rows)
 
     def leap(self, readings: Array) -> SensorDoubt:
         """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
