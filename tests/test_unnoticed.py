@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.residual import GOOD_ENOUGH
-from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted
+from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted, variances
 from cylforce.service.plausibility.blocks import LOAD, Gatherer
-from cylforce.service.plausibility.unnoticed import MEMORY, Noticing
+from cylforce.service.plausibility.unnoticed import MEMORY, Noticing, off
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Tick
 from scenarios import EXCAVATOR, cycles, identified, through, with_value
+from weighing.parts import Parts
 
 LIFT = 200  # samples of a lift, more than those of a second
 PRIOR = np.full(LOAD + 1, 0.01)
@@ -35,6 +36,10 @@ class Rows:
         nothing = np.zeros((size, size))
         return SimpleNamespace(gram=nothing, last=nothing, errors=np.zeros((3, self.size)))
 
+    @staticmethod
+    def less(rows, drift):
+        return rows
+
     def second(self, hung, off, many=200):
         """Rows (many, K) of a load (4,) and errors `off` (2,), without noise."""
         columns = self.rng.normal(size=(many, LOAD + 1 + self.size))
@@ -50,7 +55,7 @@ def after(rows, seconds, taken=LIFT):
         for k, each in enumerate(lift):
             gathering = rows.begin()
             gathering.last = each.T @ each
-            state = noticing.step(state, gathering, np.zeros((3, 2)), (k + 1) * taken, hangs=True)
+            state = noticing.step(state, gathering, np.zeros((3, 2)), (k + 1) * taken, STILL, hangs=True)
     return state
 
 
@@ -83,6 +88,54 @@ def test_a_second_that_began_before_the_lift_does_not_count():
     assert not after(rows, [[one]], taken=LIFT // 4).probable.sizes.any()
 
 
+def test_an_error_counts_as_far_as_there_is_evidence_for_one():
+    """By hand: of two signals one is off by four standard errors, in 99 samples: (exp(8) + 1) / sqrt(100)."""
+    odds = (np.exp(8.0) + 1.0) / 10.0
+    assert off(np.array([16.0, 0.0]), 99.0, 99.0) == pytest.approx(odds / (1.0 + odds))
+    assert off(np.zeros(2), 99.0, 99.0) == pytest.approx(1.0 / 6.0)
+    assert off(np.array([1e6, 0.0]), 1e6, 99.0) == pytest.approx(1.0)
+
+
+def test_evidence_counts_by_how_much_the_torques_scatter():
+    """Squares four times as large as at commissioning make the same error half as many standard errors large; smaller
+    ones change nothing."""
+    as_before, more = off(np.array([4.0, 0.0]), 103.0, 99.0), off(np.array([16.0, 0.0]), 4 * 99.0 + 16.0, 99.0)
+    assert more == pytest.approx(as_before)
+    assert off(np.array([4.0, 0.0]), 30.0, 99.0) == pytest.approx(as_before)
+
+
+def test_where_nothing_seems_off_little_of_it_is_told():
+    """Torque that is noise alone, of its standard error: what would explain it best is not taken for an error; where a
+    signal is off it is."""
+    rows, found = Rows(), []
+    for size in (0.0, 1.0):
+        seconds = [[rows.second(np.zeros(LOAD), np.array([size, 0.0]), many=15) for _ in range(8)] for _ in range(2)]
+        for each in (second for lift in seconds for second in lift):
+            each[:, -1] += rows.rng.normal(size=len(each))
+        found.append(after(rows, seconds).probable)
+    none, some = found
+    assert none.off < 0.3
+    assert some.off > 0.99
+    assert some.expected == pytest.approx(some.sizes, rel=0.01)
+    assert np.all(abs(none.expected) < 0.6 * abs(none.sizes))
+
+
+def test_what_the_weight_is_corrected_for_is_no_error_of_a_signal():
+    """The drift of a zero that is taken from the weight is taken from the block's torque: the rows are the same as of a
+    machine without it."""
+    loaded = load(EXCAVATOR)
+    core = Core(loaded.service, identified(loaded))
+    gatherer, drift, rng = Gatherer(core.model, core.tares), core.adapter.begin(), np.random.default_rng(4)
+    values = rng.normal(size=drift.values.size) * np.r_[np.zeros(6), np.full(3, 300.0)]
+    size = len(gatherer.begin().gram)
+    rows = rng.normal(size=(15, size))
+    spread = np.sqrt(np.diagonal(drift.covariance))
+    drifted = rows.copy()
+    drifted[:, -1] += core.tares.scale * rows[:, LOAD : LOAD + 9] @ (values / spread)
+    found = gatherer.less(drifted.T @ drifted, drift._replace(values=values))
+    assert found == pytest.approx(rows.T @ rows, rel=1e-9, abs=1e-9)
+
+
 def test_a_force_seems_to_turn_with_an_angle_that_is_off():
     """Finite difference of the torques of a force at the tooth line."""
     loaded = load(EXCAVATOR)
@@ -113,6 +166,28 @@ def test_a_weight_is_as_uncertain_as_signals_are_off():
     assert difference_error(lifted, weight(0.0, (3.0, -4.0)), TARES, STILL, sizes) == pytest.approx(np.sqrt(8.0))
 
 
+def test_the_parts_of_a_standard_error_by_hand():
+    """Noise 4 kg^2; a tare off by 2 changes the mass by 3 each; a drift off by 1 by 5 each; 1 % of 900 kg; a signal off
+    by 2 changes it by 3 each."""
+    tares = SimpleNamespace(covariance=np.array([[4.0]]), scale_error=0.01)
+    drift = SimpleNamespace(values=np.zeros(1), covariance=np.array([[1.0]]))
+    lifted = Weighed(900.0, 4.0, np.array([3.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
+    assert variances(lifted, tares, drift, np.array([2.0])) == pytest.approx((4.0, 36.0, 25.0, 81.0, 36.0))
+    assert error(lifted, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(182.0))
+    left = Weighed(100.0, 5.0, np.array([1.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
+    assert difference_error(lifted, left, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(9.0 + 16.0 + 64.0))
+
+
+def test_the_study_says_how_wide_each_way_is_and_what_holds():
+    """Two bookings, off by 0.4 and 3 %; 1 % without unnoticed errors, by which the first way adds nothing, the second
+    two squares of a percent."""
+    told = 1e-4 * np.array([[0.2, 0.3, 0.5, 0.0, 7.0]] * 2)
+    found = Parts(np.array([0.004, -0.03]), told, 1e-4 * np.array([[0.0, 2.0, 1.0, 0.5]] * 2))
+    assert found.width("without") == pytest.approx(0.01)
+    assert found.width("whole") == pytest.approx(0.01 * np.sqrt(3.0))
+    assert (found.share("without"), found.share("whole")) == (0.5, 1.0)
+
+
 def test_nothing_is_booked_while_signals_may_be_so_far_off():
     """By more than what is good enough, certainly: the booking waits. What is probable is told with it."""
     enough, bookings = GOOD_ENOUGH * RATED, []
@@ -123,6 +198,18 @@ def test_nothing_is_booked_while_signals_may_be_so_far_off():
         bookings.append(books.booking)
     assert bookings[0] is None
     assert bookings[1].standard_error == pytest.approx(np.hypot(2.0, 2.0 * enough))
+
+
+def test_one_signal_is_off_and_not_all():
+    """Two signals, each of which would explain the same torques: what is certain of either does not add up."""
+    enough, books = (
+        GOOD_ENOUGH * RATED,
+        Books(probable=Probable(np.full(2, 12.0), np.full(2, 0.8 * GOOD_ENOUGH * RATED))),
+    )
+    for t, mass in enumerate((900.0, 900.0, 0.0, 0.0)):
+        books = noted(books, weight(mass, (1.0, 1.0)), RATED, t, TARES, STILL)
+    assert books.booking is not None
+    assert books.booking.standard_error > enough
 
 
 def booked(core, events):

@@ -16,6 +16,8 @@ from cylforce.signals.estimate import Array
 
 from .baselines import parabola, quasi_static
 from .bucket import Work, foreign, reference
+from .parts import parts
+from .parts import table as of_parts
 from .reference import DRAWN, Ride
 from .score import figures
 from .trial import WHOLE, Variant, weighed
@@ -62,12 +64,18 @@ def main() -> None:
     parser.add_argument("--lift", choices=("both", "yes", "no"), default="both", help="of a known weight before")
     parser.add_argument("--foreign", action="store_true", help="on the machines of a foreign generator")
     parser.add_argument("--folder", type=Path, help="of the recordings")
+    parser.add_argument("--parts", action="store_true", help="of the standard error, beside the true error")
     parser.add_argument("--ways", nargs="+", choices=(*WAYS, *BASELINES), default=["service"])
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     console, found = Console(highlight=False), {}
     machines = works(options)
+    if options.parts:
+        with ProcessPoolExecutor(options.processes) as pool:
+            each = pool.map(parts, machines)
+            console.print(of_parts({work.name: one for work, one in zip(machines, each, strict=True)}))
+        return
     rated = load(machines[0].folder / "machine.toml").service.machine.rated_payload
     with ProcessPoolExecutor(options.processes) as pool:
         for way in options.ways:

@@ -13,6 +13,7 @@ from cylforce.effects.fault import (
     Fault,
     ForceLaw,
     Incident,
+    MassChange,
     PartOfFriction,
     TimeCourse,
     places,
@@ -141,6 +142,11 @@ class Proposal(NamedTuple):
     def rides(self) -> bool:
         """Whether it is a motion of the body that carries the first link."""
         return isinstance(self.group[0], BaseMotion)
+
+    @property
+    def weighs(self) -> bool:
+        """Whether it is a mass that differs from the data sheet."""
+        return isinstance(self.group[0], MassChange)
 
     @property
     def bends(self) -> bool:

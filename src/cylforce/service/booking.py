@@ -4,6 +4,7 @@ Errors of tares, friction and zeros are the same while a load is lifted and whil
 not change from one to the other: the sensitivities of both weights to them are kept, so that the difference of both is
 better known than either."""
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -38,10 +39,22 @@ class Weighed(NamedTuple):
 
 class Probable(NamedTuple):
     """Of H signals the errors that explain the torques best (`sizes`), and how much of them is `certain`: the root of
-    the square less its variance, which is the mean square of an error without noise (0: less than its noise)."""
+    the square less its variance, which is the mean square of an error without noise (0: less than its noise). `off`:
+    probability that any signal is off."""
 
     sizes: Array
     certain: Array
+    off: float = 1.0
+
+    @property
+    def expected(self) -> Array:
+        """Root of the mean square (H,) of each error: as large as it seems if a signal is off, else nothing."""
+        return np.asarray(sqrt(self.off) * self.sizes)
+
+    @property
+    def expected_certain(self) -> Array:
+        """The same of what is certain."""
+        return np.asarray(sqrt(self.off) * self.certain)
 
 
 class Beside(NamedTuple):
@@ -88,31 +101,46 @@ def corrected(weight: Weighed, drift: Drift) -> float:
     return weight.mass - float(weight.drifted @ drift.values)
 
 
+class Variances(NamedTuple):
+    """What a weight's standard error [kg] consists of, in squares [kg^2]: noise, tares, drift, scale, and errors of
+    signals that are not noticed."""
+
+    noise: float
+    tares: float
+    drift: float
+    scale: float
+    unnoticed: float
+
+
+def variances(weight: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> Variances:
+    """Of the corrected mass; signals are off by `sizes` (H,), each by itself."""
+    known = float(weight.gain @ tares.covariance @ weight.gain)
+    drifting = float(weight.drifted @ drift.covariance @ weight.drifted)
+    off = 0.0 if weight.slopes is None or sizes is None else float(((weight.slopes * sizes) ** 2).sum())
+    return Variances(weight.noise, known, drifting, (corrected(weight, drift) * tares.scale_error) ** 2, off)
+
+
 def error(weight: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> float:
     """Standard error [kg] of the corrected mass: noise, tares, drift, scale, signals off by `sizes` (H,)."""
-    mass = corrected(weight, drift)
-    noise = weight.noise + _unnoticed(weight.slopes, sizes)
-    return _error(noise, weight.gain, weight.drifted, mass, tares, drift)
+    return sqrt(sum(variances(weight, tares, drift, sizes)))
 
 
 def difference_error(lifted: Weighed, left: Weighed, tares: Tares, drift: Drift, sizes: Array | None = None) -> float:
-    """Standard error [kg] of what left the bucket, with the errors that both weights have in common."""
-    mass = corrected(lifted, drift) - corrected(left, drift)
-    gain, drifted = lifted.gain - left.gain, lifted.drifted - left.drifted
-    noise = lifted.noise + left.noise
-    if lifted.slopes is not None and left.slopes is not None:
-        noise += _unnoticed(lifted.slopes - left.slopes, sizes)
-    return _error(noise, gain, drifted, mass, tares, drift)
+    """Standard error [kg] of what left the bucket, without the errors that both weights have in common."""
+    return error(_difference(lifted, left), tares, drift, sizes)
 
 
-def _unnoticed(slopes: Array | None, sizes: Array | None) -> float:
-    """Variance [kg^2] by errors of the signals, each by itself."""
-    return 0.0 if slopes is None or sizes is None else float(((slopes * sizes) ** 2).sum())
-
-
-def _error(noise: float, gain: Array, drifted: Array, mass: float, tares: Tares, drift: Drift) -> float:
-    common = gain @ tares.covariance @ gain + drifted @ drift.covariance @ drifted
-    return float(np.sqrt(noise + common + (mass * tares.scale_error) ** 2))
+def _difference(lifted: Weighed, left: Weighed) -> Weighed:
+    """What left the bucket."""
+    both = None if lifted.slopes is None or left.slopes is None else lifted.slopes - left.slopes
+    return Weighed(
+        lifted.mass - left.mass,
+        lifted.noise + left.noise,
+        lifted.gain - left.gain,
+        lifted.drifted - left.drifted,
+        moving=0,
+        slopes=both,
+    )
 
 
 def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, drift: Drift) -> Books:
@@ -131,12 +159,19 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
 
 
 def _known(books: Books, lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
-    """Whether the lifted weight is known well enough, also if signals are off by what is certain of that, and what is
-    `left` in the bucket or what left it is, too."""
-    certain = None if books.probable is None else books.probable.certain
-    if error(lifted, tares, drift) > enough or _unnoticed(lifted.slopes, certain) > enough**2:
+    """Whether the lifted weight is known well enough, also if any one signal is off by what is certain of that, and
+    what is `left` in the bucket or what left it is, too."""
+    if error(lifted, tares, drift) > enough or _certain(lifted.slopes, books.probable) > enough:
         return False
     return min(error(left, tares, drift), difference_error(lifted, left, tares, drift)) <= enough
+
+
+def _certain(slopes: Array | None, probable: Probable | None) -> float:
+    """Error [kg] that is certain if one signal is off, the one with the largest: they explain the same torques, so that
+    it is one of them and not all."""
+    if slopes is None or probable is None:
+        return 0.0
+    return float(np.abs(slopes * probable.expected_certain).max(initial=0.0))
 
 
 def parted(books: Books) -> Books:
@@ -207,7 +242,7 @@ def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Ta
     else:
         number, t_us = last.number, last.t_us
     mass, remains = corrected(lifted, drift), corrected(left, drift)
-    sizes = None if books.probable is None else books.probable.sizes
+    sizes = None if books.probable is None else books.probable.expected
     booking = Booking(
         number,
         t_us,

@@ -25,6 +25,7 @@ ROUNDS = 12  # at most, in which noise and what is left are told in turns
 WIDTH, DEEPEST = 2, 8  # of the beam
 KEPT = 8  # hypotheses of a beam that are refined
 NONE = 1e-12  # of a column's spread, squared: no everyday difference
+SINGLE = float(np.finfo(np.float32).eps)  # of an energy, which is the most that is lost where a load is taken off
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 
 
@@ -191,7 +192,7 @@ class Inference:
         if not self.moments:
             return found
         more = self.moments.energies(left, noise)
-        white, smooth = (np.maximum(a + b, 1e-3 * a) for a, b in zip(found, more, strict=True))
+        white, smooth = (np.maximum(a + b, SINGLE * a) for a, b in zip(found, more, strict=True))
         return white, smooth
 
     def rest(self, left: Array, noise: Scatter | None = None) -> float:

@@ -234,9 +234,15 @@ class _Search:
         """Hypotheses of a machine at work, each with the blocks in which it holds."""
         found = dict[tuple[int, ...], Hypothesis]({(): part.idle})
         blocks = dict[tuple[int, ...], Blocks]({(): part.kept})
-        for p in part.case.screened(part.idle, self._wanted)[:MANY]:
+        wanted = [p for p in self._wanted if not self._hangs(self._question.forms[p][0])]
+        for p in part.case.screened(part.idle, wanted)[:MANY]:
             found[(p,)], _, blocks[(p,)] = part.work.hypothesis((p,), part.kept, part.idle.noise)
         return list(found.values()), blocks
+
+    def _hangs(self, p: Proposal) -> bool:
+        """Whether it is a mass in or on the tool: a load of which nothing is known does the same."""
+        last = len(self.plain.viewer.model.machine.links) - 1
+        return p.course is TimeCourse.AFTER or (p.weighs and p.where == last)
 
     def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
         """What may have happened at moments, and in which blocks (B,)."""

@@ -174,6 +174,14 @@ class Gatherer:
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.plan(self.model, self.kernel.KernelPlan)
 
+    def less(self, rows: Array, drift: Drift) -> Array:
+        """Rows (K, K) of a block with the `drift` of the zeros, too, taken from the torque that is left: as it is taken
+        from the weight."""
+        first, own = LOAD + self._frictions, slice(self._frictions, None)
+        change = np.eye(len(rows))
+        change[first : LOAD + len(self._before), -1] = -self.tares.scale * drift.values[own] / self._before[own]
+        return np.asarray(change.T @ rows @ change)
+
     def swung(self, channels: Array, force: complex) -> Array:
         """Torque (R, H) [N m] that a unit of each error seems to take from a `force` x + i z [N] at the tool, at
         `channels` (D,): an angle that is read too large turns all that is beyond its joint."""

@@ -159,7 +159,8 @@ class Monitor:
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
         turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
-        unnoticed = self._noticing.step(state.unnoticed, gathering, turned, seen.taken, hangs=bool(hangs))
+        told = (gathering, turned, seen.taken, seen.drift)
+        unnoticed = self._noticing.step(state.unnoticed, *told, hangs=bool(hangs))
         light = self._light(state, seen.gross)
         state = state._replace(gathering=gathering, driven=driven, light=light, unnoticed=unnoticed)
         if gathering.samples:
