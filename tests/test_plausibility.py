@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
-from cylforce.service.plausibility.changing import CONSTANT, GROUP, GROUPS, Watching
+from cylforce.service.plausibility.changing import CHANGES, CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import Driving
 from cylforce.service.plausibility.monitor import UNSURE
 from cylforce.service.plausibility.offsets import VOTES, Offset, Voting
@@ -291,3 +291,4 @@ def test_the_faults_of_the_table_change_what_they_name(machine):
 def test_a_constant_with_noise_seldom_seems_to_change():
     """The limit is the quantile that it is said to be."""
     assert chi2.sf(CONSTANT * (GROUPS - 1), GROUPS - 1) == pytest.approx(0.02, rel=1e-4)
+    assert chi2.sf(CHANGES * (GROUPS - 1), GROUPS - 1) == pytest.approx(1.0 / (36000.0 * 4 * 6), rel=1e-3)

@@ -220,7 +220,7 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     """Whether the sensors agree after this instant; while they do not, nothing is booked; while that is not sure,
     bookings wait."""
     watch, books = core.monitor.step(state.watch, seen), weighing.books
-    if watch.suspicion.level is not Level.FINE:
+    if watch.suspicion.level is not Level.FINE and not watch.suspicion.waits:
         books = unseen(books)
     probable = watch.unnoticed.probable
     if books.withheld is not watch.unsure or books.probable is not probable:

@@ -16,6 +16,8 @@ CODES = {  # EMCY codes (manufacturer's)
     SensorFault.LEAPT: 0xFF24,
     SensorFault.IMPOSSIBLE: 0xFF23,
     SensorFault.LIGHT: 0xFF23,
+    SensorFault.STEPPED: 0xFF23,
+    SensorFault.SWAPPED: 0xFF10,
 }
 WHY = {
     SensorFault.EXCHANGED: "the forces do not belong to the motion: sensors exchanged, or one is dead",
@@ -26,6 +28,8 @@ WHY = {
     SensorFault.LEAPT: "it leapt farther than the machine can move, and stayed there: it has slipped",
     SensorFault.IMPOSSIBLE: "it is below vacuum",
     SensorFault.LIGHT: "the empty bucket weighs less than nothing",
+    SensorFault.STEPPED: "it leapt by itself, and stayed there: the next motion in the air will say whether it is off",
+    SensorFault.SWAPPED: "they leapt to each other's values: exchanged; the next motion in the air will say",
 }
 
 

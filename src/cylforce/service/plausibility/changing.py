@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.mechanics.machine import Machine
+from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -20,6 +21,10 @@ MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
 # change. A constant with white noise exceeds it once in fifty times; machines in order are at 4 and more.
 CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exceeded by 2 %
+# Above this one that did not change does so again: a constant exceeds it once in ten hours (1.16e-6: four a second, of
+# six pressures)
+CHANGES = 56.118 / (GROUPS - 1)
+TINY = 1.0  # Pa^2: noise is not less than a pascal
 FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
@@ -29,7 +34,7 @@ VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of ze
 class Changes(NamedTuple):
     """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
     last groups in motion means, noises (variances) and ways (3, GROUPS, P), 0 where there was none yet; which
-    pressures are `constant`, which `burst` and which are `below` vacuum (P,)."""
+    pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise."""
 
     readings: tuple[tuple[float, ...], ...]
     fresh: int
@@ -37,6 +42,7 @@ class Changes(NamedTuple):
     constant: NDArray[np.bool_]
     burst: NDArray[np.bool_]
     below: NDArray[np.bool_]
+    noises: Noises
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ class Watching:
         """Nothing was seen."""
         size = len(self.signals)
         no = np.zeros(size, dtype=bool)
-        return Changes((), 0, np.zeros((3, GROUPS, size)), no, no, no)
+        return Changes((), 0, np.zeros((3, GROUPS, size)), no, no, no, begun(size))
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
@@ -88,11 +94,13 @@ class Watching:
         new[:, :-1], new[0, -1], new[2, -1] = state.groups[:, 1:], middle, np.sign(way)
         new[1, -1] = ((group - middle) ** 2).sum(axis=0) / (GROUP - 1)
         groups = np.where(moved, new, state.groups)
-        state = state._replace(groups=groups)
+        state = state._replace(groups=groups, noises=listened(state.noises, group, groups[:2], moved))
         forwards, backwards = (groups[2] > 0.0).sum(axis=0), (groups[2] < 0.0).sum(axis=0)
         judged = (np.minimum(forwards, backwards) >= EACH_WAY) & (forwards + backwards == GROUPS)
         if not judged.any():
             return state
         noise = np.sort(groups[1], axis=0)[GROUPS // 2]
-        still = groups[0].var(axis=0, ddof=1) <= CONSTANT * noise / GROUP
-        return state._replace(constant=np.where(judged, still, state.constant))
+        ratio = groups[0].var(axis=0, ddof=1) * GROUP / np.maximum(noise, TINY)
+        still = np.where(state.constant, ratio <= CHANGES, ratio <= CONSTANT)
+        noises = taken_back(state.noises, judged & (ratio > CHANGES), GROUPS)
+        return state._replace(constant=np.where(judged, still, state.constant), noises=noises)

@@ -21,7 +21,9 @@ from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
 from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
+from cylforce.service.plausibility.leaping import Leaping, Leaps
 from cylforce.service.plausibility.offsets import Offset, Voting
+from cylforce.service.plausibility.returning import Returning
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
@@ -50,12 +52,13 @@ class Watch(NamedTuple):
     leapt: tuple[int, ...] = ()
     light: bool = False
     suspicion: SensorDoubt = NOTHING_SUSPECTED
+    leaps: Leaps = Leaps()
 
     @property
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
-        would be wrong; the force would be, too."""
-        return self.offset.evidence > UNSURE
+        would be wrong; the force would be, too. Or whether it will be known soon."""
+        return self.offset.evidence > UNSURE or self.suspicion.waits
 
 
 class Samples(NamedTuple):
@@ -101,6 +104,14 @@ class Monitor:
         return Watching(self.model.machine)
 
     @cached_property
+    def _leaping(self) -> Leaping:
+        return Leaping(self.model.machine, self.model.filters.rate_hz)
+
+    @cached_property
+    def _returning(self) -> Returning:
+        return Returning(self._gatherer)
+
+    @cached_property
     def _driving(self) -> Driving:
         return Driving(self.model.machine, self.rated_force, EVERY / self.model.filters.rate_hz)
 
@@ -120,16 +131,22 @@ class Monitor:
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
         swept = self._sweeping.ended(state.swept, explained=None)
         driven, unnoticed = self._driving.begin(), self._noticing.interrupt(state.unnoticed)
-        return state._replace(gathering=gathering, changes=changes, driven=driven, swept=swept, unnoticed=unnoticed)
+        state = state._replace(gathering=gathering, changes=changes, driven=driven, swept=swept, unnoticed=unnoticed)
+        return state._replace(leaps=self._leaping.interrupt(state.leaps))
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
         changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
         before = state.changes
+        leaps = self._leaping.step(state.leaps, changes.readings[-1], seen.pipe.steps)
         looked = seen.leapt != state.leapt or not (
-            changes.constant is before.constant and changes.burst is before.burst and changes.below is before.below
+            changes.constant is before.constant
+            and changes.burst is before.burst
+            and changes.below is before.below
+            and changes.noises is before.noises
+            and leaps.doubt is state.leaps.doubt
         )
-        state = Watch(*state[:3], changes, *state[4:7], seen.leapt, *state[8:])
+        state = Watch(*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps)
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
@@ -152,7 +169,8 @@ class Monitor:
         if block is None:
             return state
         blocks = self._voting.added(state.blocks, block)
-        return state._replace(blocks=blocks, offset=self._voting.result(blocks))
+        leaps = self._returning.judged(state.leaps, block)
+        return state._replace(blocks=blocks, offset=self._voting.result(blocks), leaps=leaps)
 
     def _light(self, state: Watch, gross: Quantity) -> bool:
         """Whether the bucket weighs less than nothing; as before while that is not seen."""
@@ -167,26 +185,27 @@ class Monitor:
         return max(self._objections(state), key=lambda doubt: doubt.level, default=NOTHING_SUSPECTED)
 
     def _objections(self, state: Watch) -> Iterator[SensorDoubt]:
-        changes, off = state.changes, self._off(state.offset)
-        for marked, cause in ((changes.below, SensorFault.IMPOSSIBLE), (changes.burst, SensorFault.BURST)):
-            if marked.any():
-                yield self._marked(marked, cause)
+        changes = state.changes
+        yield self._marked(changes.below, SensorFault.IMPOSSIBLE)
+        yield self._marked(changes.burst, SensorFault.BURST)
         if state.leapt:
             yield SensorDoubt(Level.REJECTED, SensorFault.LEAPT, state.leapt)
+        yield state.leaps.doubt
         if state.driven.level is not Level.FINE:
             yield SensorDoubt(state.driven.level, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
-        if changes.constant.any():
-            yield self._marked(changes.constant, SensorFault.STUCK)
-        if off.level is not Level.FINE:
-            yield off
+        yield self._marked(changes.constant, SensorFault.STUCK)
+        yield self._marked(changes.noises.gone, SensorFault.STUCK, Level.DOUBTED)
+        yield self._off(state.offset)
         if state.swept.level is not Level.FINE:
             yield SensorDoubt(state.swept.level, SensorFault.EXCHANGED, tuple(self._watching.signals))
         if state.light:
             yield SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, tuple(self._watching.signals))
 
-    def _marked(self, marked: NDArray[np.bool_], cause: SensorFault) -> SensorDoubt:
-        """The pressures that are `marked` (P,), rejected."""
-        return SensorDoubt(Level.REJECTED, cause, tuple(np.array(self._watching.signals)[marked].tolist()))
+    def _marked(self, marked: NDArray[np.bool_], cause: SensorFault, level: Level = Level.REJECTED) -> SensorDoubt:
+        """The pressures that are `marked` (P,), if any are."""
+        if not marked.any():
+            return NOTHING_SUSPECTED
+        return SensorDoubt(level, cause, tuple(np.array(self._watching.signals)[marked].tolist()))
 
     def _pushing(self, strain: Array) -> tuple[int, ...]:
         """The pressures of the cylinders that act on the joint whose torque exceeds that of a load most."""

@@ -17,6 +17,8 @@ class SensorFault(IntEnum):
     LEAPT = 6  # an angle that leapt farther than a joint can turn, and stayed there
     IMPOSSIBLE = 7  # a pressure below vacuum
     LIGHT = 8  # the bucket weighs less than nothing
+    STEPPED = 9  # a pressure that leapt alone, and stayed there
+    SWAPPED = 10  # pressures that leapt to where the others were
 
 
 class Level(IntEnum):
@@ -53,6 +55,11 @@ class SensorDoubt(NamedTuple):
     def latched(self) -> bool:
         """Whether it stays until the service is started again."""
         return self.level is Level.REJECTED and self.cause in LATCHED
+
+    @property
+    def waits(self) -> bool:
+        """Whether the next motion in the air will say more: bookings wait for it."""
+        return self.cause in (SensorFault.STEPPED, SensorFault.SWAPPED)
 
     @property
     def follows(self) -> bool:

@@ -1,0 +1,189 @@
+"""Has a pressure leapt as no oil does? In contact any force is possible, so that a pressure that is wrong contradicts
+nothing until the next motion in the air. But the moment shows in which it becomes wrong. Within 0.15 s pressures follow
+a curve, or all of them are hit; one that is exchanged, dead or shifted leaps by itself, between two messages.
+
+Curves (polynomials) through the last readings are compared. Two signals are exchanged if each goes on where the other
+one was: curves through the first readings of one and the last ones of the other leave less. One signal steps if a curve
+with a step leaves less. By how much: the log likelihood ratio, with the noise that is left, but at least the
+sensor's."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import exp, log, sqrt
+from operator import gt, sub
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.mechanics.machine import Machine
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+# Readings before and after a leap, and the degree of the curves. Chosen on foreign machines 1 to 5 (tools/faulting)
+BEFORE, AFTER, DEGREE = 10, 5, 3
+# Log likelihood ratio of a leap: an order of signals that is right exceeds it once in ten hours, if each of its
+# moments is tested for each leap (Markov's inequality: the ratio's mean is one)
+HOURS = 10.0
+RESOLVED = 100.0  # Pa: less is not resolved by any such sensor; 0.00025 % of 400 bar
+
+Pairs = tuple[tuple[int, int], ...]
+
+
+class Leaps(NamedTuple):
+    """State, of P pressures: the last `readings`, each (P,) [Pa]; `steps` of the filters at the last one; the leap that
+    is doubted, the steps `since` which it is, and what seconds in the air said against it (`votes`)."""
+
+    readings: tuple[tuple[float, ...], ...] = ()
+    steps: int = 0
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+    since: int = 0
+    votes: float = 0.0
+
+
+@dataclass(frozen=True)
+class Leaping:
+    """The pressures of one machine, read `rate_hz` times a second."""
+
+    machine: Machine
+    rate_hz: float
+
+    @cached_property
+    def signals(self) -> list[int]:
+        """Numbers (P,) of the signals."""
+        kinds = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
+        return [k for k, s in enumerate(self.machine.signals) if s.kind in kinds]
+
+    @cached_property
+    def exchanges(self) -> list[Pairs]:
+        """What may be exchanged, as numbers of pressures: the sides of a cylinder; two cylinders' nodes."""
+        places = {(s.index, s.kind): p for p, s in enumerate(self.machine.signals[k] for k in self.signals)}
+        both = [c for c in range(len(self.machine.cylinders)) if {(c, k) for k in _SIDES} <= set(places)]
+        sides: list[Pairs] = [((places[c, _SIDES[0]], places[c, _SIDES[1]]),) for c in both]
+        nodes: list[Pairs] = [
+            tuple((places[c, k], places[d, k]) for k in _SIDES) for i, c in enumerate(both) for d in both[:i]
+        ]
+        return sides + nodes
+
+    @cached_property
+    def least(self) -> float:
+        """Log likelihood ratio from which on a leap is doubted."""
+        tests = 3600.0 * HOURS * self.rate_hz * (len(self.signals) + len(self.exchanges))
+        return log(tests)
+
+    @cached_property
+    def _every(self) -> int:
+        """Steps between two readings: no signal is repeated because it is sent less often."""
+        periods = (self.machine.signals[k].period_s for k in self.signals)
+        return max(1, round(max(periods, default=0.0) * self.rate_hz))
+
+    @cached_property
+    def _noise(self) -> Array:
+        """Variance (P,) [Pa^2] of what a sensor says."""
+        return np.array([max(self.machine.signals[k].standard_error, RESOLVED) ** 2 for k in self.signals])
+
+    @cached_property
+    def _curves(self) -> Array:
+        """Curves (W, DEGREE + 1) and, last, a step, orthonormal."""
+        t = np.arange(BEFORE + AFTER) - (BEFORE + AFTER - 1) / 2.0
+        powers = [t**k for k in range(DEGREE + 1)]
+        return np.asarray(np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))[0])
+
+    @cached_property
+    def _gate(self) -> tuple[float, ...]:
+        """Change (P,) [Pa] within a reading below which nothing is looked for: half of the least leap that could be
+        doubted, that of two signals."""
+        free = BEFORE + AFTER - DEGREE - 1
+        least = sqrt(free * (exp(self.least / free) - 1.0)) / abs(float(self._curves[BEFORE:, -1].sum()))
+        return tuple((0.5 * least * np.sqrt(self._noise)).tolist())
+
+    def begin(self) -> Leaps:
+        """Nothing was seen."""
+        return Leaps()
+
+    def interrupt(self, state: Leaps) -> Leaps:
+        """The measurement stopped, and the filters begin anew: what was read before says nothing of what follows."""
+        return state._replace(readings=(), steps=0, since=0)
+
+    def step(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
+        """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
+        filled by linear interpolation."""
+        if steps % self._every or not now:
+            return state
+        missing = (steps - state.steps) // self._every - 1
+        if not 0 <= missing <= AFTER or not state.readings:
+            return Leaps((now,), steps, *state[2:])
+        before = state.readings[-1]
+        for k in range(1, missing + 1):
+            between = tuple([a + (b - a) * k / (missing + 1) for a, b in zip(before, now, strict=True)])
+            state = self._read(state, between, steps)
+        return self._read(state, now, steps)
+
+    def _read(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
+        readings = (*state.readings[1 - BEFORE - AFTER :], now)
+        state = Leaps(readings, steps, *state[2:])
+        if len(readings) < BEFORE + AFTER:
+            return state
+        if not self._suspicious(readings):
+            return state
+        doubt = self.leap(np.array(readings))
+        if doubt.level is Level.FINE:
+            return state
+        return state._replace(readings=(), doubt=doubt, since=steps, votes=0.0)
+
+    def _suspicious(self, readings: tuple[tuple[float, ...], ...]) -> bool:
+        """Whether a pressure changes by enough to be looked at, and by as much more than before and after."""
+        first, last, new, then = readings[BEFORE - 2 : BEFORE + 2]
+        if not any(map(gt, map(abs, map(sub, new, last)), self._gate)):
+            return False
+        rows = zip(first, last, new, then, self._gate, strict=True)
+        return any(abs(b - a) > least < abs(1.5 * (b - a) - 0.5 * (d - c)) for c, a, b, d, least in rows)
+
+    def leap(self, readings: Array) -> SensorDoubt:
+        """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
+        window = readings - readings.mean()
+        left = self._left(window)
+        swapped = self._swapped(left)
+        if swapped:
+            signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
+            return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
+        along = self._curves[:, -1] @ window
+        stepped = self._stepped(np.diagonal(left), along)
+        if stepped is None:
+            return NOTHING_SUSPECTED
+        size = float(along[stepped] / self._curves[BEFORE:, -1].sum())
+        return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[stepped],), size)
+
+    def _left(self, window: Array) -> Array:
+        """What the curves through the first readings of one pressure and the last ones of another leave, (P, P) [Pa^2],
+        in squares."""
+        curves, first, last = self._curves[:, :-1], window[:BEFORE], window[BEFORE:]
+        one, other = curves[:BEFORE].T @ first, curves[BEFORE:].T @ last
+        squares = (first**2).sum(axis=0)[:, None] + (last**2).sum(axis=0)
+        return np.asarray(squares - ((one[:, :, None] + other[:, None, :]) ** 2).sum(axis=0))
+
+    def _swapped(self, left: Array) -> Pairs:
+        """The pairs that are exchanged, if any are. Each signal of a pair must say so; the one that says less
+        counts."""
+        free = BEFORE + AFTER - DEGREE - 1
+        noise = free * np.maximum(self._noise[:, None], self._noise)
+        told = 0.5 * free * np.log(np.maximum(left, noise))
+        own = np.diagonal(told)
+        better = own[:, None] - told  # (P, P): if the last readings are those of another
+        ratio = [sum(2.0 * min(better[a, b], better[b, a]) for a, b in pairs) for pairs in self.exchanges]
+        most = int(np.argmax(ratio)) if ratio else 0
+        return self.exchanges[most] if ratio and ratio[most] > self.least else ()
+
+    def _stepped(self, own: Array, along: Array) -> int | None:
+        """The pressure that stepped, if one did. What any other one leaves must say less: else all of them are hit."""
+        free = BEFORE + AFTER - DEGREE - 2
+        noise = free * self._noise
+        without = 0.5 * free * np.log(np.maximum(own, noise) / noise)
+        within = 0.5 * free * np.log(np.maximum(own - along**2, noise) / noise)
+        ratio = without - within
+        most = int(ratio.argmax())
+        others = np.delete(without, most).max(initial=0.0)
+        return most if ratio[most] > max(self.least, others) else None
+
+
+_SIDES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)

@@ -1,0 +1,267 @@
+"""Leaps of pressures: what is doubted of made-up readings, and what the service then publishes until it knows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from cylforce.service.plausibility.changing import GROUP
+from cylforce.service.plausibility.leaping import AFTER, BEFORE, Leaping
+from cylforce.service.plausibility.quiet import CODES, QUIET, TENTH, begun, listened, taken_back
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
+from cylforce.service.step import Core
+from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Reason, Status
+from faulting.edits import BAR
+from rig import rig
+from scenarios import EXCAVATOR, cycles, identified, seconds, through, with_value
+
+SIZE = BEFORE + AFTER
+LEVELS = np.array([120.0, 8.0, 60.0, 25.0, 15.0, 40.0]) * BAR
+NOISE = 0.1 * BAR
+T = np.arange(SIZE) - (SIZE - 1) / 2.0
+
+
+@pytest.fixture(scope="module")
+def leaping():
+    """The excavator's pressures: head and rod side of boom, stick and bucket."""
+    return Leaping(load(EXCAVATOR).service.machine, 100.0)
+
+
+def smooth(rng):
+    """Readings of six pressures that change as a motion makes them change, with noise."""
+    slopes, bends = rng.normal(0.0, 2.0 * BAR, 6), rng.normal(0.0, 0.2 * BAR, 6)
+    return LEVELS + T[:, None] * slopes + T[:, None] ** 2 * bends + rng.normal(0.0, NOISE, (SIZE, 6))
+
+
+def exchanged(window, *pairs):
+    found = window.copy()
+    for a, b in pairs:
+        found[BEFORE:, [a, b]] = window[BEFORE:, [b, a]]
+    return found
+
+
+def test_motion_does_not_leap(leaping):
+    rng = np.random.default_rng(1)
+    assert all(leaping.leap(smooth(rng)) == NOTHING_SUSPECTED for _ in range(2000))
+
+
+def test_pressures_that_cross_are_not_exchanged(leaping):
+    """At twenty bar between two messages."""
+    rng = np.random.default_rng(2)
+    for slope in (2.0, 5.0, 20.0):
+        window = smooth(rng)
+        window[:, 0] = 50.0 * BAR + slope * BAR * T + rng.normal(0.0, NOISE, SIZE)
+        window[:, 1] = 50.0 * BAR - slope * BAR * T + rng.normal(0.0, NOISE, SIZE)
+        assert leaping.leap(window) == NOTHING_SUSPECTED
+
+
+def test_exchanged_sides_are_found(leaping):
+    rng = np.random.default_rng(3)
+    for cylinder in range(3):
+        head, rod = 2 * cylinder, 2 * cylinder + 1
+        doubt = leaping.leap(exchanged(smooth(rng), (head, rod)))
+        assert doubt[:3] == (Level.DOUBTED, SensorFault.SWAPPED, (leaping.signals[head], leaping.signals[rod]))
+
+
+def test_exchanged_nodes_are_found(leaping):
+    rng = np.random.default_rng(4)
+    doubt = leaping.leap(exchanged(smooth(rng), (0, 2), (1, 3)))
+    assert doubt[:3] == (Level.DOUBTED, SensorFault.SWAPPED, tuple(leaping.signals[:4]))
+
+
+def test_signals_that_read_the_same_are_not_exchanged(leaping):
+    rng = np.random.default_rng(5)
+    window = smooth(rng)
+    window[:, 1] = window[:, 0] + rng.normal(0.0, NOISE, SIZE)
+    assert leaping.leap(exchanged(window, (0, 1))) == NOTHING_SUSPECTED
+
+
+def test_a_pressure_that_steps_is_found_with_its_size(leaping):
+    rng = np.random.default_rng(6)
+    for pressure, bar in ((0, 8.0), (3, -5.0), (5, 20.0)):
+        window = smooth(rng)
+        window[BEFORE:, pressure] += bar * BAR
+        doubt = leaping.leap(window)
+        assert doubt[:3] == (Level.DOUBTED, SensorFault.STEPPED, (leaping.signals[pressure],))
+        assert doubt.size == pytest.approx(bar * BAR, abs=BAR)
+
+
+def test_when_all_of_them_are_hit_none_stepped(leaping):
+    """The tooth meets a stone: the boom's head side falls by 70 bar within 30 ms, its rod side by 10 at once."""
+    window = smooth(np.random.default_rng(7))
+    window[BEFORE - 1 :, 0] -= 70.0 * BAR * np.clip(np.arange(AFTER + 1) / 3.0, 0.0, 1.0)
+    window[BEFORE:, 1] += 10.0 * BAR
+    assert leaping.leap(window) == NOTHING_SUSPECTED
+    window[:, 0] = LEVELS[0]
+    assert leaping.leap(window).cause is SensorFault.STEPPED
+
+
+def course(leaping, readings, steps=None):
+    """The state along readings (T, 6) that come at steps."""
+    state = leaping.begin()
+    for k, row in zip(steps or range(1, len(readings) + 1), readings.tolist(), strict=True):
+        state = leaping.step(state, tuple(row), k)
+    return state
+
+
+def test_a_leap_is_looked_for_as_readings_come(leaping):
+    rng = np.random.default_rng(8)
+    window = smooth(rng)
+    long = np.concatenate([window[:1] + rng.normal(0.0, NOISE, (30, 6)), window])
+    long[-AFTER:, 2] += 5.0 * BAR
+    assert course(leaping, long[:-1]).doubt == NOTHING_SUSPECTED
+    state = course(leaping, long)
+    assert (state.doubt.cause, state.since) == (SensorFault.STEPPED, len(long))
+
+
+def test_nothing_is_said_across_a_pause(leaping):
+    window = smooth(np.random.default_rng(9))
+    window[BEFORE:, 2] += 50.0 * BAR
+    steps = [*range(1, BEFORE + 1), *range(BEFORE + AFTER + 2, BEFORE + 2 * AFTER + 2)]
+    assert course(leaping, window, steps).doubt == NOTHING_SUSPECTED
+    state = course(leaping, window[:BEFORE])
+    assert leaping.interrupt(state).readings == ()
+
+
+def test_a_reading_that_is_missing_does_not_matter(leaping):
+    window = smooth(np.random.default_rng(9))
+    window[BEFORE:, 2] += 50.0 * BAR
+    for lost in (3, BEFORE + 2, SIZE - 2):
+        steps = [k for k in range(1, SIZE + 1) if k != lost]
+        state = course(leaping, np.delete(window, lost - 1, axis=0), steps)
+        assert state.doubt.cause is SensorFault.STEPPED
+
+
+def test_pressures_that_are_sent_every_other_step_are_read_so(leaping):
+    """Else each value but the first of a motion would be a leap, or noise."""
+    slower = tuple(replace(s, period_s=0.02) for s in leaping.machine.signals)
+    slow = Leaping(replace(leaping.machine, signals=slower), 100.0)
+    window = smooth(np.random.default_rng(10))
+    assert course(slow, np.repeat(window, 2, axis=0)).readings == tuple(map(tuple, window.tolist()))
+
+
+def test_a_machine_without_pressures_has_no_leaps():
+    bare = Leaping(replace(rig(), signals=()), 100.0)
+    state = bare.begin()
+    for k in range(1, 40):
+        state = bare.step(state, (), k)
+    assert state.doubt == NOTHING_SUSPECTED
+
+
+@pytest.fixture(scope="module")
+def work():
+    """The excavator's service, identified, the events of two cycles, and how many there are."""
+    loaded = load(EXCAVATOR)
+    core = Core(loaded.service, identified(loaded))
+    events, masses = cycles(loaded, count=2)
+    return core, events, len(masses)
+
+
+DIGS = 4.0  # s: the tool is in the ground, and any force possible
+
+
+def test_exchanged_sides_are_doubted_at_once_in_the_ground(work):
+    core, events, _ = work
+    values = {}
+
+    def remember(name):
+        def change(t, value):
+            values[name, t] = value
+            return value
+
+        return change
+
+    for name in ("boom_head_pressure", "boom_rod_pressure"):
+        with_value(events, core.service, name, remember(name))
+    head = with_value(
+        events, core.service, "boom_head_pressure", lambda t, v: values.get(("boom_rod_pressure", t), v), DIGS
+    )
+    both = with_value(
+        head, core.service, "boom_rod_pressure", lambda t, v: values.get(("boom_head_pressure", t), v), DIGS
+    )
+    state, estimates, _ = through(core, [e for e in both if seconds(e) < DIGS + 1.0])
+    begun = 1e-6 * estimates[0].t_us
+    after = [e for e in estimates if 1e-6 * e.t_us > begun + DIGS + 0.1]
+    assert len(after) > 80
+    assert all(e.force.x.status is not Status.OK and e.gross.status is not Status.OK for e in after)
+    assert after[-1].force.x.reason is Reason.SENSORS_DISAGREE
+    assert state.watch.suspicion.level is not Level.FINE
+
+
+def test_a_leap_that_was_none_is_taken_back_in_the_air_and_its_bucket_booked(work):
+    """A pressure that is 10 bar higher for a second of digging only."""
+    core, events, count = work
+    spoilt = with_value(events, core.service, "stick_rod_pressure", lambda _, v: v + 10.0 * BAR, DIGS, DIGS + 1.0)
+    cut = [e for e in spoilt if seconds(e) < DIGS + 0.5]
+    state, estimates, _ = through(core, cut)
+    assert state.watch.suspicion.cause is SensorFault.STEPPED
+    assert estimates[-1].force.x.reason is Reason.SENSORS_DISAGREE
+    state, estimates, _ = through(core, spoilt)
+    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert any(e.force.x.status is Status.OK for e in estimates[-1000:])
+    assert state.estimate.booking.number == count
+
+
+def listens(course):
+    """Whose noise is gone after each group of readings (T,), and the state then."""
+    state, groups, found = begun(1), np.zeros((2, 4, 1)), []
+    for group in course.reshape(-1, GROUP, 1):
+        groups = np.concatenate([groups[:, 1:], [[group.mean(axis=0)], [group.var(axis=0, ddof=1)]]], axis=1)
+        state = listened(state, group, groups, np.array([True]))
+        found.append(bool(state.gone[0]))
+    return found, state
+
+
+def moving(rng, groups=100):
+    return 20.0 * np.sin(0.02 * np.arange(groups * GROUP)) + rng.normal(0.0, 1.0, groups * GROUP)
+
+
+@pytest.mark.parametrize(("noise", "within"), [(0.2, 1), (0.5, 4)])
+def test_noise_that_is_gone_is_missed(noise, within):
+    """A fifth of it in half a second, half of it in one and a quarter."""
+    rng = np.random.default_rng(11)
+    course = moving(rng)
+    found, _ = listens(np.concatenate([course, course[-1] + noise * rng.normal(0.0, 1.0, 20 * GROUP)]))
+    assert not any(found[:100])
+    assert all(found[100 + within :])
+
+
+def test_noise_is_learnt_anew_when_the_pressure_changes_nevertheless():
+    rng = np.random.default_rng(12)
+    course = moving(rng)
+    _, state = listens(np.concatenate([course, course[-1] + rng.normal(0.0, 0.2, 20 * GROUP)]))
+    changes = np.array([True])
+    assert taken_back(state, changes, 20) is state
+    assert taken_back(state, ~changes, 10) is state
+    back = taken_back(state, changes, 10)
+    assert not back.gone.any()
+    assert not back.known.any()
+
+
+def test_a_pressure_that_rests_keeps_its_noise():
+    rng = np.random.default_rng(13)
+    assert not any(listens(rng.normal(0.0, 1.0, 2000 * GROUP))[0])
+
+
+def test_digits_are_no_noise():
+    """A value that toggles, at most, between two digits."""
+    rng = np.random.default_rng(14)
+    course = np.round(20.0 * np.sin(0.02 * np.arange(100 * GROUP)) + rng.normal(0.0, 0.2, 100 * GROUP))
+    resting = (rng.uniform(size=20 * GROUP) < 0.01).astype(float)
+    assert not any(listens(np.concatenate([course, resting]))[0])
+    assert CODES == 2
+
+
+def test_the_limits_of_noise_are_the_quantiles_that_they_are_said_to_be():
+    tests = 36000.0 * 4 * 6 * len(QUIET)
+    for n, limit in enumerate(QUIET, 1):
+        free = n * GROUP - 1
+        assert chi2.ppf(1.0 / tests, free) / free == pytest.approx(limit, rel=1e-4)
+    rows = np.zeros((GROUP - 2, GROUP))
+    for k in range(GROUP - 2):
+        rows[k, k : k + 3] = 1.0, -2.0, 1.0
+    spread = rows @ rows.T
+    free = np.trace(spread) ** 2 / (spread**2).sum()
+    assert chi2.ppf(0.1, free) / free == pytest.approx(TENTH, rel=1e-4)
