@@ -58,8 +58,8 @@ class AtSizes:
         unit = {p: case.scene.spread[list(case.scene.forms[p].columns)] for p, _ in applied}
         taken = {p: a.sizes / unit[p] for p, a in applied}
         put = self.put(problem, kept)
-        lost = np.maximum(self._noise - self.question.noise_without([a for _, a in applied]), 0.0)
-        return problem, replace(put, sums=put.sums.with_noise(lost), taken=taken, told=case.told, apart=apart)
+        noise = self._noise - self.question.noise_without([a for _, a in applied])
+        return problem, replace(put, sums=put.sums.with_noise(noise), taken=taken, told=case.told, apart=apart)
 
     @cached_property
     def _noise(self) -> Array:
