@@ -5,11 +5,11 @@ a curve, or all of them are hit; one that is exchanged, dead or shifted leaps by
 Curves (polynomials) through the last readings are compared. Two signals are exchanged if each goes on where the other
 one was: curves through the first readings of one and the last ones of the other leave less. One signal steps if a curve
 with a step leaves less. By how much: the log likelihood ratio, with the noise that is left, but at least the
-sensor's."""
+sensor's. Either must also be more probable than a blow, by which every pressure may step or do anything."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import exp, log, sqrt
+from math import exp, log, pi, sqrt
 from operator import gt, sub
 from typing import NamedTuple
 
@@ -90,6 +90,15 @@ class Leaping:
         return np.asarray(np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))[0])
 
     @cached_property
+    def _arbitrary(self) -> Array:
+        """What it costs (2, P) [nats] that a step may be of any size that the sensor can show, either way, and that all
+        readings after a blow may be anything: widths of the prior over those of what is found (Occam factors)."""
+        signals = [self.machine.signals[k] for k in self.signals]
+        widths = np.log(np.array([s.high - s.low for s in signals]) / np.sqrt(2.0 * pi * self._noise))
+        step = widths + log(2.0 * abs(float(self._curves[BEFORE:, -1].sum())))
+        return np.stack([step, AFTER * (widths - 0.5)])
+
+    @cached_property
     def _gate(self) -> tuple[float, ...]:
         """Change (P,) [Pa] within a reading below which nothing is looked for: half of the least leap that could be
         doubted, that of two signals."""
@@ -142,17 +151,30 @@ class Leaping:
     def leap(self, readings: Array) -> SensorDoubt:
         """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
         window = readings - readings.mean()
-        left = self._left(window)
-        swapped = self._swapped(left)
+        left, along = self._left(window), self._curves[:, -1] @ window
+        plain, stepped = (self._misfit(x, self._noise) for x in (np.diagonal(left), np.diagonal(left) - along**2))
+        blow = self._blow(plain, stepped)
+        swapped = self._swapped(left, plain, blow)
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
             return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
-        along = self._curves[:, -1] @ window
-        stepped = self._stepped(np.diagonal(left), along)
-        if stepped is None:
+        most = int(np.argmax(plain - stepped))
+        alone = -float(plain.sum() - plain[most] + stepped[most] + self._arbitrary[0, most])
+        if plain[most] - stepped[most] <= self.least or alone <= blow:
             return NOTHING_SUSPECTED
-        size = float(along[stepped] / self._curves[BEFORE:, -1].sum())
-        return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[stepped],), size)
+        size = float(along[most] / self._curves[BEFORE:, -1].sum())
+        return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[most],), size)
+
+    def _blow(self, plain: Array, stepped: Array) -> float:
+        """Log likelihood [nats] that all pressures are hit: each is as likely to go on, to step, or to do anything."""
+        step, anything = self._arbitrary
+        return float(np.sum(np.logaddexp(np.logaddexp(-plain, -stepped - step), -anything) - log(3.0)))
+
+    def _misfit(self, left: Array, noise: Array) -> Array:
+        """Minus the log likelihood [nats] of what is `left` [Pa^2], of a variance of its own, but at least the `noise`
+        [Pa^2]; 0: no more than that."""
+        free = BEFORE + AFTER - DEGREE - 2
+        return np.asarray(0.5 * free * np.log(np.maximum(left / (free * noise), 1.0)))
 
     def _left(self, window: Array) -> Array:
         """What the curves through the first readings of one pressure and the last ones of another leave, (P, P) [Pa^2],
@@ -162,28 +184,18 @@ class Leaping:
         squares = (first**2).sum(axis=0)[:, None] + (last**2).sum(axis=0)
         return np.asarray(squares - ((one[:, :, None] + other[:, None, :]) ** 2).sum(axis=0))
 
-    def _swapped(self, left: Array) -> Pairs:
-        """The pairs that are exchanged, if any are. Each signal of a pair must say so; the one that says less
-        counts."""
-        free = BEFORE + AFTER - DEGREE - 1
-        noise = free * np.maximum(self._noise[:, None], self._noise)
-        told = 0.5 * free * np.log(np.maximum(left, noise))
-        own = np.diagonal(told)
-        better = own[:, None] - told  # (P, P): if the last readings are those of another
+    def _swapped(self, left: Array, plain: Array, blow: float) -> Pairs:
+        """The pairs that are exchanged, if any are: each signal of a pair must say so, the one that says less counts;
+        and it must be likelier than a `blow`."""
+        told = self._misfit(left, np.maximum(self._noise[:, None], self._noise))
+        better = np.diagonal(told)[:, None] - told  # (P, P): if the last readings are those of another
         ratio = [sum(2.0 * min(better[a, b], better[b, a]) for a, b in pairs) for pairs in self.exchanges]
         most = int(np.argmax(ratio)) if ratio else 0
-        return self.exchanges[most] if ratio and ratio[most] > self.least else ()
-
-    def _stepped(self, own: Array, along: Array) -> int | None:
-        """The pressure that stepped, if one did. What any other one leaves must say less: else all of them are hit."""
-        free = BEFORE + AFTER - DEGREE - 2
-        noise = free * self._noise
-        without = 0.5 * free * np.log(np.maximum(own, noise) / noise)
-        within = 0.5 * free * np.log(np.maximum(own - along**2, noise) / noise)
-        ratio = without - within
-        most = int(ratio.argmax())
-        others = np.delete(without, most).max(initial=0.0)
-        return most if ratio[most] > max(self.least, others) else None
+        if not ratio or ratio[most] <= self.least:
+            return ()
+        pairs = self.exchanges[most]
+        log_of = -float(plain.sum()) + sum(float(plain[a] + plain[b] - told[a, b] - told[b, a]) for a, b in pairs)
+        return pairs if log_of > blow else ()
 
 
 _SIDES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
