@@ -120,7 +120,7 @@ class Assembler:
         found = self.supervisor.received(inputs, frame)
         kept = found.kept[:]
         kept[-5] += 1.0
-        return found._replace(kept=kept)
+        return Inputs(kept, found.sizes)
 
     def leapt(self, inputs: Inputs) -> tuple[int, ...]:
         """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""

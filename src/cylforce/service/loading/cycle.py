@@ -33,7 +33,7 @@ def advanced(cycle: Cycle, estimate: Estimate) -> Cycle:
     begun = cycle.begun_us or estimate.t_us
     force = estimate.soil.magnitude
     if force.status is Status.INVALID or force.reason is Reason.NO_CONTACT:
-        return cycle._replace(begun_us=begun, seen_us=estimate.t_us)
+        return Cycle(begun, cycle.contact_us, cycle.peak, estimate.t_us)
     contact = cycle.contact_us + (estimate.t_us - (cycle.seen_us or estimate.t_us))
     return Cycle(begun, contact, max(cycle.peak, force.value), estimate.t_us)
 

@@ -150,11 +150,13 @@ class Leaping:
 
     def leap(self, readings: Array) -> SensorDoubt:
         """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
-        window = readings - readings.mean()
-        left, along = self._left(window), self._curves[:, -1] @ window
-        plain, stepped = (self._misfit(x, self._noise) for x in (np.diagonal(left), np.diagonal(left) - along**2))
+        along = self._curves.T @ readings
+        own = (readings**2).sum(axis=0) - (along[:-1] ** 2).sum(axis=0)
+        plain, stepped = self._misfit(own, self._noise), self._misfit(own - along[-1] ** 2, self._noise)
+        if self._smooth(plain, stepped):
+            return NOTHING_SUSPECTED
         blow = self._blow(plain, stepped)
-        swapped = self._swapped(left, plain, blow)
+        swapped = self._swapped(self._left(readings), plain, blow)
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
             return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
@@ -162,8 +164,15 @@ class Leaping:
         alone = -float(plain.sum() - plain[most] + stepped[most] + self._arbitrary[0, most])
         if plain[most] - stepped[most] <= self.least or alone <= blow:
             return NOTHING_SUSPECTED
-        size = float(along[most] / self._curves[BEFORE:, -1].sum())
+        size = float(along[-1, most] / self._curves[BEFORE:, -1].sum())
         return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[most],), size)
+
+    def _smooth(self, plain: Array, stepped: Array) -> bool:
+        """Whether no leap can be sure: it explains at most all that is left."""
+        if (plain - stepped).max() > self.least:
+            return False
+        most = plain.tolist()
+        return all(sum(2.0 * min(most[a], most[b]) for a, b in pairs) <= self.least for pairs in self.exchanges)
 
     def _blow(self, plain: Array, stepped: Array) -> float:
         """Log likelihood [nats] that all pressures are hit: each is as likely to go on, to step, or to do anything."""

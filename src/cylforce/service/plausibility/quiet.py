@@ -65,13 +65,17 @@ def taken_back(state: Noises, changes: NDArray[np.bool_], groups: int) -> Noises
 def _gone(known: Array, groups: Array, size: int) -> NDArray[np.bool_]:
     before = np.where(known[:-LATEST] > 0.0, known[:-LATEST], np.inf)
     many = np.isfinite(before).sum(axis=0)
-    own = np.take_along_axis(np.sort(before, axis=0), (many // 10)[None], axis=0)[0] / TENTH
-    less = np.any([_variance(groups[:, -n:], size) < q * own for n, q in enumerate(QUIET, 1)], axis=0)
+    own = np.sort(before, axis=0)[many // 10, np.arange(len(many))] / TENTH
+    varied = _variances(groups[:, : -len(QUIET) - 1 : -1], size)
+    less = (varied < np.array(QUIET)[: len(varied), None] * own).any(axis=0)
     return np.asarray((many >= KNOWN) & less)
 
 
-def _variance(groups: Array, size: int) -> Array:
-    """Variance (P,) of all readings of groups of `size` with their means and variances (2, G, P)."""
-    middle, within = groups
-    squares = (size - 1) * within.sum(axis=0) + size * ((middle - middle.mean(axis=0)) ** 2).sum(axis=0)
-    return np.asarray(squares / (size * len(middle) - 1))
+def _variances(groups: Array, size: int) -> Array:
+    """Variances (G, P) of all readings of the first 1 to G groups of `size` with their means and variances
+    (2, G, P)."""
+    count = np.arange(1, groups.shape[1] + 1)[:, None]
+    middle = groups[0] - groups[0, 0]
+    apart = (middle**2).cumsum(axis=0) - middle.cumsum(axis=0) ** 2 / count
+    squares = (size - 1) * groups[1].cumsum(axis=0) + size * apart
+    return np.asarray(squares / (size * count - 1))

@@ -59,9 +59,9 @@ class Supervisor:
         if node is not None and len(frame.data) == 1:
             o, kept = inputs.place_of_node(node), inputs.kept[:]
             kept[o], kept[o + 1], kept[o + 2] = frame.t_us, frame.data[0] & 0x7F, 0.0
-            return inputs._replace(kept=kept)
+            return Inputs(kept, inputs.sizes)
         if frame.can_id in self.ours:
-            return inputs._replace(kept=inputs.kept[:-1] + array("d", [frame.t_us]))
+            return Inputs(inputs.kept[:-1] + array("d", [frame.t_us]), inputs.sizes)
         return inputs
 
     def restarted(self, inputs: Inputs, node_id: int) -> Inputs:
