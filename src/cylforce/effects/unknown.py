@@ -11,7 +11,7 @@ from cylforce.effects.library import Group
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.reading import joint_angles
 from cylforce.signals.estimate import Array
-from cylforce.signals.kinds import Kind
+from cylforce.signals.kinds import SIDES, Kind
 
 NAME = "unknown"
 BENDS = 5  # of a torque over a joint's range
@@ -102,8 +102,8 @@ class OthersPressure:
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The cylinder's force with a share of another pressure on its head side."""
-        kinds, spans, own = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), machine.spans, _cylinder(machine, where)
-        others = [k for k, s in enumerate(machine.signals) if s.kind in kinds and where not in spans[s.index]]
+        spans, own = machine.spans, _cylinder(machine, where)
+        others = [k for k, s in enumerate(machine.signals) if s.kind in SIDES and where not in spans[s.index]]
         if own is None or self.other >= len(others):
             return values
         return _pushed(machine, values, own, size * machine.cylinders[own].area_head * values[:, others[self.other]])

@@ -29,6 +29,7 @@ from cylforce.programs.live.shown import show
 from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
 from cylforce.programs.run import Daemon, show_status, why_missed
+from cylforce.service.booking import Missed
 from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
@@ -40,11 +41,11 @@ RELAY = "remote:127.0.0.1"
 
 
 class Watched(NamedTuple):
-    """What the daemon concluded while it ran; `missed`: the numbers of the loads that it did not book."""
+    """What the daemon concluded while it ran."""
 
     estimates: list[Estimate]
     bookings: list[Booking]
-    missed: list[int]
+    missed: list[Missed]
     counts: Counts
 
 
@@ -128,7 +129,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
     """Daemon and simulated machine on one bus, until the machine's run is over."""
     console.print(f"3. {cycles} digging cycles of at most 15 s on the bus")
     daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, NOTHING_KEPT)
-    watched = Watched([], [], [0], Counts())
+    watched = Watched([], [], [], Counts())
 
     def watch(estimate: Estimate) -> None:
         watched.estimates.append(estimate)
@@ -136,10 +137,10 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
         if booking is not None and booking.number > len(watched.bookings):
             watched.bookings.append(booking)
             console.print(f"   booked {booking.mass:7.1f} kg +- {booking.standard_error:.1f} kg")
-        books = daemon.state.weighing.books
-        if books.missed.number > watched.missed[-1]:
-            watched.missed.append(books.missed.number)
-            console.print(f"   not booked {books.missed.mass:7.1f} kg: {why_missed(books.missed)}")
+        missed = daemon.state.weighing.books.missed
+        if missed.number > len(watched.missed):
+            watched.missed.append(missed)
+            console.print(f"   not booked {missed.mass:7.1f} kg: {why_missed(missed)}")
 
     daemon.on_estimate = watch
     until = asyncio.Event()

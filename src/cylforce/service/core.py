@@ -6,6 +6,7 @@ from functools import cached_property
 
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
+from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.booking import NONE_MISSED, Books, Missed
@@ -21,7 +22,6 @@ from cylforce.signals.estimate import Reason, no_estimate
 from cylforce.signals.kinds import Kind
 
 TICK_SLACK = 0.5  # periods by which a tick may be early or late
-PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Core:
     @cached_property
     def moved_by(self) -> tuple[int | None, ...]:
         """Per signal the number of the cylinder whose motion changes it; None: that of any cylinder."""
-        return tuple(s.index if s.kind in PRESSURES else None for s in self.service.machine.signals)
+        return tuple(s.index if s.kind in FORCE_KINDS else None for s in self.service.machine.signals)
 
     @cached_property
     def adapts(self) -> bool:

@@ -47,6 +47,7 @@ from cylforce.signals.events import Event, Frame, Tick
 __all__ = ["Core", "step"]
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
+_new = tuple.__new__  # of all fields in their order: `_make` takes as long again, and this happens for every frame
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
 
@@ -55,10 +56,11 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     if isinstance(event, Tick):
         state = _tick(core.fitted[state.tool], state, event.t_us)
         return state, Output(None, state.estimate, core.encoders)
-    obeyed = None if event.can_id in core.assembler.decoders else _obey(core, state, event)
-    if obeyed is not None:
-        return obeyed
-    return State._make((core.assembler.receive(state.inputs, event, state.moving), *state[1:])), NOTHING
+    if event.can_id not in core.assembler.decoders:
+        obeyed = _obey(core, state, event)
+        if obeyed is not None:
+            return obeyed
+    return _new(State, (core.assembler.receive(state.inputs, event, state.moving), *state[1:])), NOTHING
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -222,9 +224,9 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     watch, books = core.monitor.step(state.watch, seen), weighing.books
     if watch.suspicion.level is not Level.FINE and not watch.suspicion.waits:
         books = unseen(books)
-    probable = watch.unnoticed.probable
-    if books.withheld is not watch.unsure or books.probable is not probable:
-        books = books._replace(withheld=watch.unsure, probable=probable)
+    probable, unsure = watch.unnoticed.probable, watch.unsure
+    if books.withheld is not unsure or books.probable is not probable:
+        books = books._replace(withheld=unsure, probable=probable)
     return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 

@@ -41,6 +41,8 @@ UNIT: dict[Kind, str] = {
 }
 
 
+# The chambers of a cylinder.
+SIDES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
 # What an inertial sensor on the base measures: its rate in the arm's plane (positive: nose up) and its specific force,
 # which is gravity's counterforce while it stands: 9.8 m/s^2 upwards.
 INERTIAL = (Kind.PITCH_RATE, Kind.FORWARD_ACCELERATION, Kind.UPWARD_ACCELERATION)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
 from cylforce.signals.estimate import Array
-from cylforce.signals.kinds import Kind
+from cylforce.signals.kinds import SIDES
 
 GROUP = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
 GROUPS = 16  # of motion of the cylinder that are compared
@@ -29,6 +29,11 @@ FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
 VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of zero shows less
+
+
+def pressures(machine: Machine) -> list[int]:
+    """Numbers (P,) of the signals that are pressures."""
+    return [k for k, s in enumerate(machine.signals) if s.kind in SIDES]
 
 
 class Changes(NamedTuple):
@@ -54,8 +59,7 @@ class Watching:
     @cached_property
     def signals(self) -> list[int]:
         """Numbers (P,) of the signals."""
-        kinds = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
-        return [k for k, s in enumerate(self.machine.signals) if s.kind in kinds]
+        return pressures(self.machine)
 
     @cached_property
     def _cylinders(self) -> list[int]:

@@ -16,12 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.mechanics.machine import Machine
+from cylforce.service.plausibility.changing import pressures
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Array
-from cylforce.signals.kinds import Kind
+from cylforce.signals.kinds import SIDES
 
 # Readings before and after a leap, and the degree of the curves. Chosen on foreign machines 1 to 5 (tools/faulting)
 BEFORE, AFTER, DEGREE = 10, 5, 3
+FREE = BEFORE + AFTER - DEGREE - 2  # degrees of freedom of what a curve with a step leaves
 # Log likelihood ratio of a leap: an order of signals that is right exceeds it once in ten hours, if each of its
 # moments is tested for each leap (Markov's inequality: the ratio's mean is one)
 HOURS = 10.0
@@ -51,17 +53,16 @@ class Leaping:
     @cached_property
     def signals(self) -> list[int]:
         """Numbers (P,) of the signals."""
-        kinds = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
-        return [k for k, s in enumerate(self.machine.signals) if s.kind in kinds]
+        return pressures(self.machine)
 
     @cached_property
     def exchanges(self) -> list[Pairs]:
         """What may be exchanged, as numbers of pressures: the sides of a cylinder; two cylinders' nodes."""
         places = {(s.index, s.kind): p for p, s in enumerate(self.machine.signals[k] for k in self.signals)}
-        both = [c for c in range(len(self.machine.cylinders)) if {(c, k) for k in _SIDES} <= set(places)]
-        sides: list[Pairs] = [((places[c, _SIDES[0]], places[c, _SIDES[1]]),) for c in both]
+        both = [c for c in range(len(self.machine.cylinders)) if {(c, k) for k in SIDES} <= set(places)]
+        sides: list[Pairs] = [((places[c, SIDES[0]], places[c, SIDES[1]]),) for c in both]
         nodes: list[Pairs] = [
-            tuple((places[c, k], places[d, k]) for k in _SIDES) for i, c in enumerate(both) for d in both[:i]
+            tuple((places[c, k], places[d, k]) for k in SIDES) for i, c in enumerate(both) for d in both[:i]
         ]
         return sides + nodes
 
@@ -102,8 +103,7 @@ class Leaping:
     def _gate(self) -> tuple[float, ...]:
         """Change (P,) [Pa] within a reading below which nothing is looked for: half of the least leap that could be
         doubted, that of two signals."""
-        free = BEFORE + AFTER - DEGREE - 1
-        least = sqrt(free * (exp(self.least / free) - 1.0)) / abs(float(self._curves[BEFORE:, -1].sum()))
+        least = sqrt(FREE * (exp(self.least / FREE) - 1.0)) / abs(float(self._curves[BEFORE:, -1].sum()))
         return tuple((0.5 * least * np.sqrt(self._noise)).tolist())
 
     def begin(self) -> Leaps:
@@ -120,25 +120,24 @@ class Leaping:
         if steps % self._every or not now:
             return state
         missing = (steps - state.steps) // self._every - 1
+        if missing or not state.readings:
+            state = self._filled(state, now, missing)
+        readings = (*state.readings[1 - BEFORE - AFTER :], now)
+        if len(readings) == BEFORE + AFTER and self._suspicious(readings):
+            doubt = self.leap(np.array(readings))
+            if doubt.level is not Level.FINE:
+                return Leaps((), steps, doubt, steps)
+        return Leaps(readings, steps, *state[2:])
+
+    def _filled(self, state: Leaps, now: tuple[float, ...], missing: int) -> Leaps:
+        """The state with readings in place of some that are missing; after too many it begins anew."""
         if not 0 <= missing <= AFTER or not state.readings:
-            return Leaps((now,), steps, *state[2:])
-        before = state.readings[-1]
+            return state._replace(readings=())
+        before, filled = state.readings[-1], state
         for k in range(1, missing + 1):
             between = tuple([a + (b - a) * k / (missing + 1) for a, b in zip(before, now, strict=True)])
-            state = self._read(state, between, steps)
-        return self._read(state, now, steps)
-
-    def _read(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
-        readings = (*state.readings[1 - BEFORE - AFTER :], now)
-        state = Leaps(readings, steps, *state[2:])
-        if len(readings) < BEFORE + AFTER:
-            return state
-        if not self._suspicious(readings):
-            return state
-        doubt = self.leap(np.array(readings))
-        if doubt.level is Level.FINE:
-            return state
-        return state._replace(readings=(), doubt=doubt, since=steps, votes=0.0)
+            filled = self.step(filled, between, filled.steps + self._every)
+        return filled
 
     def _suspicious(self, readings: tuple[tuple[float, ...], ...]) -> bool:
         """Whether a pressure changes by enough to be looked at, and by as much more than before and after."""
@@ -182,8 +181,7 @@ class Leaping:
     def _misfit(self, left: Array, noise: Array) -> Array:
         """Minus the log likelihood [nats] of what is `left` [Pa^2], of a variance of its own, but at least the `noise`
         [Pa^2]; 0: no more than that."""
-        free = BEFORE + AFTER - DEGREE - 2
-        return np.asarray(0.5 * free * np.log(np.maximum(left / (free * noise), 1.0)))
+        return np.asarray(0.5 * FREE * np.log(np.maximum(left / (FREE * noise), 1.0)))
 
     def _left(self, window: Array) -> Array:
         """What the curves through the first readings of one pressure and the last ones of another leave, (P, P) [Pa^2],
@@ -205,6 +203,3 @@ class Leaping:
         pairs = self.exchanges[most]
         log_of = -float(plain.sum()) + sum(float(plain[a] + plain[b] - told[a, b] - told[b, a]) for a, b in pairs)
         return pairs if log_of > blow else ()
-
-
-_SIDES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)

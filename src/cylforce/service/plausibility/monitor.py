@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
+from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
 from cylforce.service.pipeline import Instant, Pipe
@@ -30,7 +31,6 @@ from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 
-PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 UNSURE = (
     6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
 )
@@ -212,7 +212,7 @@ class Monitor:
         machine = self.model.machine
         outward = np.append(machine.lengths[:-1], machine.payload_reach)[::-1].cumsum()[::-1]
         acting = self.model.acting[int((strain / outward[list(machine.rows)]).argmax())]
-        return tuple(k for k, s in enumerate(machine.signals) if s.kind in PRESSURES and s.index in acting)
+        return tuple(k for k, s in enumerate(machine.signals) if s.kind in FORCE_KINDS and s.index in acting)
 
     def _off(self, offset: Offset) -> SensorDoubt:
         limits, gatherer = self._voting.limits, self._gatherer
@@ -222,7 +222,7 @@ class Monitor:
         signals = self.model.machine.signals
         if offset.signal < len(gatherer.pressed):
             cylinder = gatherer.pressed[offset.signal]
-            own = tuple(k for k, s in enumerate(signals) if s.kind in PRESSURES and s.index == cylinder)
+            own = tuple(k for k, s in enumerate(signals) if s.kind in FORCE_KINDS and s.index == cylinder)
             return SensorDoubt(level, SensorFault.OFFSET, own, BAR * offset.size)
         joint = gatherer.turned[offset.signal - len(gatherer.pressed)]
         own = tuple(k for k, s in enumerate(signals) if s.kind is Kind.JOINT_ANGLE and s.index == joint)

@@ -20,6 +20,7 @@ TENTH = 0.52701
 # Variance of all readings of the last 1 to 4 groups over that of the noise below which noise is gone: white noise is
 # once in ten hours of motion (chi-squared, lower quantiles of 2.9e-7: four a second, of six pressures, four limits)
 QUIET = (0.14338, 0.29127, 0.38126, 0.44281)
+SECOND = 6.0  # times the variance of white noise is that of its second differences
 CODES = 2  # readings of no more values show the sensor's digits, not its noise
 
 
@@ -45,9 +46,7 @@ def listened(state: Noises, group: Array, groups: Array, moved: NDArray[np.bool_
     """The state after a group (T, P), of the pressures whose cylinders `moved` (P,). `groups` (2, G, P): means and
     variances of the last groups in motion, with this one. What is heard while noise is gone is not remembered."""
     second = np.diff(group, 2, axis=0)
-    noise = (second**2).sum(axis=0) / (
-        6.0 * len(second)
-    )  # second differences of white noise have six times its variance
+    noise = (second**2).sum(axis=0) / (SECOND * len(second))
     digits = (np.diff(np.sort(group, axis=0), axis=0) > 0.0).sum(axis=0) < CODES
     gone = state.gone | (_gone(state.known, groups, len(group)) & ~digits)
     heard = moved & ~gone & (noise > 0.0)
