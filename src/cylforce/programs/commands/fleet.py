@@ -40,10 +40,11 @@ def fleet(
     from cylforce.files.atomic import RecordingError, check_outputs
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.fleet.store import check_fleet_extra
-    from cylforce.programs.reports.report import check_extra
 
     check_fleet_extra()
     if report is not None:
+        from cylforce.programs.reports.report import check_extra  # imports the whole diagnosis
+
         check_extra()
     if output.suffix.lower() != ".parquet":
         raise RecordingError(f"{output}: the table must end in .parquet: by that ending other programs know its format")
