@@ -18,7 +18,7 @@ from cylforce.files.recording import open_pieces, sensor_frames
 from cylforce.fleet.changes import Shape
 from cylforce.programs.common.usual_file import everyday_from, everyday_of, read_usual
 from cylforce.programs.common.usual_tables import UsualQuantity
-from cylforce.programs.fleet import gathering, store, task, workers
+from cylforce.programs.fleet import gathering, page, store, task, workers
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
 from cylforce.programs.identify import JOINTLY, run_identify
@@ -111,6 +111,37 @@ def test_the_page_links_every_machine(small):
     assert f">{day_of(0)}</text>" in page
     assert "http://" not in text
     assert "https://" not in text
+
+
+def test_the_page_says_what_differs_from_day_to_day_in_all(small):
+    """Friction by its level, too."""
+    (kind,) = small[2].analysis.types
+    names, usual = [c.name for c in kind.fleet.known], kind.fleet.usual
+    own, level = names.index("boom.coulomb"), names.index("boom.friction_level")
+    daily, within = page.everyday(kind)
+    parts = np.array([usual.days[own], usual.days[level] * usual.mean[own]])
+    assert daily[own] == pytest.approx(np.hypot(*parts))
+    assert within[own] > usual.within[own]
+    assert f"days ± {daily[own]:.4g}" in (small[0] / "fleet.html").read_text()
+
+
+def test_the_page_says_why_nothing_is_told_of_a_machine(few, tmp_path):
+    folder, cache = few
+    (folder / "EX 7").mkdir()
+    (folder / "EX 7" / f"{day_of(0)}.csv").write_text("t_s,boom_angle\n0.0,1.0\n")
+    run(folder, tmp_path / "r.parquet", cache, report=tmp_path / "fleet.html")
+    assert "Nothing can be told of EX 7: failed: has no column" in (tmp_path / "fleet.html").read_text()
+
+
+def test_every_machine_has_a_page_of_its_own(few, tmp_path):
+    """However alike the names are as names of files."""
+    folder, cache = few
+    for name in ("EX 7", "EX_7"):
+        shutil.copytree(folder / name_of(1), folder / name)
+    run(folder, tmp_path / "r.parquet", cache, report=tmp_path / "fleet.html")
+    texts = [path.read_text() for path in (tmp_path / "fleet_machines").iterdir()]
+    titles = [text.partition("<h1>")[2].partition("<")[0] for text in texts]
+    assert sorted(titles) == ["EX 7", name_of(1), "EX_7"]
 
 
 def test_a_second_run_looks_at_nothing_and_says_the_same(small, tmp_path, monkeypatch):
@@ -381,6 +412,19 @@ class TestBadInput:
         (folder / "EX-777/machine.toml").write_text(text.replace(f'"{own}"', f'"{name}"', 1))
         said = reasons(run(folder, tmp_path / "r.parquet", cache))
         assert all("other parts than that of EX-001" in said["EX-777", f"{day_of(k)}.parquet"] for k in (0, 1))
+
+    def test_the_parts_of_most_recordings_are_those_of_the_type(self, few, tmp_path):
+        """Even if the machine with other parts comes first."""
+        folder, cache = few
+        (folder / "EX-000").mkdir()
+        shutil.copy(folder / name_of(1) / f"{day_of(0)}.parquet", folder / "EX-000")
+        other = MACHINE_FILE.with_name("excavator_stick_bucket.toml")
+        kinds = [load(path).service.machine.name for path in (other, MACHINE_FILE)]
+        renamed = other.read_text().replace(f'"{kinds[0]}"', f'"{kinds[1]}"', 1)
+        (folder / "EX-000/machine.toml").write_text(renamed)
+        said = reasons(run(folder, tmp_path / "r.parquet", cache))
+        refused = [name for (name, _), reason in said.items() if "other parts than that of EX-001" in reason]
+        assert refused == ["EX-000"]
 
     def test_without_a_machine_file(self, few, tmp_path):
         folder, cache = few

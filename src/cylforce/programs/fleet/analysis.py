@@ -48,13 +48,13 @@ def analysed(gathered: Sequence[Gathered]) -> Analysis:
     """The fleet of each type."""
     notes: dict[str, str] = {}
     groups: dict[str, dict[str, list[Gathered]]] = {}
-    first: dict[str, Gathered] = {}
     parts = _Parts()
+    first = _most(gathered, parts)
     for each in gathered:
         if each.loaded is None:
             continue
         kind = each.machine_file.service.machine.name
-        model = first.setdefault(kind, each)
+        model = first[kind]
         if parts.of(each) != parts.of(model):
             notes[each.stored.address] = (
                 f"its machine file has other parts than that of {model.stored.machine}, which is of the type {kind!r}, "
@@ -67,6 +67,16 @@ def analysed(gathered: Sequence[Gathered]) -> Analysis:
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # numpy's arithmetic on large arrays runs beside other threads
         types = _types(groups, first, notes, lambda work, each: list(threads.map(work, each)))
     return Analysis(tuple(types), notes)
+
+
+def _most(gathered: Sequence[Gathered], parts: "_Parts") -> dict[str, Gathered]:
+    """Of each type's name the first recording with the parts that most of its recordings have."""
+    found: dict[str, dict[tuple[str, ...], list[Gathered]]] = {}
+    for each in gathered:
+        if each.loaded is not None:
+            kind = each.machine_file.service.machine.name
+            found.setdefault(kind, {}).setdefault(parts.of(each), []).append(each)
+    return {kind: max(alike.values(), key=len)[0] for kind, alike in found.items()}
 
 
 def _types(

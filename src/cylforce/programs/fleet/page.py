@@ -13,7 +13,7 @@ from markupsafe import Markup
 import cylforce
 from cylforce.files.atomic import replacing
 from cylforce.fleet.changes import Altered, Shape
-from cylforce.fleet.coordinates import OFFSET, RUBBING, ZERO, Coordinate
+from cylforce.fleet.coordinates import OFFSET, RUBBING, ZERO, Coordinate, joint_directions
 from cylforce.fleet.courses import Course
 from cylforce.programs.fleet.analysis import DAY_S, OfType, Ordered
 from cylforce.programs.fleet.pictures import Curve, course_svg, factor_of, spark_svg, spread_svg, title_of
@@ -32,19 +32,32 @@ def write_pages(path: Path, result: FleetResult, usual: Path | None) -> None:
     folder = path.with_name(f"{path.stem}_machines")
     folder.mkdir(exist_ok=True)
     made = templates(__package__)
-    origin = {"date": datetime.now(UTC).isoformat(timespec="seconds"), "version": cylforce.__version__}
+    origin = {"date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", "version": cylforce.__version__}
     each = [(kind, ordered) for kind in result.analysis.types for ordered in kind.machines.values()]
-    machines = [_machine(result, kind, ordered, usual) for kind, ordered in each]
+    files = files_of([ordered.machine for _, ordered in each])
+    machines = [_machine(result, kind, ordered, usual) | {"file": files[ordered.machine]} for kind, ordered in each]
     for machine in machines:
         _write(
             folder / machine["file"],
             made.get_template("machine.html.j2").render(**machine, origin=origin, back=path.name, cause=cause_words),
         )
-    silent = sorted({each.stored.machine for each in result.gathered} - {machine["name"] for machine in machines})
+    silent = _silent(result, {machine["name"] for machine in machines})
     lines = sorted(machines, key=lambda m: (-m["severity"], m["name"]))
     values = {"machines": lines, "silent": silent, "cards": _cards(result, machines), "notes": result.notes}
     values |= {"spreads": [_spreads(kind) for kind in result.analysis.types], "folder": folder.name}
     _write(path, made.get_template("fleet.html.j2").render(**values, origin=origin))
+
+
+def _silent(result: FleetResult, shown: set[str]) -> dict[str, list[str]]:
+    """Why nothing can be told of a machine that has no page: what its recordings' rows say, each reason once."""
+    found: dict[str, list[str]] = {}
+    for row in result.rows:
+        if row["machine"] not in shown:
+            reasons = found.setdefault(row["machine"], [])
+            said = f"{row['state']}: {row['reason']}".strip(": ")
+            if said not in reasons:
+                reasons.append(said)
+    return dict(sorted(found.items()))
 
 
 def _write(path: Path, text: str) -> None:
@@ -52,9 +65,17 @@ def _write(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def file_of(machine: str) -> str:
-    """The name of a machine's page."""
-    return re.sub(r"[^\w.-]", "_", machine) + ".html"
+def files_of(machines: Sequence[str]) -> dict[str, str]:
+    """The name of each machine's page: with a number where two would be the same, on a system that does not tell
+    capitals either."""
+    found, taken = dict[str, str](), set[str]()
+    for machine in sorted(machines):
+        safe, number = re.sub(r"[^\w.-]", "_", machine), 1
+        while (file := f"{safe}_{number}.html" if number > 1 else f"{safe}.html").casefold() in taken:
+            number += 1
+        found[machine] = file
+        taken.add(file.casefold())
+    return found
 
 
 def _cards(result: FleetResult, machines: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -88,7 +109,6 @@ def _machine(result: FleetResult, kind: OfType, ordered: Ordered, usual: Path | 
     rows = [row for row in result.rows if row["machine"] == ordered.machine]
     return {
         "name": ordered.machine,
-        "file": file_of(ordered.machine),
         "kind": kind.name,
         "changes": changes,
         "lasting": lasting,
@@ -139,11 +159,19 @@ def _ends(ordered: Ordered, count: int) -> tuple[str, str]:
     return names[0], names[-1]
 
 
+def everyday(kind: OfType) -> tuple[Array, Array]:
+    """Standard deviations (K,) of what is followed, from day to day and within a day: each quantity's own and what
+    moves several of them together."""
+    usual, size = kind.fleet.usual, len(kind.fleet.quantities)
+    squares = np.column_stack([np.eye(size), joint_directions(kind.model, usual.mean[:size])]) ** 2
+    return np.sqrt(squares @ usual.days**2), np.sqrt(squares @ usual.within**2)
+
+
 def _courses(
     kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange], ends: tuple[str, str]
 ) -> list[dict[str, Any]]:
     """What changed first."""
-    usual, found = kind.fleet.usual, []
+    usual, found, (daily, _) = kind.fleet.usual, [], everyday(kind)
     first = {_column(kind.fleet.quantities, c.altered) for c in lasting}
     marks = [float((t[c.altered.first - 1] + t[c.altered.first]) / 2.0) for c in lasting if c.altered.first > 0]
     for k, c in enumerate(kind.fleet.quantities):
@@ -151,7 +179,9 @@ def _courses(
             continue
         factor, _ = factor_of(c)
         band = (float(usual.mean[k]) * factor, float(usual.between[k]) * factor)
-        curve = Curve(t, course.own[:, k] * factor, course.own_error[:, k] * factor, band, marks, ends)
+        curve = Curve(
+            t, course.own[:, k] * factor, course.own_error[:, k] * factor, band, marks, ends, daily[k] * factor
+        )
         found.append({"title": title_of(c), "changed": k in first, "svg": course_svg(title_of(c), curve)})
     return sorted(found, key=lambda each: not each["changed"])
 
@@ -169,16 +199,15 @@ def _command(ordered: Ordered, first: int, usual: Path | None) -> str:
 def _spreads(kind: OfType) -> dict[str, Any]:
     usual, names = kind.fleet.usual, list(kind.fleet.machines)
     far = [bool(kind.told(name).lasting) for name in names]
-    drawn = []
+    drawn, (daily, within) = [], everyday(kind)
     for k, c in enumerate(kind.fleet.quantities):
         values = np.array([np.average(kind.told(n).course.own[:, k]) for n in names])
         errors = np.array([np.min(kind.told(n).course.own_error[:, k]) for n in names])
         if np.median(errors) > KNOWN * usual.between[k]:
             continue
         factor, _ = factor_of(c)
-        spread = (usual.mean[k] * factor, usual.between[k] * factor, usual.days[k] * factor)
-        within = f"{usual.within[k] * factor:.3g}"
-        numbers = [f"{x:.4g}" for x in spread]
+        spread = (usual.mean[k] * factor, usual.between[k] * factor, daily[k] * factor)
+        numbers = [f"{x:.4g}" for x in (*spread, within[k] * factor)]
         svg = spread_svg(title_of(c), values * factor, spread, far)
-        drawn.append({"title": title_of(c), "svg": svg, "numbers": numbers, "within": within})
+        drawn.append({"title": title_of(c), "svg": svg, "numbers": numbers})
     return {"kind": kind.name, "drawn": drawn, "machines": usual.machines, "recordings": usual.recordings}

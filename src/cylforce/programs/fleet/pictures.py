@@ -34,7 +34,8 @@ WORDS = {
 
 class Curve(NamedTuple):
     """n values `y` with standard errors `error` at times `t` [d]; `usual`: mean and standard deviation of the type;
-    `marks`: times at which something changed; `ends`: what the first and the last time are called."""
+    `marks`: times at which something changed; `ends`: what the first and the last time are called; `daily`: standard
+    deviation from day to day of a machine in order."""
 
     t: Array
     y: Array
@@ -42,6 +43,7 @@ class Curve(NamedTuple):
     usual: tuple[float, float]
     marks: Sequence[float] = ()
     ends: tuple[str, str] = ("", "")
+    daily: float = 0.0
 
 
 def factor_of(quantity: Coordinate) -> tuple[float, str]:
@@ -65,7 +67,8 @@ def _range(curve: Curve) -> tuple[float, float]:
 
 
 def course_svg(title: str, curve: Curve) -> Markup:
-    """Values with error bars over time, the type's usual range behind them, changes as lines."""
+    """Values with error bars over time, the type's usual range behind them, changes as lines; a bar at the left for
+    the usual difference from day to day."""
     low, high = _range(curve)
     first, last = float(curve.t[0]), float(max(curve.t[-1], curve.t[0] + 1e-9))
     x = _scaled(curve.t, first, last, LEFT + EDGE, WIDE - EDGE)
@@ -75,6 +78,8 @@ def course_svg(title: str, curve: Curve) -> Markup:
     parts = [
         f'<rect class="usual" x="{LEFT}" y="{band[0]:.1f}" width="{WIDE - LEFT}" height="{band[1] - band[0]:.1f}"/>'
     ]
+    half = min(curve.daily / max(high - low, 1e-30) * (HIGH - 2.0 * EDGE), HIGH / 2.0)
+    parts.append(f'<rect class="days" x="{LEFT}" y="{HIGH / 2.0 - half:.1f}" width="4" height="{2.0 * half:.1f}"/>')
     for mark in curve.marks:
         at = float(_scaled(np.array([mark]), first, last, LEFT + EDGE, WIDE - EDGE)[0])
         parts.append(f'<line class="mark" x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{HIGH}"/>')
