@@ -18,7 +18,7 @@ from cylforce.files.recording import open_pieces, sensor_frames
 from cylforce.fleet.changes import Shape
 from cylforce.programs.common.usual_file import everyday_from, everyday_of, read_usual
 from cylforce.programs.common.usual_tables import UsualQuantity
-from cylforce.programs.fleet import gathering, page, store, task, workers
+from cylforce.programs.fleet import gathering, kept, page, store, task, workers
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
 from cylforce.programs.identify import JOINTLY, run_identify
@@ -518,6 +518,28 @@ class TestBadInput:
         wanted = Wanted((str(few[0]),), tmp_path / "r.parquet")
         with pytest.raises(RecordingError, match="cannot be reached"):
             run_fleet(wanted, Where(f"tcp://127.0.0.1:{closed_port}"))
+
+    def test_a_scheduler_that_ends_while_it_works(self, three, tmp_path, monkeypatch):
+        """A sentence, and what was done is kept."""
+        from distributed import LocalCluster
+
+        monkeypatch.setattr(workers, "CONNECT_S", 1.0)
+        monkeypatch.setattr(workers, "AHEAD", 1)
+        real = kept.KeptResults.put
+
+        def put(self, key, outcome):
+            real(self, key, outcome)
+            cluster.loop.add_callback(cluster.scheduler.close)
+
+        monkeypatch.setattr(kept.KeptResults, "put", put)
+        with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+            wanted = Wanted((str(three),), tmp_path / "r.parquet", cache=tmp_path / "cache")
+            with pytest.raises(RecordingError, match=r"the scheduler ended, .*: what was done is kept"):
+                run_fleet(wanted, Where(cluster.scheduler_address), say=lambda _: None)
+        monkeypatch.undo()
+        seen = looked_at(monkeypatch)
+        run(three, tmp_path / "r.parquet", tmp_path / "cache")
+        assert seen == [f"{day_of(k)}.parquet" for k in (1, 2)]
 
     def test_the_extra_that_is_missing(self, monkeypatch):
         monkeypatch.setattr(store, "find_spec", lambda name: None)

@@ -36,6 +36,7 @@ RANGES = {
     "angle_offset": (0.010, 0.020),
     "extra_mass": (60.0, 150.0),
 }
+MASS_SHAPE = (1.0, 0.3, 0.1, 0.1)  # of a mass that is mounted: kg, kg m along and across, kg m^2 for each kg
 
 
 class Size(NamedTuple):
@@ -89,20 +90,25 @@ def day_of(number: int) -> str:
 def faults(loaded: Loaded, size: Size, seed: int) -> dict[int, Faulty]:
     """Which machines change, by number: evenly spread over the fleet, each cause in turn, not before the fourth day and
     not after the last but three."""
-    machine, found = loaded.service.machine, dict[int, Faulty]()
+    found = dict[int, Faulty]()
     for k in range(size.changing):
         rng, name = np.random.default_rng((seed, 1, k)), CAUSES[(k + seed) % len(CAUSES)]
-        low, high = RANGES[name]
-        value = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-        sign = 1.0 if name in ("friction_level_change", "extra_mass") else float(rng.choice((-1.0, 1.0)))
-        at = _places(machine, name)[int(rng.integers(len(_places(machine, name))))]
-        first = int(rng.integers(3, max(size.days - 2, 4)))
         number = k * size.machines // size.changing
-        found[number] = Faulty(name_of(number), name, at, sign * value, first)
+        found[number] = drawn(loaded.service.machine, name_of(number), name, size.days, rng)
     return found
 
 
-def _places(machine: Machine, name: str) -> list[str]:
+def drawn(machine: Machine, own: str, name: str, days: int, rng: np.random.Generator) -> Faulty:
+    """A change of this name in the machine `own`: its size, place and day."""
+    low, high = RANGES[name]
+    value = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    sign = 1.0 if name in ("friction_level_change", "extra_mass") else float(rng.choice((-1.0, 1.0)))
+    at = places(machine, name)[int(rng.integers(len(places(machine, name))))]
+    return Faulty(own, name, at, sign * value, int(rng.integers(3, max(days - 2, 4))))
+
+
+def places(machine: Machine, name: str) -> list[str]:
+    """Where a change of this name may be."""
     if name == "friction_level_change":
         return [c.name for c in machine.cylinders]
     if name == "extra_mass":
@@ -114,7 +120,7 @@ def _places(machine: Machine, name: str) -> list[str]:
 def _imposed(machine: Machine, fault: Faulty) -> Imposed:
     if fault.name != "extra_mass":
         return imposed(machine, fault.name, fault.at, fault.size)
-    return imposed(machine, fault.name, fault.at, (fault.size, 0.3 * fault.size, 0.1 * fault.size, 0.1 * fault.size))
+    return imposed(machine, fault.name, fault.at, tuple(share * fault.size for share in MASS_SHAPE))
 
 
 def _always(machine: Machine, rng: np.random.Generator) -> list[Imposed]:

@@ -10,14 +10,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.fleet.changes import Shape
+from cylforce.fleet.changes import Altered, Shape
+from cylforce.programs.fleet.analysis import dated
 from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.task import FAILED
 from cylforce.programs.fleet.workers import Where
+from studies._fleet_planted import field, ladder, planted, shown
 from studies._fleet_times import Timed, plot, timed, timed_in
 from studies._fleets import Faulty, Size, add_size, day_of, size_of, write_fleet
 
@@ -64,7 +67,15 @@ def _named(change: FleetChange, fault: Faulty) -> bool:
 
 
 def _right(change: FleetChange, fault: Faulty) -> bool:
-    return any(blame.name in alike(fault) and blame.at == place_of(fault) for blame in change.altered.causes)
+    return _has(change.altered, fault)
+
+
+def _has(altered: Altered, fault: Faulty) -> bool:
+    return any(blame.name in alike(fault) and blame.at == place_of(fault) for blame in altered.causes)
+
+
+def _near_and_has(altered: Altered, fault: Faulty) -> bool:
+    return abs(altered.first - fault.first) <= 1 and _has(altered, fault)
 
 
 def main() -> None:
@@ -80,6 +91,9 @@ def main() -> None:
     )
     parser.add_argument("--by", type=int, nargs="+", default=[1, 2], help="numbers of workers; 0: in one process")
     parser.add_argument("--rivals", action="store_true", help="also find changes with the library ruptures")
+    parser.add_argument(
+        "--planted", type=int, default=0, metavar="N", help="also plant changes into each machine in order, N times"
+    )
     parser.add_argument("--plot", type=Path, help="draw the times there (SVG)")
     options = parser.parse_args()
     size = size_of(options)
@@ -104,7 +118,17 @@ def _found(
         result = run_fleet(wanted, Where(None, options.workers), say=lambda text: print(text, file=sys.stderr))
     figures = scored(truth, result, size) | ({} if times is None else times._asdict())
     _show(figures, truth, result)
+    if options.planted:
+        figures |= _planted(result, truth, options.planted)
     return figures | _rivals(result, truth) if options.rivals else figures
+
+
+def _planted(result: FleetResult, truth: dict[str, Faulty], repeated: int) -> dict[str, Any]:
+    """How large a change must be, by the machines in order of this fleet."""
+    (kind,), rng = result.analysis.types, np.random.default_rng(0)
+    recordings = {name: dated(ordered) for name, ordered in kind.machines.items()}
+    of = field(kind, [name for name in recordings if name not in truth], recordings)
+    return shown(planted(of, _near_and_has, repeated, rng), ladder(of, _near_and_has, rng), rng)
 
 
 def _rivals(result: FleetResult, truth: dict[str, Faulty]) -> dict[str, Any]:

@@ -83,14 +83,14 @@ class _Answer(NamedTuple):
         return float(np.logaddexp(self.none, _log_sum(np.concatenate([each.ravel() for each in self.logs]))))
 
 
-def changes(history: History, found: Sequence[Culprit]) -> list[Altered]:
-    """All changes of a machine, the most probable first; single days that differ are among them, but are not counted
-    for the others. Each of several is looked for once more beside the others: the first that is found may have taken
-    over what another one explains."""
+def changes(history: History, found: Sequence[Culprit], sure: float = MASS) -> list[Altered]:
+    """All changes of a machine that are there with the probability `sure`, the most probable first; single days that
+    differ are among them, but are not counted for the others. Each of several is looked for once more beside the
+    others: the first that is found may have taken over what another one explains."""
     days: list[Altered] = []
     told: list[_Placed] = []
     while len(told) < MOST_CHANGES and len(days) < len(history.t) - 1:
-        each = _likeliest(_beside(history, told), _others(found, told))
+        each = _likeliest(_beside(history, told), _others(found, told), sure)
         if each is None:
             break
         if each.altered.shape is Shape.DAY:
@@ -101,7 +101,7 @@ def changes(history: History, found: Sequence[Culprit]) -> list[Altered]:
     if len(told) > 1:
         for k in range(len(told)):
             others = [*told[:k], *told[k + 1 :]]
-            again = _likeliest(_beside(history, others), _others(found, others))
+            again = _likeliest(_beside(history, others), _others(found, others), sure)
             told[k] = told[k] if again is None or again.altered.shape is Shape.DAY else again
     return [*(each.altered for each in told), *days]
 
@@ -194,15 +194,15 @@ def _bayes_factors(information: Array, pull: Array, directions: Array, spreads: 
     return np.asarray(0.5 * gain - np.sum(np.log(pivots[..., :-1]), axis=-1))
 
 
-def _likeliest(history: History, found: Sequence[Culprit]) -> _Placed | None:
-    """The change that is there most probably; None when there is none, or it is of no size."""
+def _likeliest(history: History, found: Sequence[Culprit], sure: float) -> _Placed | None:
+    """The change that is there most probably; None when that is not `sure`, or it is of no size."""
     asked = _asked(history)
     answer = _answered(history, found, asked)
     day = np.array([shape is Shape.DAY for shape in asked.shape])
     by_course = np.array([np.logaddexp.reduce(each, axis=1) for each in answer.logs])
     lasting, single = (_log_sum(by_course[:, which].ravel()) for which in (~day, day))
     probability = float(np.exp(np.logaddexp(lasting, single) - answer.total))
-    if probability < MASS:
+    if probability < sure:
         return None
     logs = np.where(day if single > lasting else ~day, by_course, -np.inf)
     own = _log_sum(logs.ravel())

@@ -89,8 +89,8 @@ def _types(
     for kind, machines in sorted(groups.items()):
         model_of_type = followed_model(first[kind].machine_file.service)
         ordered = {name: _ordered(name, each, notes) for name, each in sorted(machines.items())}
-        dated = {name: _dated(each) for name, each in ordered.items()}
-        types.append(OfType(kind, model_of_type, ordered, fleet(model_of_type, dated, beside)))
+        recordings = {name: dated(each) for name, each in ordered.items()}
+        types.append(OfType(kind, model_of_type, ordered, fleet(model_of_type, recordings, beside)))
     return types
 
 
@@ -125,7 +125,7 @@ def _ordered(name: str, recordings: Sequence[Gathered], notes: dict[str, str]) -
     return Ordered(name, tuple(ordered), dated=True)
 
 
-def _dated(ordered: Ordered) -> list[Dated]:
+def dated(ordered: Ordered) -> list[Dated]:
     """Recordings with their times [d]; without dates one a day."""
     found = []
     for k, each in enumerate(ordered.recordings):

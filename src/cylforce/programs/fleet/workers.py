@@ -22,6 +22,7 @@ RETRIES = 2  # of a task whose worker ended, after which its recording is a row 
 CONNECT_S = 15.0  # in which a scheduler must answer
 RESTART_S = 600.0  # in which a worker that ended must be there again; chosen: several ends one after the other
 AHEAD = 8  # tasks given to each worker: so many results at most are lost when this program is killed
+ENDED = "the scheduler ended, or the connection to it: what was done is kept; start it, and run again"
 FEW = 2  # tasks, up to which no process is started for them
 
 Take = Callable[[Any, Any], None]  # a job, and what came out or the exception
@@ -42,13 +43,21 @@ def computed(
     function: Callable[..., Any], jobs: Jobs, common: tuple[Any, ...], where: Where, take: Take, say: Say
 ) -> None:
     """Call `function(*job, common)` for every job, wherever; `take` is given each job with what came out, as it comes.
-    Raises RecordingError when the scheduler does not answer."""
+    Raises RecordingError when the scheduler does not answer, or ends."""
     if where.scheduler is None and (where.workers == 0 or len(jobs) <= FEW):
         for job in jobs:
             take(job, function(*job, *common))
         return
+    from concurrent.futures import CancelledError
+
+    from distributed.client import ClosedClientError
+    from distributed.comm import CommClosedError
+
     with _client(where, say) as client:
-        _distributed(client, function, jobs, common, take)
+        try:
+            _distributed(client, function, jobs, common, take)
+        except (CancelledError, ClosedClientError, CommClosedError) as error:
+            raise RecordingError(ENDED) from error
 
 
 def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: tuple[Any, ...], take: Take) -> None:  # noqa: ANN401 - Dask has no types
@@ -86,9 +95,13 @@ def _same(value: Any) -> Any:  # noqa: ANN401
 
 
 def _outcome(future: Any) -> Any:  # noqa: ANN401 - Dask has no types
-    """What came out, or the exception."""
+    """What came out, or the exception. Raises CancelledError when the scheduler is lost."""
+    from concurrent.futures import CancelledError
+
     try:
         return future.result()
+    except CancelledError:
+        raise
     except Exception as error:  # noqa: BLE001 - whatever ended one task must not end the others
         return error
 
