@@ -51,7 +51,7 @@ def computed(
     from concurrent.futures import CancelledError
 
     from distributed.client import ClosedClientError
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     with _client(where, say) as client:
         try:
