@@ -41,15 +41,17 @@ class Planted(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Machines in order as changes are looked for in them, and what may have changed."""
+    """A fleet's machines as changes are looked for in them, those in order and, with their faults, the others; what may
+    have changed."""
 
     machine: Machine
     histories: Sequence[History]
+    changed: Sequence[tuple[History, Faulty]]
     found: Sequence[Culprit]
 
 
-def field(kind: OfType, in_order: Sequence[str], recordings: Mapping[str, Sequence[Dated]]) -> Field:
-    """Of these machines of a type."""
+def field(kind: OfType, truth: Mapping[str, Faulty], recordings: Mapping[str, Sequence[Dated]]) -> Field:
+    """Of the machines of a type."""
     seen: list[tuple[History, Sequence[Culprit]]] = []
 
     def keeping(history: History, found: Sequence[Culprit]) -> list[Altered]:
@@ -58,8 +60,9 @@ def field(kind: OfType, in_order: Sequence[str], recordings: Mapping[str, Sequen
 
     with patch.object(module, "changes", keeping):
         said: Fleet = fleet(kind.model, recordings)
-    last = dict(zip(said.machines, seen[-len(said.machines) :], strict=True))
-    return Field(kind.model.machine, [last[name][0] for name in in_order], last[in_order[0]][1])
+    last = {name: each[0] for name, each in zip(said.machines, seen[-len(said.machines) :], strict=True)}
+    in_order = [history for name, history in last.items() if name not in truth]
+    return Field(kind.model.machine, in_order, [(last[name], fault) for name, fault in truth.items()], seen[-1][1])
 
 
 def planted(of: Field, right: Judge, repeated: int, rng: np.random.Generator) -> list[Planted]:
@@ -98,6 +101,10 @@ def _asked(of: Field, history: History, fault: Faulty | None, right: Judge, from
         on = np.arange(len(history.t)) >= fault.first
         moved = history.information @ _direction(of, fault)
         history = replace(history, pull=history.pull + on[:, None] * moved)
+    return _found(of, history, fault, right, from_)
+
+
+def _found(of: Field, history: History, fault: Faulty | None, right: Judge, from_: Sequence[float] = SURE) -> Planted:
     each = [_lasting(changes(history, of.found, sure)) for sure in from_]
     named = [fault is not None and any(right(a, fault) for a in altered) for altered in each]
     return Planted(fault, tuple(map(bool, each)), tuple(named))
@@ -118,18 +125,24 @@ def _direction(of: Field, fault: Faulty) -> Array:
     return np.asarray(directions @ sizes * fault.size)
 
 
-def shown(trials: Sequence[Planted], steps: Sequence[Planted], rng: np.random.Generator) -> dict[str, Any]:
-    """Print both, and give the figures."""
+def shown(of: Field, right: Judge, repeated: int) -> dict[str, Any]:
+    """Plant, print, and give the figures."""
+    rng = np.random.default_rng(0)
+    trials, steps = planted(of, right, repeated, rng), ladder(of, right, rng)
     console = Console(highlight=False, soft_wrap=True)
     order = [t for t in trials if t.fault is None]
-    table = Table("told from", "in order, told", *CAUSES, "of ten: mean", "9 or 10", title="as the study draws them")
+    itself = [*(_asked(of, h, None, right) for h in of.histories), *(_found(of, *each, right) for each in of.changed)]
+    heads = ("told from", *(name.replace("_", " ") for name in CAUSES), "of ten: mean", "9 or 10", "in order, told")
+    table = Table(*heads, "this fleet: found", "told in order", title="as the study draws them")
     found = []
     for k, sure in enumerate(SURE):
         by_cause = {name: np.array([t.right[k] for t in trials if t.fault and t.fault.name == name]) for name in CAUSES}
         tens = _tens(by_cause, rng)
-        row = {"sure": sure, "in_order_told": float(np.mean([t.told[k] for t in order]))}
-        row |= {name: float(own.mean()) for name, own in by_cause.items()}
-        found.append(row | {"of_ten": float(tens.mean()), "nine_or_ten": float(np.mean(tens >= 9))})
+        row = {"sure": sure} | {name: float(own.mean()) for name, own in by_cause.items()}
+        row |= {"of_ten": float(tens.mean()), "nine_or_ten": float(np.mean(tens >= 9))}
+        row |= {"in_order_told": float(np.mean([t.told[k] for t in order]))}
+        row |= {"own_found": sum(t.right[k] for t in itself if t.fault)}
+        found.append(row | {"own_in_order_told": sum(t.told[k] for t in itself if t.fault is None)})
         table.add_row(*(f"{value:.4g}" for value in found[-1].values()))
     console.print(table)
     console.print(f"{len(order)} times no change, {len(trials) - len(order)} changes")

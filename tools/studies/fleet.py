@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -20,7 +19,7 @@ from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.task import FAILED
 from cylforce.programs.fleet.workers import Where
-from studies._fleet_planted import field, ladder, planted, shown
+from studies._fleet_planted import field, shown
 from studies._fleet_times import Timed, plot, timed, timed_in
 from studies._fleets import Faulty, Size, add_size, day_of, size_of, write_fleet
 
@@ -125,10 +124,9 @@ def _found(
 
 def _planted(result: FleetResult, truth: dict[str, Faulty], repeated: int) -> dict[str, Any]:
     """How large a change must be, by the machines in order of this fleet."""
-    (kind,), rng = result.analysis.types, np.random.default_rng(0)
+    (kind,) = result.analysis.types
     recordings = {name: dated(ordered) for name, ordered in kind.machines.items()}
-    of = field(kind, [name for name in recordings if name not in truth], recordings)
-    return shown(planted(of, _near_and_has, repeated, rng), ladder(of, _near_and_has, rng), rng)
+    return shown(field(kind, truth, recordings), _near_and_has, repeated)
 
 
 def _rivals(result: FleetResult, truth: dict[str, Faulty]) -> dict[str, Any]:
