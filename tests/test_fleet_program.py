@@ -273,9 +273,13 @@ def test_results_are_read_while_the_work_goes_on(three, tmp_path, monkeypatch):
 
 
 def test_a_worker_near_its_limit_of_memory_goes_on():
-    """It neither waits for memory that no task gives back, nor writes to disk; beyond the limit it is ended."""
+    """It neither waits for memory that no task gives back, nor writes to disk; beyond the limit it is ended. Dask's
+    profiler, which keeps more memory with every second, is off."""
     with workers._client(Where(None, 1), lambda _: None) as client:
         (said,) = client.run(lambda dask_worker: vars(dask_worker.memory_manager)).values()
+        time.sleep(3.0)  # Dask's profiler would have kept two by then
+        (kept_calls,) = client.run(lambda dask_worker: len(dask_worker.profile_history)).values()
+    assert kept_calls == 0
     assert said["memory_limit"] == 800_000_000
     assert [said[f"memory_{name}_fraction"] for name in ("target", "spill", "pause")] == [False, False, False]
 

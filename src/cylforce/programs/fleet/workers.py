@@ -18,6 +18,8 @@ ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": 2**26, "MALLOC_MMAP_THRESHOLD_": 2**25, "
 # A worker keeps nothing that could be moved to disk, or become less by waiting: without this one at 80 % of its memory
 # waits for ever. One at 95 % is ended, and its task tried again.
 MEMORY_LIMITS = {"target": False, "spill": False, "pause": False, "terminate": 0.95}
+# Dask's own profiler keeps the calls of each second for an hour: a megabyte of a worker's memory for each recording.
+PROFILER = False
 RETRIES = 2  # of a task whose worker ended, after which its recording is a row with that reason
 CONNECT_S = 15.0  # in which a scheduler must answer
 RESTART_S = 600.0  # in which a worker that ended must be there again; chosen: several ends one after the other
@@ -114,6 +116,7 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
     settings: dict[str, Any] = {
         "distributed.nanny.pre-spawn-environ": dask.config.get("distributed.nanny.pre-spawn-environ") | ALLOCATOR,
         **{f"distributed.worker.memory.{name}": value for name, value in MEMORY_LIMITS.items()},
+        "distributed.worker.profile.enabled": PROFILER,
         "distributed.scheduler.allowed-failures": RETRIES,
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
         "distributed.deploy.lost-worker-timeout": f"{RESTART_S:g}s",
