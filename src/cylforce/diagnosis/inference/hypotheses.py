@@ -134,7 +134,7 @@ class Inference:
         own, taken = self._own(which), self._taken(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
         precision = np.where(certain > 0.0, certain, WIDE)
-        told, score = _known(_positive(state.information(own)), state.score[own], state.vague[own])
+        told, score = less_known(_positive(state.information(own)), state.score[own], state.vague[own])
         covariance = _positive(np.linalg.inv(told + np.diag(precision))) if own else np.zeros((0, 0))
         score = score - precision * taken
         more = covariance @ score
@@ -275,7 +275,7 @@ class Inference:
         return beam
 
 
-def _known(information: Array, score: Array, vague: Array) -> tuple[Array, Array]:
+def less_known(information: Array, score: Array, vague: Array) -> tuple[Array, Array]:
     """Information (M, M) and score (M,) of sizes whose score is uncertain by a variance `vague` (M,) beyond the
     noise."""
     if not np.any(vague):

@@ -9,7 +9,7 @@ import numpy as np
 
 from cylforce.diagnosis.columns.statistics import SMOOTH
 from cylforce.diagnosis.inference.discrepancy import Scatter, Sums, allowed, settled_noise, together
-from cylforce.diagnosis.inference.hypotheses import Inference
+from cylforce.diagnosis.inference.hypotheses import Inference, less_known
 from cylforce.diagnosis.inference.sizes import Terms
 from cylforce.diagnosis.numbers import RUN_TO_RUN, UNSEEN, UNSURE, USUALLY
 from cylforce.signals.estimate import Array
@@ -43,9 +43,10 @@ class InOrder:
         mean, covariance = np.zeros(size), np.zeros((size, size))
         energies = np.zeros(len(shown.rows)), np.zeros((len(shown.rows), SMOOTH))
         for _ in range(6):
-            told = shown.information(noise)
-            covariance = np.asarray(np.linalg.inv(told[:-1, :-1] + np.diag(precision)))
-            mean = covariance @ (told[:-1, -1] - shown.common(noise)[0])
+            told, (common, vague) = shown.information(noise), shown.common(noise)
+            known, score = less_known(told[:-1, :-1], told[:-1, -1] - common, vague)
+            covariance = np.asarray(np.linalg.inv(known + np.diag(precision)))
+            mean = covariance @ score
             energies = shown.energies(np.append(-mean, 1.0), covariance)
             noise = _where_shown(settled_noise(shown, energies, None), shown.rows)
         level = np.where(shown.rows > 0.0, allowed(shown, *energies), noise.rho)
