@@ -102,13 +102,22 @@ def polynomials(good: Array) -> Array:
     return np.moveaxis(found, 2, 1)
 
 
-def crossed(columns: Array, noisy: Array, floor: Floor, own: Sequence[int]) -> Shared:
-    """The noise that columns and what is left share, of columns (T, R, N) and the same with the sensors' noise once
-    more: the product of what it adds to the column and to what is left, in units of the floor's white noise."""
-    added = white((noisy - columns)[..., [*own, -1]], floor)
-    rows, good = blocked(added.rows.astype(np.float64)), blocked(added.good.astype(np.float64))
-    along = np.einsum("btrs,btrk->brsk", polynomials(good), rows, optimize=True)
-    whole = np.einsum("btrk,btr->brk", rows, rows[..., -1], optimize=True)
+def laid(each: White, rows: NDArray[np.int_]) -> White:
+    """Some rows (N,) in another order, in whole blocks; -1: none."""
+    there = rows >= 0
+    found = np.where(there[:, None, None], each.rows[rows], np.float32(0.0))
+    return White(found, each.good[rows] & there[:, None])
+
+
+def shared(added: Array, floor: Floor, own: Sequence[int], rows: NDArray[np.int_] | None = None) -> Shared:
+    """The noise that columns and what is left share, of what the sensors' noise once more adds to them (T, R, N): the
+    product of what it adds to the columns `own` and to what is left, in units of the floor's white noise; of all rows,
+    or of `rows` in their order (see `laid`)."""
+    each = white(added[..., [*own, -1]], floor)
+    each = each if rows is None else laid(each, rows)
+    noise, good = blocked(each.rows.astype(np.float64)), blocked(each.good.astype(np.float64))
+    along = np.einsum("btrs,btrk->brsk", polynomials(good), noise, optimize=True)
+    whole = np.einsum("btrk,btr->brk", noise, noise[..., -1], optimize=True)
     return Shared(np.concatenate([whole[:, :, None], along * along[..., -1:]], axis=2), good.sum(axis=1))
 
 

@@ -13,7 +13,7 @@ from cylforce.diagnosis.columns.correction import Applied, left_without
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
-from cylforce.diagnosis.columns.statistics import SMOOTH, Shared, White, crossed, energy, statistics, white
+from cylforce.diagnosis.columns.statistics import SMOOTH, Shared, White, energy, laid, shared, statistics, white
 from cylforce.diagnosis.columns.whitening import Floor
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
@@ -40,13 +40,15 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Asking:
-    """A problem under a noise floor; `step`: when a load may have changed."""
+    """A problem under a noise floor; `step`: when a load may have changed; `layout`: of every faulty recording the rows
+    that count, in whole blocks (see `laid`), by default all."""
 
     viewer: Viewer
     problem: Problem
     floor: Floor
     noisy: "Noisy"
     step: Step | None = None
+    layout: tuple[NDArray[np.int_], ...] | None = None
 
     @cached_property
     def own(self) -> list[int]:
@@ -61,7 +63,8 @@ class Asking:
 
     @cached_property
     def _field(self) -> list[White]:
-        return self._whites(self.problem.faulty)
+        found = self._whites(self.problem.faulty)
+        return [laid(w, rows) for w, rows in zip(found, self.layout, strict=True)] if self.layout else found
 
     def _whites(self, group: Sequence[Seen]) -> list[White]:
         found, block = [], 0
@@ -166,7 +169,7 @@ class Asking:
         for seen, twin in zip(self.problem.faulty, self.noisy.twins, strict=False):
             plain = seen.recorded._replace(values=seen.recorded.values[: len(twin.values)])
             once, twice = (left_without(recorded, self.viewer, applied)[..., None] for recorded in (plain, twin))
-            found.append(crossed(once, twice, self.floor, []))
+            found.append(shared(twice - once, self.floor, []))
         return energy(found) if found else np.zeros((len(self.floor.rms), 1 + SMOOTH))
 
     @cached_property
@@ -204,27 +207,31 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' noise as the clean recordings show it (as declared, where a coarse reading shows none), once
-    more on the first minute of every recording. Without clean recordings none: the floor is then what all columns
-    leave, and has no noise in common with them."""
+    """From the sensors' noise once more on the first minute of every recording. Without clean recordings none: the
+    floor is then what all columns leave, and has no noise in common with them."""
     if not problem.clean:
         nothing = Shared.nothing(len(floor.rms), problem.lasting + 2)
         return Noisy((), (nothing,) * len(problem.faulty))
-    declared = np.array([s.standard_error for s in viewer.model.machine.signals])
-    seen = white_noise([seen.recorded for seen in problem.clean])
-    errors = np.where(np.nan_to_num(seen) > 0.0, seen, declared)
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
-
-    def again(group: Sequence[Seen]) -> tuple[Seen, ...]:
-        values = [seen.recorded.values[:steps] for seen in group]
-        made = [v + errors * rng.standard_normal(v.shape) for v in values]
-        pairs = zip(group, made, strict=True)
-        return looked_at(viewer, [seen.recorded._replace(values=v) for seen, v in pairs], problem.proposals)
-
-    twin = replace(problem, clean=again(problem.clean), faulty=again(problem.faulty), base=problem.riding)
+    clean, faulty = (with_noise(viewer, problem, group, rng, steps) for group in (problem.clean, problem.faulty))
+    twin = replace(problem, clean=clean, faulty=faulty, base=problem.riding)
     own = [*range(problem.lasting), problem.lasting + CLOCK]
     found = []
     for group, others in ((problem.clean, twin.clean), (problem.faulty, twin.faulty)):
         pairs = [(problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True)]
-        found.append(tuple(crossed(a[: len(b)], b, floor, own) for a, b in pairs))
+        found.append(tuple(shared(b - a[: len(b)], floor, own) for a, b in pairs))
     return Noisy(found[0], found[1], tuple(seen.recorded for seen in twin.faulty))
+
+
+def with_noise(
+    viewer: Viewer, problem: Problem, group: Sequence[Seen], rng: np.random.Generator, steps: int | None = None
+) -> tuple[Seen, ...]:
+    """The first `steps` samples of recordings, by default all, with the sensors' noise once more: as the clean
+    recordings show it; as declared, where a coarse reading shows none."""
+    declared = np.array([s.standard_error for s in viewer.model.machine.signals])
+    shown = white_noise([seen.recorded for seen in problem.clean])
+    errors = np.where(np.nan_to_num(shown) > 0.0, shown, declared)
+    values = [seen.recorded.values[:steps] for seen in group]
+    made = [v + errors * rng.standard_normal(v.shape) for v in values]
+    pairs = zip(group, made, strict=True)
+    return looked_at(viewer, [seen.recorded._replace(values=v) for seen, v in pairs], problem.proposals)

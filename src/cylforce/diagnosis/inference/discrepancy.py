@@ -193,18 +193,20 @@ class Moments:
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
         return np.asarray(half.T @ half, dtype=np.float64), cost
 
-    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
-        """Sizes (B, I) of what happens, by what coefficients (K+1,) leave without it, and their standard errors."""
+    def expected(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """Sizes (B, I) of what happens, by what coefficients (K+1,) leave without it; their covariance (B, I, I)."""
         across, precision, _ = self.weighed(noise)
-        covariance = np.linalg.inv(precision)
-        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        covariance = np.asarray(np.linalg.inv(precision))
+        return np.asarray(np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)), covariance
+
+    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """The same with standard errors (B, I)."""
+        sizes, covariance = self.expected(left, noise)
         return sizes, np.sqrt(np.einsum("bii->bi", covariance))
 
     def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
-        across, precision, _ = self.weighed(noise)
-        covariance = np.linalg.inv(precision)
-        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        sizes, covariance = self.expected(left, noise)
         second = np.einsum("bi,bj->bij", sizes, sizes) + covariance
         whole = np.einsum("brij,bij->r", self.within, second, optimize=True)
         whole -= 2.0 * np.einsum("bi,brij,j->r", sizes, self.across, left, optimize=True)
