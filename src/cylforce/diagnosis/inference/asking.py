@@ -27,7 +27,7 @@ from cylforce.signals.estimate import Array
 CLOCK = INCIDENTAL.index("clock")
 LOAD = ("load.mass", "load.X", "load.Z")
 NEVER = 1e-6  # of a size: as part of the machine
-NOISY_S = 60.0  # of a recording, from which the noise that columns and residual share is told
+NOISY_S = 1000.0  # of a recording, from which the noise that columns and residual share is told
 
 
 class Step(NamedTuple):

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.rows import BLOCK
-from cylforce.diagnosis.columns.statistics import Shared, shared
+from cylforce.diagnosis.columns.statistics import Shared, blocked, polynomials, shared
 from cylforce.diagnosis.inference.asking import CLOCK, Asking, with_noise
-from cylforce.diagnosis.inference.discrepancy import DECAY, Moments, Scatter, moments
+from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, moments
 from cylforce.diagnosis.inference.hypotheses import Inference
-from cylforce.diagnosis.numbers import HEAVY, STICKS
+from cylforce.diagnosis.numbers import HAPPENS, HEAVY, STICKS
 from cylforce.diagnosis.recordings.lifts import FreeOfContact, Whitened, stretches
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
@@ -104,10 +104,28 @@ def _found(question: Asking, values: Array) -> tuple[list[_Seen], float]:
         rows = each.rows.astype(np.float64)
         loads = rows[..., first : first + len(CARRIED)]
         left = rows[..., -1] - rows[..., :first] @ values
-        own, log = stretches(Whitened(left, loads, each.good), HEAVY * unit, STICKS * unit, settle)
+        own = stretches(Whitened(left, loads, each.good), HEAVY * unit, STICKS * unit, settle)
         found.append(_laid(own, len(rows)))
-        apart += log
+        apart += _apart(left, each.good, own)
     return found, apart
+
+
+def _apart(left: Array, good: NDArray[np.bool_], found: Sequence[FreeOfContact]) -> float:
+    """Log of the probability of the rows (T, R) outside of stretches: whatever is smooth, and noise, with levels of
+    their own in every block and joint, log-uniform, no less than the floor's."""
+    out = good.copy()
+    for each in found:
+        out[each.first : each.last] = False
+    rows, usable = blocked(np.where(out, left, 0.0)), blocked(out.astype(np.float64))
+    basis = polynomials(usable)
+    along = np.einsum("btrs,btr->brs", basis, rows, optimize=True)
+    count = usable.sum(axis=1) - np.sum(np.any(basis != 0.0, axis=1), axis=2)
+    white = np.sqrt(np.maximum(np.sum(rows**2, axis=1) - np.sum(along**2, axis=2), 0.0) / np.maximum(count, 1.0))
+    levels = np.concatenate([np.abs(along), white[..., None]], axis=2)
+    weight = np.concatenate([np.any(basis != 0.0, axis=1), count[..., None]], axis=2)
+    each = -weight * (np.log(np.maximum(levels, 1.0)) + 0.5 * np.minimum(levels, 1.0) ** 2)
+    chosen = float(np.log(np.log(LEVELS[-1] / LEVELS[0]))) * np.count_nonzero(weight)
+    return float(np.sum(each)) - chosen + 2.0 * float(np.log(HAPPENS)) * len(found)
 
 
 def _laid(found: list[FreeOfContact], count: int) -> _Seen:

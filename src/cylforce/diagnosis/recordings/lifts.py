@@ -92,10 +92,10 @@ class _Stretch(NamedTuple):
     loaded: bool
 
 
-def stretches(seen: Whitened, heavy: Array, light: Array, settle: int) -> tuple[list[FreeOfContact], float]:
+def stretches(seen: Whitened, heavy: Array, light: Array, settle: int) -> list[FreeOfContact]:
     """The stretches free of contact, without the `settle` rows at both ends in which the filters still see what was
-    before, or see already what comes; and the log likelihood of the rows of none. `heavy`, `light` (I,): usual sizes of
-    what hangs in a bucket, and of what sticks in an empty one."""
+    before, or see already what comes. `heavy`, `light` (I,): usual sizes of what hangs in a bucket, and of what sticks
+    in an empty one."""
     steps = _steps(seen)
     count = np.maximum(steps.rows.sum(axis=0), 1.0)
     scales = Scales(np.ones(len(count)), np.maximum(np.sqrt(steps.squares.sum(axis=0) / count), 1.0))
@@ -112,21 +112,7 @@ def stretches(seen: Whitened, heavy: Array, light: Array, settle: int) -> tuple[
         if last - first >= FEWEST * STEP:
             load = steps.left(each, scales.free, precision[each.loaded])[0]
             found.append(FreeOfContact(first, last, each.loaded, load))
-    return found, _apart(seen, found)
-
-
-def _apart(seen: Whitened, found: list[FreeOfContact]) -> float:
-    """Log of the probability of the rows outside of stretches: every block of three seconds has a variance of its own,
-    no less than the floor's."""
-    out = seen.good.copy()
-    for each in found:
-        out[each.first : each.last] = False
-    starts = np.arange(0, len(out), BLOCK)
-    energy = np.add.reduceat(np.sum(np.where(out, seen.left, 0.0) ** 2, axis=1), starts)
-    count = np.add.reduceat(np.sum(out, axis=1), starts)
-    own = np.sqrt(energy / np.maximum(count, 1))
-    log = -count * (np.log(np.maximum(own, 1.0)) + 0.5 * np.minimum(own, 1.0) ** 2)
-    return float(np.sum(log)) + float(np.log(HAPPENS)) * np.count_nonzero(count) - 2.0 * len(found) * CHANGE
+    return found
 
 
 def _steps(seen: Whitened) -> _Steps:
