@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.rows import BLOCK
-from cylforce.diagnosis.numbers import HAPPENS
+from cylforce.diagnosis.numbers import GAP, HAPPENS
 from cylforce.signals.estimate import Array
 
 STEP = 4  # rows of 0.05 s, to which the begin and the end of a stretch are found
@@ -98,7 +98,7 @@ def stretches(seen: Whitened, heavy: Array, light: Array, settle: int) -> list[F
     in an empty one."""
     steps = _steps(seen)
     count = np.maximum(steps.rows.sum(axis=0), 1.0)
-    scales = Scales(np.ones(len(count)), np.maximum(np.sqrt(steps.squares.sum(axis=0) / count), 1.0))
+    scales = Scales(np.ones(len(count)), np.maximum(np.sqrt(steps.squares.sum(axis=0) / count), GAP))
     precision = {True: heavy**-2.0, False: light**-2.0}
     path = _path(steps, scales, precision)
     for _ in range(ROUNDS - 1):
@@ -186,4 +186,4 @@ def _scales(steps: _Steps, path: list[_Stretch], scales: Scales, precision: dict
     free = np.maximum(free, LEAST)
     others = np.maximum(steps.rows[out].sum(axis=0), 1.0)
     busy = np.sqrt(steps.squares[out].sum(axis=0) / others) if np.any(out) else scales.busy
-    return Scales(free, np.maximum(busy, free))
+    return Scales(free, np.maximum(busy, GAP * free))
