@@ -29,7 +29,7 @@ def asking() -> Asking:
 
 
 def shared(asking: Asking, column: int) -> np.ndarray:
-    """What columns of the field and what is left have in common (R,) per row, by the first minute; the last one: its
+    """What columns of the field and what is left have in common (R,) per row; the last one: its
     noise."""
     found = asking.noisy.faulty[0]
     return np.sum(found.products[:, :, 0, column], axis=0) / np.sum(found.rows, axis=0)

@@ -27,7 +27,7 @@ from cylforce.signals.estimate import Array
 CLOCK = INCIDENTAL.index("clock")
 LOAD = ("load.mass", "load.X", "load.Z")
 NEVER = 1e-6  # of a size: as part of the machine
-NOISY_S = 1000.0  # of a recording, from which the noise that columns and residual share is told
+NOISY_S = 300.0  # of a recording, from which the noise that columns and residual share is told: more would take long
 
 
 class Step(NamedTuple):
@@ -207,7 +207,7 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' noise once more on the first minute of every recording. Without clean recordings none: the
+    """From the sensors' noise once more on the first five minutes of every recording. Without clean recordings none: the
     floor is then what all columns leave, and has no noise in common with them."""
     if not problem.clean:
         nothing = Shared.nothing(len(floor.rms), problem.lasting + 2)

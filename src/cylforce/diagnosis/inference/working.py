@@ -172,7 +172,8 @@ def _loads(question: Asking, found: Sequence[_Seen], noise: Array, theirs: Array
     plain = moments(question.whites(problem.faulty), question.own, question.scene.spread, within, unit)
     numbers, size = _numbered(found)
     across, inner = plain.across * size[:, None, :, None], plain.within * (size[:, :, None] * size[:, None])[:, None]
-    noise = noise * unit * size[:, None, None] if len(noise) else np.zeros((*plain.waves.shape[:2], 1, 0))
+    shape = (*plain.waves.shape[:2], 1 + plain.waves.shape[2], len(CARRIED))  # none without references
+    noise = noise * unit * size[:, None, None] if len(noise) else np.zeros(shape)
     return Loads(across, inner, plain.waves * size[:, None, None], plain.smooth, numbers, noise, theirs)
 
 
