@@ -207,7 +207,7 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' noise once more on the first five minutes of every recording. Without clean recordings none: the
+    """From the sensors' noise once more on five minutes of every recording. Without clean recordings none: the
     floor is then what all columns leave, and has no noise in common with them."""
     if not problem.clean:
         nothing = Shared.nothing(len(floor.rms), problem.lasting + 2)
