@@ -255,13 +255,19 @@ def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_othe
     core, *_ = machine
     watch = core.monitor.begin()
 
-    def seen(watch, kilograms, status=Status.OK):
+    def seen(watch, kilograms, status=Status.OK, taken=200):
         gross = Quantity(kilograms, 10.0, status, Reason.NONE)
-        return watch._replace(light=core.monitor._light(watch, gross))
+        light, lighter = core.monitor._light(watch, gross, taken)
+        return watch._replace(light=light, lighter=lighter)
 
     watch = seen(watch, -29.0)
     assert not watch.light
-    light = seen(watch, -31.0)
+    first = seen(watch, -31.0)
+    assert not first.light
+    assert not seen(first, -31.0, taken=220).light  # it may end yet
+    assert not seen(seen(first, np.nan, Status.INVALID, 5), -31.0, taken=240).light  # the lift ended: another one
+    assert not seen(first, -31.0, taken=20).light
+    light = seen(first, -31.0, taken=240)
     for after in (light, seen(light, 500.0), seen(light, 0.0, Status.DEGRADED)):
         doubt = core.monitor._suspicion(after)
         assert (doubt.level, doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
