@@ -251,6 +251,16 @@ def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_ma
     assert state.weighing.books.missed.number == len(masses) - 1
 
 
+def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_doubted(machine):
+    core, *_ = machine
+    monitor, some = core.monitor, Offset(0, 5.0, 6.4, 6.4)
+    watch = monitor.begin()._replace(offset=some)
+    assert monitor.interrupt(watch).unsure
+    assert not monitor.interrupt(watch, frozen=True).unsure
+    doubted = watch._replace(suspicion=NOTHING_SUSPECTED._replace(level=Level.DOUBTED))
+    assert monitor.interrupt(doubted, frozen=True).offset == some
+
+
 def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_otherwise(machine):
     core, *_ = machine
     watch = core.monitor.begin()

@@ -23,7 +23,7 @@ from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Ga
 from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
-from cylforce.service.plausibility.offsets import Offset, Voting
+from cylforce.service.plausibility.offsets import NO_OFFSET, Offset, Voting
 from cylforce.service.plausibility.returning import Returning
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
@@ -125,10 +125,13 @@ class Monitor:
         """Nothing was seen, nothing is suspected."""
         blocks, changes = self._voting.begin(), self._watching.begin()
         gathering, driven, unnoticed = self._gatherer.begin(), self._driving.begin(), self._noticing.begin()
-        return Watch(gathering, blocks, Offset(0, 0.0, 0.0), changes, driven, unnoticed)
+        return Watch(gathering, blocks, NO_OFFSET, changes, driven, unnoticed)
 
-    def interrupt(self, state: Watch) -> Watch:
-        """The measurement stopped: what was gathered in part is dropped, what is suspected stays."""
+    def interrupt(self, state: Watch, *, frozen: bool = False) -> Watch:
+        """The measurement stopped: what was gathered in part is dropped, what is suspected stays. Votes that led to no
+        doubt are dropped, too, when a signal was `frozen` meanwhile: that is what they were about."""
+        if frozen and state.suspicion.level is Level.FINE:
+            state = state._replace(blocks=self._voting.begin(), offset=NO_OFFSET)
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
         swept = self._sweeping.ended(state.swept, explained=None)
         driven, unnoticed = self._driving.begin(), self._noticing.interrupt(state.unnoticed)

@@ -43,6 +43,9 @@ class Offset(NamedTuple):
         return self.evidence >= self.vote
 
 
+NO_OFFSET = Offset(0, 0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class Voting:
     """The votes of one machine's blocks."""
