@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
-from cylforce.service.plausibility.changing import CHANGES, CONSTANT, GROUP, GROUPS, Watching
+from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import Driving
 from cylforce.service.plausibility.offsets import VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
@@ -45,6 +45,13 @@ def test_a_pressure_that_does_not_change_when_its_cylinder_turns_is_stuck():
     assert pressure(noisy(np.full(STEPS, 20e5))) == (True, False)
     turned = np.repeat((20e5, 20.3e5), STEPS // 2)
     assert pressure(noisy(turned)) == (False, False)
+
+
+def test_a_pressure_that_oscillates_about_a_mean_is_not_stuck():
+    """Oil between a heavy arm and its valve: 8 Hz, 3 bar, far above the noise of the sensor."""
+    course = 15e5 + 3.0 * BAR * np.sin(2.0 * np.pi * 8.0 * np.arange(STEPS) / 100.0)
+    assert np.ptp(course.reshape(-1, GROUP).mean(axis=1)) < 0.1 * BAR  # its means do not change
+    assert pressure(noisy(course)) == (False, False)
 
 
 def test_a_pressure_is_not_stuck_before_its_cylinder_has_turned():
@@ -306,4 +313,5 @@ def test_the_faults_of_the_table_change_what_they_name(machine):
 def test_a_constant_with_noise_seldom_seems_to_change():
     """The limit is the quantile that it is said to be."""
     assert chi2.sf(CONSTANT * (GROUPS - 1), GROUPS - 1) == pytest.approx(0.02, rel=1e-4)
+    assert f.sf(COLOURED, GROUP - 1, 12.1) == pytest.approx(0.02, rel=1e-3)
     assert chi2.sf(CHANGES * (GROUPS - 1), GROUPS - 1) == pytest.approx(1.0 / (36000.0 * 4 * 6), rel=1e-3)
