@@ -99,6 +99,9 @@ def acting(x, z):
         (acting(0.0, -150e3), -0.5j, True),  # no load is as heavy
         (acting(0.0, 15e3), 0.5j, True),  # no load pulls upwards
         (acting(400.0, 0.0), 0.5 + 0j, False),
+        (acting(6.5e3, 0.0), 0.5 + 0j, True),  # 2 % of the rated force
+        (acting(5.5e3, 0.0), 0.5 + 0j, False),
+        (acting(30e3, 0.0), 0.04 + 0j, False),  # too slow to have a direction
     ],
 )
 def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
@@ -256,6 +259,25 @@ def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_ma
     assert state.watch.suspicion == NOTHING_SUSPECTED
     assert state.estimate.booking is None
     assert state.weighing.books.missed.number == len(masses) - 1
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_the_signals_that_may_be_off_are_named(machine, number):
+    """The gatherer's signals: forces of the cylinders, then angles."""
+    core, *_ = machine
+    limits = core.monitor._voting.limits
+    names = [s.name for s in core.service.machine.signals]
+    part = ("boom", "stick", "bucket")[number % 3]
+    whose = [f"{part}_head_pressure", f"{part}_rod_pressure"] if number < 3 else [f"{part}_angle"]
+    for level, evidence in (
+        (Level.DOUBTED, limits[Level.DOUBTED] + 0.1),
+        (Level.REJECTED, limits[Level.REJECTED] + 0.1),
+    ):
+        doubt = core.monitor._off(Offset(number, 0.5, evidence))
+        assert doubt.level is level
+        assert [names[k] for k in doubt.signals] == whose
+        assert doubt.size == (0.5 * BAR if number < 3 else 0.5)
+    assert core.monitor._off(Offset(number, 0.5, limits[Level.DOUBTED])) == NOTHING_SUSPECTED
 
 
 def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_doubted(machine):
