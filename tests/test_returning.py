@@ -62,7 +62,9 @@ def test_several_seconds_that_a_load_explains_take_a_leap_back(returning, cause)
 
 def test_a_second_that_no_load_explains_begins_the_count_anew_after_an_exchange(returning):
     good, bad = block(returning), block(returning, left=10.0)
-    state = after(returning, doubted(SensorFault.SWAPPED), *[good] * (VOTES - 1), bad, *[good] * (VOTES - 1))
+    state = after(returning, doubted(SensorFault.SWAPPED), *[good] * (VOTES - 1), bad)
+    assert state.votes == 0.0
+    state = after(returning, state, *[good] * (VOTES - 1))
     assert state.doubt.level is Level.DOUBTED
     assert returning.judged(state, good).doubt == NOTHING_SUSPECTED
 
