@@ -49,7 +49,7 @@ def told(rows):
         whole=np.einsum("brti,brtj->rij", rows, rows),
         smooth=np.einsum("tk,brti->brki", basis(), rows),
         rows=np.full((BLOCKS, JOINTS), float(ROWS)),
-        crossed=np.zeros((JOINTS, COUNT + 1)),
+        crossed=np.zeros((0, JOINTS, 1 + SMOOTH, COUNT + 1)),
     )
 
 
@@ -137,11 +137,12 @@ def test_a_force_at_moments_is_found_in_its_blocks(machine):
 def test_what_was_taken_out_at_its_size_is_as_probable_as_before(machine):
     """A linear effect: nothing changes where its size is taken out of the recording, also noise in both."""
     rows = recording(6, sizes=(1.5, 0.0))
-    before = told(rows)._replace(crossed=np.full((JOINTS, COUNT + 1), 3.0))
+    before = told(rows)._replace(crossed=white_noise(np.full((JOINTS, COUNT + 1), 3.0)))
     case = machine.asked(sums(SCENE.spread, [before]))
     plain = case.hypothesis((0,), case.usual)
     rows[..., -1] -= 1.5 * rows[..., 2]
-    lost = 2.0 * 1.5 * before.crossed[:, 2] / (BLOCKS * ROWS)  # of y - X s; the square of what is in X is small
+    lost = 2.0 * 1.5 * before.crossed[0, ..., 2] / BLOCKS  # of y - X s; the square of what is in X is small
+    lost[:, 0] /= ROWS
     again = sums(SCENE.spread, [told(rows)._replace(crossed=before.crossed)]).with_noise(lost)
     again = replace(case, sums=again, taken={0: np.array([1.5 / SCENE.spread[2]])})
     assert again.hypothesis((0,), case.usual).log == pytest.approx(plain.log, abs=0.2)
@@ -156,15 +157,46 @@ def test_everyday_differences_are_learnt(machine):
     assert found["one"] < 0.5 * found["two"]
 
 
+def white_noise(crossed, rows=BLOCKS * ROWS, blocks=BLOCKS):
+    """One sample (1, R, 1+SMOOTH, K+1) of white noise that has products (R, K+1)."""
+    along = np.repeat(crossed[:, None] * blocks / rows, SMOOTH, axis=1)
+    return np.concatenate([crossed[:, None], along], axis=1)[None]
+
+
 def test_sensor_noise_in_both_is_taken_off():
     """Errors in variables: without it, least squares tend to the solution that cancels the noise."""
-    found = Sums(
-        np.zeros((1, 2, 2)), np.zeros((1, SMOOTH, 2, 2)), np.full(1, 100.0), np.full(1, 2.0), np.array([[30.0, 0.0]])
+    rows, blocks = 100.0, 2.0
+    zeros = np.zeros((1, 2, 2)), np.zeros((1, SMOOTH, 2, 2))
+
+    def common(crossed, rho=1e-9):
+        found = Sums(*zeros, np.full(1, rows), np.full(1, blocks), crossed)
+        return found.common(Scatter(np.full(1, rho), np.full(1, 2.0)))
+
+    assert common(white_noise(np.array([[30.0, 0.0]]), rows, blocks))[0] == pytest.approx([30.0 / 2.0**2])
+    loud = white_noise(np.array([[30.0, 100.0 * 5.0**2]]), rows, blocks)  # more noise than there is
+    assert common(loud)[0] == pytest.approx([30.0 / 5.0**2])
+    smooth = white_noise(np.array([[30.0, 0.0]]), rows, blocks)
+    smooth[0, 0, 1:, 0] = 0.0
+    smooth[0, 0, 1, 0] = 30.0  # all of it a constant of each block, which the discrepancy takes
+    assert common(smooth, rho=1e6)[0] == pytest.approx([0.0], abs=1e-6)
+    both = np.concatenate([white_noise(np.array([[each, 0.0]]), rows, blocks) for each in (10.0, 20.0)])
+    assert common(both) == (pytest.approx([30.0 / 2.0**2]), pytest.approx([2.0 * 5.0**2 / 2.0**4]))
+
+
+def test_a_size_whose_noise_is_not_known_well_has_less_evidence(machine):
+    """Of a score s = I size + noise of variance I + V the gain is s^2 / 2 (I + V), not s^2 / 2 I."""
+    rows = recording(6, sizes=(1.5, 0.0))
+    products = np.zeros((2, JOINTS, 1 + SMOOTH, COUNT + 1))
+    products[0, :, 0, 2], products[1, :, 0, 2] = 5.0, -5.0
+    sure, unsure = (
+        machine.asked(sums(SCENE.spread, [told(rows)._replace(crossed=each)])) for each in (0.0 * products, products)
     )
-    noise = Scatter(np.full(1, 1e-9), np.full(1, 2.0))
-    assert found.common(noise) == pytest.approx([30.0 / 2.0**2])
-    loud = replace(found, crossed=np.array([[30.0, 100.0 * 5.0**2]]))  # sensors that make more noise than there is
-    assert loud.common(noise) == pytest.approx([30.0 / 5.0**2])
+    state = unsure.state(unsure.usual)
+    own = list(SCENE.forms[0].columns)
+    told_of, vague = float(state.information(own)[0, 0]), float(state.vague[own[0]])
+    assert vague > 0.1 * told_of
+    gains = [case.under((0,), case.state(case.usual))[1].gain for case in (sure, unsure)]
+    assert gains[1] == pytest.approx(gains[0] * told_of / (told_of + vague), rel=1e-2)
 
 
 def in_order(*rows):

@@ -6,6 +6,8 @@ IN_ORDER = 0.5  # that the machine is in order
 ODD = 0.1  # that what is wrong is nothing the library has; the rest is shared by all names, then by places and forms
 SECOND = 0.1  # that one more effect is there beside a first
 HAPPENS = 0.1  # that something happens in a block of three seconds
+HEAVY = 4.0  # times an unusual change of a load, 500 kg: what may hang in the bucket of a machine at work (convention)
+STICKS = 0.05  # of the same: what sticks in an empty bucket (3 to 30 kg a cycle: physics)
 TAIL = 0.03  # that a joint's discrepancy is nothing that machines in order show: 3 % (an earlier prototype, kept)
 
 # Everyday change from one recording to another, standard deviation of a logarithm (fit: study of the decisions).

@@ -33,10 +33,32 @@ def white(columns: Array, floor: Floor) -> White:
     return White(np.where(good[..., None], rows, 0.0).astype(np.float32), good)
 
 
+class Shared(NamedTuple):
+    """Products (B, R, 1+SMOOTH, K+1) of the sensors' noise in every column and in what is left, block by block: of all
+    rows, and along each polynomial; last the square of what is in the latter. Rows (B, R) that were counted."""
+
+    products: Array
+    rows: Array
+
+    @classmethod
+    def nothing(cls, joints: int, columns: int) -> "Shared":
+        """No noise that `columns`, the last one what is left, share."""
+        return cls(np.zeros((0, joints, 1 + SMOOTH, columns)), np.zeros((0, joints)))
+
+    def of(self, counted: Array) -> Array:
+        """The same in a recording with rows (B', R) counted: samples (B, R, 1+SMOOTH, K+1) that add up to it."""
+        rows = np.sum(counted, axis=0) / np.maximum(np.sum(self.rows, axis=0), 1.0)
+        blocks = np.sum(counted > 0.0, axis=0) / np.maximum(np.sum(self.rows > 0.0, axis=0), 1.0)
+        found = self.products * blocks[:, None, None]
+        found[:, :, 0] = self.products[:, :, 0] * rows[:, None]
+        return np.asarray(found)
+
+
 class Statistics(NamedTuple):
     """Of recordings with R joints, B blocks, K columns: `whole` (R, K+1, K+1) Gram matrices of [columns | left],
-    `smooth` (B, R, SMOOTH, K+1) their share along the polynomials, `rows` (B, R) counted; `crossed` (R, K+1): what of
-    the columns' product with what is left is the sensors' noise in both (errors in variables)."""
+    `smooth` (B, R, SMOOTH, K+1) their share along the polynomials, `rows` (B, R) counted; `crossed`
+    (S, R, 1+SMOOTH, K+1): samples that add up to what of the columns' product with what is left, whole and along each
+    polynomial, is the sensors' noise in both (errors in variables)."""
 
     whole: Array
     smooth: Array
@@ -44,14 +66,11 @@ class Statistics(NamedTuple):
     crossed: Array
 
 
-def statistics(each: Sequence[White], own: Sequence[int], shared: Array) -> Statistics:
-    """The statistics of recordings' columns `own` and what is left, the last column; `shared` (R, K+1): noise of the
-    columns per row that is also in what is left (see `crossed`)."""
-    chosen = [*own, -1]
-    parts = [_one(w.rows[..., chosen].astype(np.float64), w.good) for w in each]
-    whole, smooth, rows = zip(*parts, strict=True)
-    counted = np.concatenate(rows)
-    return Statistics(np.sum(whole, axis=0), np.concatenate(smooth), counted, counted.sum(axis=0)[:, None] * shared)
+def statistics(each: White, own: Sequence[int], shared: Shared) -> Statistics:
+    """The statistics of a recording's columns `own` and what is left, the last column; `shared`: noise of the columns
+    that is also in what is left (see `crossed`)."""
+    whole, smooth, rows = _one(each.rows[..., [*own, -1]].astype(np.float64), each.good)
+    return Statistics(whole, smooth, rows, shared.of(rows))
 
 
 def _one(rows: Array, good: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -83,13 +102,28 @@ def polynomials(good: Array) -> Array:
     return np.moveaxis(found, 2, 1)
 
 
-def crossed(columns: Array, noisy: Array, floor: Floor, own: Sequence[int]) -> Array:
-    """Noise of the columns per row that is also in what is left (R, K+1), of columns (T, R, N) and the same with the
-    sensors' noise once more: the product of what it adds to the column and to what is left, in units of the floor's
-    white noise; last the square of what it adds to the latter."""
-    found = np.zeros((columns.shape[1], len(own) + 1))
-    for r in range(columns.shape[1]):
-        added = whitened(noisy[:, r] - columns[:, r], floor.memory[r])[:, [*own, -1]]
-        added = added[np.all(np.isfinite(added), axis=1)]
-        found[r] = added.T @ added[:, -1] / max(len(added) * float(floor.white[r]) ** 2, 1e-300)
-    return found
+def laid(each: White, rows: NDArray[np.int_]) -> White:
+    """Some rows (N,) in another order, in whole blocks; -1: none."""
+    there = rows >= 0
+    found = np.where(there[:, None, None], each.rows[rows], np.float32(0.0))
+    return White(found, each.good[rows] & there[:, None])
+
+
+def shared(added: Array, floor: Floor, own: Sequence[int], rows: NDArray[np.int_] | None = None) -> Shared:
+    """The noise that columns and what is left share, of what the sensors' noise once more adds to them (T, R, N): the
+    product of what it adds to the columns `own` and to what is left, in units of the floor's white noise; of all rows,
+    or of `rows` in their order (see `laid`)."""
+    each = white(added[..., [*own, -1]], floor)
+    each = each if rows is None else laid(each, rows)
+    noise, good = blocked(each.rows.astype(np.float64)), blocked(each.good.astype(np.float64))
+    along = np.einsum("btrs,btrk->brsk", polynomials(good), noise, optimize=True)
+    whole = np.einsum("btrk,btr->brk", noise, noise[..., -1], optimize=True)
+    return Shared(np.concatenate([whole[:, :, None], along * along[..., -1:]], axis=2), good.sum(axis=1))
+
+
+def energy(each: Sequence[Shared]) -> Array:
+    """Energy of the noise in what is left (R, 1+SMOOTH) of recordings: per row, and per block along each polynomial."""
+    products = np.sum([np.sum(s.products[..., -1], axis=0) for s in each], axis=0)
+    rows = np.sum([np.sum(s.rows, axis=0) for s in each], axis=0)
+    blocks = np.sum([np.sum(s.rows > 0.0, axis=0) for s in each], axis=0)
+    return np.asarray(products / np.maximum(np.column_stack([rows, *[blocks] * SMOOTH]), 1.0))

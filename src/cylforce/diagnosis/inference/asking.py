@@ -13,8 +13,8 @@ from cylforce.diagnosis.columns.correction import Applied, left_without
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
-from cylforce.diagnosis.columns.statistics import White, crossed, statistics, white
-from cylforce.diagnosis.columns.whitening import Floor, whitened
+from cylforce.diagnosis.columns.statistics import SMOOTH, Shared, White, energy, laid, shared, statistics, white
+from cylforce.diagnosis.columns.whitening import Floor
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.sizes import Column, Terms
@@ -27,7 +27,7 @@ from cylforce.signals.estimate import Array
 CLOCK = INCIDENTAL.index("clock")
 LOAD = ("load.mass", "load.X", "load.Z")
 NEVER = 1e-6  # of a size: as part of the machine
-NOISY_S = 60.0  # of a recording, from which the noise that columns and residual share is told
+NOISY_S = 300.0  # of a recording, from which the noise that columns and residual share is told: more would take long
 
 
 class Step(NamedTuple):
@@ -40,13 +40,15 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Asking:
-    """A problem under a noise floor; `step`: when a load may have changed."""
+    """A problem under a noise floor; `step`: when a load may have changed; `layout`: of every faulty recording the rows
+    that count, in whole blocks (see `laid`), by default all."""
 
     viewer: Viewer
     problem: Problem
     floor: Floor
     noisy: "Noisy"
     step: Step | None = None
+    layout: tuple[NDArray[np.int_], ...] | None = None
 
     @cached_property
     def own(self) -> list[int]:
@@ -61,7 +63,8 @@ class Asking:
 
     @cached_property
     def _field(self) -> list[White]:
-        return self._whites(self.problem.faulty)
+        found = self._whites(self.problem.faulty)
+        return [laid(w, rows) for w, rows in zip(found, self.layout, strict=True)] if self.layout else found
 
     def _whites(self, group: Sequence[Seen]) -> list[White]:
         found, block = [], 0
@@ -120,12 +123,12 @@ class Asking:
         expected = self.problem.from_sheet and p.name in EXPECTED
         return Column(p.name, p.at, own, about.low, high, about.sign, about.axes, expected)
 
-    def sums(self, group: Sequence[Seen], shared: Sequence[Array], kept: NDArray[np.bool_] | None = None) -> Sums:
+    def sums(self, group: Sequence[Seen], shared: Sequence[Shared], kept: NDArray[np.bool_] | None = None) -> Sums:
         """Statistics of recordings; `shared`: noise of each one's columns that is also in what is left; `kept` (B,):
         the blocks that count, by default all."""
         whites = self.whites(group) if kept is None else _kept(self.whites(group), kept)
         each = zip(whites, shared, strict=True)
-        parts = [statistics([w], self.own, _padded(noise, len(self.own) + 1)) for w, noise in each]
+        parts = [statistics(w, self.own, _padded(noise, len(self.own) + 1)) for w, noise in each]
         return sums(self.scene.spread, parts)
 
     def moments(self, group: Sequence[Seen], names: Sequence[str]) -> Moments:
@@ -147,10 +150,10 @@ class Asking:
         not what limits the floor, as on a slow machine with better sensors than its file says."""
         if not self.problem.clean:
             return self
-        clean, faulty = (tuple(np.zeros_like(each) for each in group) for group in self.noisy[:2])
+        clean, faulty = (tuple(each._replace(products=0.0 * each.products) for each in g) for g in self.noisy[:2])
         nothing = Noisy(clean, faulty)
         plain, own = replace(self, noisy=nothing), self.references
-        plain.__dict__["references"] = tuple(replace(s, crossed=np.zeros_like(s.crossed)) for s in own)
+        plain.__dict__["references"] = tuple(replace(s, crossed=0.0 * s.crossed) for s in own)
         corrected, least = (asking.machine({}).left for asking in (self, plain))
         return plain if np.any(corrected > GAP * np.maximum(least, 1.0)) else self
 
@@ -160,17 +163,14 @@ class Asking:
         return InOrder(plain.scene, plain.references, everyday, len(self.floor.rms))
 
     def noise_without(self, applied: Sequence[Applied]) -> Array:
-        """Energy of the sensors' noise in what is left (R,), per row in units of the floor's white noise, with some
-        effects taken out of the readings; zeros where it is not known."""
-        energy, count = np.zeros(len(self.floor.rms)), np.zeros(len(self.floor.rms))
+        """Energy of the sensors' noise in what is left (R, 1+SMOOTH), per row and per block along each polynomial, in
+        units of the floor's white noise, with some effects taken out of the readings; zeros where it is not known."""
+        found = []
         for seen, twin in zip(self.problem.faulty, self.noisy.twins, strict=False):
             plain = seen.recorded._replace(values=seen.recorded.values[: len(twin.values)])
-            added = left_without(twin, self.viewer, applied) - left_without(plain, self.viewer, applied)
-            for r in range(added.shape[1]):
-                noise = whitened(added[:, r : r + 1], self.floor.memory[r]) / self.floor.white[r]
-                energy[r] += np.nansum(noise**2)
-                count[r] += np.count_nonzero(np.isfinite(noise))
-        return energy / np.maximum(count, 1.0)
+            once, twice = (left_without(recorded, self.viewer, applied)[..., None] for recorded in (plain, twin))
+            found.append(shared(twice - once, self.floor, []))
+        return energy(found) if found else np.zeros((len(self.floor.rms), 1 + SMOOTH))
 
     @cached_property
     def references(self) -> tuple[Sums, ...]:
@@ -190,44 +190,48 @@ def _kept(whites: Sequence[White], kept: NDArray[np.bool_]) -> list[White]:
     return found
 
 
-def _padded(noise: Array, size: int) -> Array:
-    """Noise (R, N+1) of all but the last columns added (R, size): these share none."""
-    found = np.zeros((len(noise), size))
-    found[:, : noise.shape[1] - 1], found[:, -1] = noise[:, :-1], noise[:, -1]
-    return found
+def _padded(noise: Shared, size: int) -> Shared:
+    """The noise of all but the last columns added, of `size` in all: these share none."""
+    found = np.zeros((*noise.products.shape[:-1], size))
+    found[..., : noise.products.shape[-1] - 1], found[..., -1] = noise.products[..., :-1], noise.products[..., -1]
+    return Shared(found, noise.rows)
 
 
 class Noisy(NamedTuple):
-    """Of every recording, clean and faulty, the noise that its columns share with what is left (R, N+1); the beginnings
-    of the faulty ones with the sensors' noise once more, `twins`, where it is known."""
+    """Of every recording, clean and faulty, the noise that its columns share with what is left; the beginnings of the
+    faulty ones with the sensors' noise once more, `twins`, where it is known."""
 
-    clean: tuple[Array, ...]
-    faulty: tuple[Array, ...]
+    clean: tuple[Shared, ...]
+    faulty: tuple[Shared, ...]
     twins: tuple[Recorded, ...] = ()
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' noise as the clean recordings show it (as declared, where a coarse reading shows none), once
-    more on the first minute of every recording. Without clean recordings none: the floor is then what all columns
-    leave, and has no noise in common with them."""
+    """From the sensors' noise once more on five minutes of every recording. Without clean recordings none: the
+    floor is then what all columns leave, and has no noise in common with them."""
     if not problem.clean:
-        size = problem.lasting + 2
-        return Noisy((), tuple(np.zeros((len(floor.rms), size)) for _ in problem.faulty))
-    declared = np.array([s.standard_error for s in viewer.model.machine.signals])
-    seen = white_noise([seen.recorded for seen in problem.clean])
-    errors = np.where(np.nan_to_num(seen) > 0.0, seen, declared)
+        nothing = Shared.nothing(len(floor.rms), problem.lasting + 2)
+        return Noisy((), (nothing,) * len(problem.faulty))
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
-
-    def again(group: Sequence[Seen]) -> tuple[Seen, ...]:
-        values = [seen.recorded.values[:steps] for seen in group]
-        made = [v + errors * rng.standard_normal(v.shape) for v in values]
-        pairs = zip(group, made, strict=True)
-        return looked_at(viewer, [seen.recorded._replace(values=v) for seen, v in pairs], problem.proposals)
-
-    twin = replace(problem, clean=again(problem.clean), faulty=again(problem.faulty), base=problem.riding)
+    clean, faulty = (with_noise(viewer, problem, group, rng, steps) for group in (problem.clean, problem.faulty))
+    twin = replace(problem, clean=clean, faulty=faulty, base=problem.riding)
     own = [*range(problem.lasting), problem.lasting + CLOCK]
     found = []
     for group, others in ((problem.clean, twin.clean), (problem.faulty, twin.faulty)):
         pairs = [(problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True)]
-        found.append(tuple(crossed(a[: len(b)], b, floor, own) for a, b in pairs))
+        found.append(tuple(shared(b - a[: len(b)], floor, own) for a, b in pairs))
     return Noisy(found[0], found[1], tuple(seen.recorded for seen in twin.faulty))
+
+
+def with_noise(
+    viewer: Viewer, problem: Problem, group: Sequence[Seen], rng: np.random.Generator, steps: int | None = None
+) -> tuple[Seen, ...]:
+    """The first `steps` samples of recordings, by default all, with the sensors' noise once more: as the clean
+    recordings show it; as declared, where a coarse reading shows none."""
+    declared = np.array([s.standard_error for s in viewer.model.machine.signals])
+    shown = white_noise([seen.recorded for seen in problem.clean])
+    errors = np.where(np.nan_to_num(shown) > 0.0, shown, declared)
+    values = [seen.recorded.values[:steps] for seen in group]
+    made = [v + errors * rng.standard_normal(v.shape) for v in values]
+    pairs = zip(group, made, strict=True)
+    return looked_at(viewer, [seen.recorded._replace(values=v) for seen, v in pairs], problem.proposals)

@@ -12,7 +12,6 @@ from cylforce.diagnosis.columns.problem import Problem
 from cylforce.diagnosis.inference.asking import Asking
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.sizes import Column
-from cylforce.diagnosis.inference.working import Blocks
 from cylforce.effects.fault import BEYOND
 from cylforce.signals.estimate import Array
 
@@ -23,25 +22,23 @@ KEPT = 0.5  # of the usable rows, which must be left when effects are taken out 
 
 @dataclass(frozen=True)
 class AtSizes:
-    """The question, and how it is `put` to other recordings, or to some blocks (B,) of them."""
+    """The question, and how it is `put` to other recordings."""
 
     question: Asking
-    put: Callable[[Problem, Blocks | None], Inference]
+    put: Callable[[Problem], Inference]
 
     def looked_at(
-        self, case: Inference, h: Hypothesis, kept: Blocks | None
+        self, case: Inference, h: Hypothesis
     ) -> tuple[Hypothesis, Callable[[], tuple[Problem, Inference]], Inference]:
         """A hypothesis with its effects taken out of the recordings at their sizes, until these stay; how that is made
         once more, and what is then asked."""
-        case = self.put(self.question.problem, kept) if kept is not None else case
         rows = float(np.sum(case.sums.rows))
-        apart = h.log - case.hypothesis(h.which, h.noise).log  # what the blocks that are left out tell
         found, made, asked_so = h, partial(lambda *both: both, self.question.problem, case), case
         for _ in range(ROUNDS):
             now, applied = found, self._applied(found, case)
             if any(not _possible(case.scene.forms[p], a.sizes) for p, a in applied):
                 break
-            remade = partial(self._taken_out, case, applied, kept, apart)
+            remade = partial(self._taken_out, case, applied)
             again = remade()[1]
             if float(np.sum(again.sums.rows)) < KEPT * rows:
                 break  # at these sizes the machine could not have moved so
@@ -50,16 +47,14 @@ class AtSizes:
                 break
         return found, made, asked_so
 
-    def _taken_out(
-        self, case: Inference, applied: Sequence[tuple[int, Applied]], kept: Blocks | None, apart: float
-    ) -> tuple[Problem, Inference]:
+    def _taken_out(self, case: Inference, applied: Sequence[tuple[int, Applied]]) -> tuple[Problem, Inference]:
         """The problem without some effects, by the number of their form, and what is then asked."""
         problem = without(self.question.problem, self.question.viewer, [a for _, a in applied])
         unit = {p: case.scene.spread[list(case.scene.forms[p].columns)] for p, _ in applied}
         taken = {p: a.sizes / unit[p] for p, a in applied}
-        put = self.put(problem, kept)
+        put = self.put(problem)
         noise = self._noise - self.question.noise_without([a for _, a in applied])
-        return problem, replace(put, sums=put.sums.with_noise(noise), taken=taken, told=case.told, apart=apart)
+        return problem, replace(put, sums=put.sums.with_noise(noise), taken=taken, told=case.told)
 
     @cached_property
     def _noise(self) -> Array:

@@ -34,8 +34,9 @@ class Scatter(NamedTuple):
 @dataclass(frozen=True)
 class Sums:
     """Gram matrices of a recording, in units of the columns' prior spread, last column what is left: `whole`
-    (R, K+1, K+1), `smooth` (R, SMOOTH, K+1, K+1), rows (R,) and blocks (R,) counted; `crossed` (R, K+1): what of the
-    product with what is left is sensor noise in both."""
+    (R, K+1, K+1), `smooth` (R, SMOOTH, K+1, K+1), rows (R,) and blocks (R,) counted; `crossed` (S, R, 1+SMOOTH, K+1):
+    samples that add up to what of the product with what is left, whole and along each polynomial, is sensor noise in
+    both."""
 
     whole: Array
     smooth: Array
@@ -55,22 +56,28 @@ class Sums:
         white = self.whole - (share[:, None] @ self.smooth.reshape(joints, SMOOTH, -1)).reshape(joints, size, size)
         return np.asarray(white / noise.v[:, None, None] ** 2)
 
-    def common(self, noise: Scatter) -> Array:
-        """What noise in both adds to X' P y (K,): errors in variables. Where the sensors would make more noise than
-        there is, all of it is theirs."""
+    @property
+    def theirs(self) -> Array:
+        """Energy of the sensors' noise in what is left (R,), per row."""
+        return np.asarray(np.sum(self.crossed[:, :, 0, -1], axis=0) / np.maximum(self.rows, 1.0))
+
+    def common(self, noise: Scatter) -> tuple[Array, Array]:
+        """What noise in both adds to X' P y (K,): errors in variables; and how uncertain that is (K,), a variance, by
+        its samples. Where the sensors would make more noise than there is, all of it is theirs."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
-        white = 1.0 - self.blocks * np.sum(share, axis=1) / np.maximum(self.rows, 1.0)
-        theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
-        return np.asarray((white / np.maximum(noise.v**2, theirs)) @ self.crossed[:, :-1])
+        weight = np.concatenate([np.ones((len(share), 1)), -share], axis=1)
+        weight /= np.maximum(noise.v**2, self.theirs)[:, None]
+        each = np.einsum("rq,srqk->sk", weight, self.crossed[..., :-1], optimize=True)
+        return each.sum(axis=0), len(each) * np.var(each, axis=0) if len(each) else np.zeros(each.shape[1])
 
     def with_noise(self, lost: Array) -> "Sums":
-        """The same with the energy of the sensors' noise (R,) per row that a correction of the readings took away:
-        recordings with less noise are not by that more probable. No more of it than there is noise at all."""
-        theirs = self.crossed[:, -1] / np.maximum(self.rows, 1.0)
-        given = np.minimum(1.0, 1.0 / np.maximum(theirs, 1e-300)) * lost
+        """The same with the energy of the sensors' noise (R, 1+SMOOTH), per row and per block along each polynomial,
+        that a correction of the readings took away: recordings with less noise are not by that more probable. No more
+        of it than there is noise at all."""
+        given = np.minimum(1.0, 1.0 / np.maximum(self.theirs, 1e-300))[:, None] * lost
         whole, smooth = self.whole.copy(), self.smooth.copy()
-        whole[:, -1, -1] += self.rows * given
-        smooth[:, :, -1, -1] += (self.blocks * given)[:, None]
+        whole[:, -1, -1] += self.rows * given[:, 0]
+        smooth[:, :, -1, -1] += self.blocks[:, None] * given[:, 1:]
         return replace(self, whole=whole, smooth=smooth)
 
     def norm(self, noise: Scatter) -> float:
@@ -102,8 +109,16 @@ def sums(spread: Array, parts: Sequence[Statistics]) -> Sums:
     each = [np.einsum("brki,brkj->rkij", p.smooth, p.smooth, optimize=True) for p in parts]
     rows = np.sum([np.sum(p.rows, axis=0) for p in parts], axis=0)
     blocks = np.sum([np.sum(p.rows > 0.0, axis=0) for p in parts], axis=0)
-    crossed = np.sum([p.crossed for p in parts], axis=0) * unit
+    crossed = np.concatenate([p.crossed for p in parts]) * unit
     return Sums(whole, np.sum(each, axis=0) * np.outer(unit, unit), rows, blocks.astype(np.float64), crossed)
+
+
+def together(each: Sequence[Sums]) -> Sums:
+    """Recordings as one."""
+    whole, smooth, rows, blocks = (
+        np.sum([getattr(s, name) for s in each], axis=0) for name in ("whole", "smooth", "rows", "blocks")
+    )
+    return Sums(whole, smooth, rows, blocks, np.concatenate([s.crossed for s in each]))
 
 
 def likeliest(found: Sums, white: Array, smooth: Array, usual: Scatter | None) -> tuple[Scatter, Array]:
@@ -178,18 +193,20 @@ class Moments:
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
         return np.asarray(half.T @ half, dtype=np.float64), cost
 
-    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
-        """Sizes (B, I) of what happens, by what coefficients (K+1,) leave without it, and their standard errors."""
+    def expected(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """Sizes (B, I) of what happens, by what coefficients (K+1,) leave without it; their covariance (B, I, I)."""
         across, precision, _ = self.weighed(noise)
-        covariance = np.linalg.inv(precision)
-        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        covariance = np.asarray(np.linalg.inv(precision))
+        return np.asarray(np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)), covariance
+
+    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """The same with standard errors (B, I)."""
+        sizes, covariance = self.expected(left, noise)
         return sizes, np.sqrt(np.einsum("bii->bi", covariance))
 
     def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
-        across, precision, _ = self.weighed(noise)
-        covariance = np.linalg.inv(precision)
-        sizes = np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)
+        sizes, covariance = self.expected(left, noise)
         second = np.einsum("bi,bj->bij", sizes, sizes) + covariance
         whole = np.einsum("brij,bij->r", self.within, second, optimize=True)
         whole -= 2.0 * np.einsum("bi,brij,j->r", sizes, self.across, left, optimize=True)

@@ -53,12 +53,14 @@ class Fitted(NamedTuple):
 
 class Marginal(NamedTuple):
     """A recording under a noise: its information (K, K), the covariance (K, K) and the sizes (K,) of the nuisances that
-    follow, the marginal score (K,) of sizes, and the log likelihood without any."""
+    follow, the marginal score (K,) of sizes and how uncertain it is beyond the noise (K,), a variance, and the log
+    likelihood without any."""
 
     known: Array
     covariance: Array
     fitted: Array
     score: Array
+    vague: Array
     log: float
 
     def gain(self, own: list[int]) -> Array:
@@ -112,7 +114,7 @@ class Inference:
             lost, cost = self.moments.told(noise)
             told = told - lost
         known, inside = told[:-1, :-1], self.mean
-        common = self.sums.common(noise)
+        common, vague = self.sums.common(noise)
         score = told[:-1, -1] - common - known @ inside
         energy = told[-1, -1] - 2.0 * inside @ told[:-1, -1] + inside @ known @ inside
         precision, spread = self._precision(noise)
@@ -122,7 +124,7 @@ class Inference:
         covariance = half.T @ half
         fitted = covariance @ score
         log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root))))
-        return Marginal(known, covariance, fitted, score - known @ fitted, log - cost + self.sums.norm(noise))
+        return Marginal(known, covariance, fitted, score - known @ fitted, vague, log - cost + self.sums.norm(noise))
 
     def _own(self, which: tuple[int, ...]) -> list[int]:
         return [c for p in which for c in self.scene.forms[p].columns]
@@ -132,9 +134,9 @@ class Inference:
         own, taken = self._own(which), self._taken(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
         precision = np.where(certain > 0.0, certain, WIDE)
-        information = _positive(state.information(own)) + np.diag(precision)
-        covariance = _positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
-        score = state.score[own] - precision * taken
+        told, score = less_known(_positive(state.information(own)), state.score[own], state.vague[own])
+        covariance = _positive(np.linalg.inv(told + np.diag(precision))) if own else np.zeros((0, 0))
+        score = score - precision * taken
         more = covariance @ score
         gain = 0.5 * float(score @ more) - 0.5 * float(certain @ taken**2)
         return own, Fitted(more, taken + more, covariance, gain)
@@ -271,6 +273,15 @@ class Inference:
                 break
             beam = best
         return beam
+
+
+def less_known(information: Array, score: Array, vague: Array) -> tuple[Array, Array]:
+    """Information (M, M) and score (M,) of sizes whose score is uncertain by a variance `vague` (M,) beyond the
+    noise."""
+    if not np.any(vague):
+        return information, score
+    less = information @ np.linalg.pinv(information + np.diag(vague), hermitian=True)
+    return _positive(less @ information), np.asarray(less @ score)
 
 
 def _positive(matrix: Array) -> Array:

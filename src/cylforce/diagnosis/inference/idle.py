@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.columns.problem import Problem, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
-from cylforce.diagnosis.inference.working import QUIET
 from cylforce.diagnosis.numbers import SIGMAS
 from cylforce.effects.fault import INCIDENTAL, SHAPES
 from cylforce.effects.incidents.payload_spill import PayloadSpill
@@ -27,6 +26,7 @@ TIPS = tuple(INCIDENTAL.index(f"tip.{axis}.{k}") for k in range(SHAPES) for axis
 LEAST = {LOADS: PayloadSpill().about.low, TIPS: TipForce().about.low}  # plausible sizes [kg, N]
 TAKEN = {LOADS: slice(0, 1), TIPS: slice(None)}  # the coefficients that are the magnitude
 
+QUIET = 0.4  # of the blocks, with which the search begins: those in which least is left
 Blocks = NDArray[np.bool_]
 
 

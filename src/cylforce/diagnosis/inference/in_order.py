@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from cylforce.diagnosis.columns.statistics import SMOOTH
-from cylforce.diagnosis.inference.discrepancy import Scatter, Sums, allowed, settled_noise
-from cylforce.diagnosis.inference.hypotheses import Inference
+from cylforce.diagnosis.inference.discrepancy import Scatter, Sums, allowed, settled_noise, together
+from cylforce.diagnosis.inference.hypotheses import Inference, less_known
 from cylforce.diagnosis.inference.sizes import Terms
 from cylforce.diagnosis.numbers import RUN_TO_RUN, UNSEEN, UNSURE, USUALLY
 from cylforce.signals.estimate import Array
@@ -30,26 +30,26 @@ class InOrder:
 
     @cached_property
     def _all(self) -> Sums:
-        each = self.references
-        return Sums(*(np.sum([getattr(s, k) for s in each], axis=0) for k in Sums.__annotations__))
+        return together(self.references)
 
     @cached_property
     def fit(self) -> tuple[Scatter, Array, Array]:
         """Noise, mean (K,) and covariance (K, K)."""
         if not self.references:
             return self._unseen()
-        size, together = len(self.scene.spread), self._all
+        size, shown = len(self.scene.spread), self._all
         precision = (self.scene.always / self.scene.spread) ** -2.0
-        noise = Scatter(np.full(len(together.rows), 1.0), np.full(len(together.rows), 1.0))
+        noise = Scatter(np.full(len(shown.rows), 1.0), np.full(len(shown.rows), 1.0))
         mean, covariance = np.zeros(size), np.zeros((size, size))
-        energies = np.zeros(len(together.rows)), np.zeros((len(together.rows), SMOOTH))
+        energies = np.zeros(len(shown.rows)), np.zeros((len(shown.rows), SMOOTH))
         for _ in range(6):
-            told = together.information(noise)
-            covariance = np.asarray(np.linalg.inv(told[:-1, :-1] + np.diag(precision)))
-            mean = covariance @ (told[:-1, -1] - together.common(noise))
-            energies = together.energies(np.append(-mean, 1.0), covariance)
-            noise = _where_shown(settled_noise(together, energies, None), together.rows)
-        level = np.where(together.rows > 0.0, allowed(together, *energies), noise.rho)
+            told, (common, vague) = shown.information(noise), shown.common(noise)
+            known, score = less_known(told[:-1, :-1], told[:-1, -1] - common, vague)
+            covariance = np.asarray(np.linalg.inv(known + np.diag(precision)))
+            mean = covariance @ score
+            energies = shown.energies(np.append(-mean, 1.0), covariance)
+            noise = _where_shown(settled_noise(shown, energies, None), shown.rows)
+        level = np.where(shown.rows > 0.0, allowed(shown, *energies), noise.rho)
         return noise._replace(rho=level), mean, covariance
 
     def _unseen(self) -> tuple[Scatter, Array, Array]:

@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
-from cylforce.diagnosis.inference.working import Blocks
 from cylforce.signals.estimate import Array
 
+Blocks = NDArray[np.bool_]
 SETTLING = 4  # rounds in which the blocks in which something happens are found
 
 

@@ -16,11 +16,11 @@ from cylforce.diagnosis.inference.at_sizes import AtSizes
 from cylforce.diagnosis.inference.discrepancy import Moments
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import changed, settled
+from cylforce.diagnosis.inference.moments import Blocks, changed, settled
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import hung, residuals
-from cylforce.diagnosis.inference.working import AtWork, Blocks, Work
+from cylforce.diagnosis.inference.working import AtWork, at_work, hangs
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
 from cylforce.diagnosis.recordings.glitches import Jumping, jumping, others
@@ -30,7 +30,6 @@ from cylforce.effects.unknown import NAME, UNKNOWN_TORQUES
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
-MANY = 12  # hypotheses of a machine at work
 AGAIN = 6  # hypotheses that are looked at again at their sizes
 TIP = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
 SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
@@ -92,7 +91,7 @@ def examined(
     floor = noise_floor(problem)
     watch("noise of the columns")
     question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
-    return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}).found()
+    return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}, rng).found()
 
 
 @dataclass(frozen=True)
@@ -104,6 +103,7 @@ class _Search:
     only: tuple[str, str] | None
     watch: Watch
     jumps: Mapping[int, float]  # evidence [nats] of the number of jumps of a reading, by its signal
+    rng: np.random.Generator
 
     @cached_property
     def _machine(self) -> InOrder:
@@ -112,8 +112,7 @@ class _Search:
     @cached_property
     def _first(self) -> Inference:
         """The question without a change of load."""
-        recording = self.plain.sums(self.plain.problem.faulty, self.plain.noisy.faulty)
-        return replace(self._machine.asked(recording), told=self._told(self.plain))
+        return self._put(self.plain)
 
     @cached_property
     def _values(self) -> Array:
@@ -154,8 +153,8 @@ class _Search:
             return self._first
         return replace(self._with_step(self._question.problem), told=self._told(self._question))
 
-    def _with_step(self, problem: Problem, kept: Blocks | None = None) -> Inference:
-        """A problem's recordings with what the references show; of a machine at work the blocks `kept` (B,)."""
+    def _with_step(self, problem: Problem) -> Inference:
+        """A problem's recordings with what the references show."""
         question = replace(self._question, problem=problem)
         case, size = self._machine.asked(self._first.sums), len(question.scene.spread)
         more = size - len(case.mean)
@@ -163,8 +162,7 @@ class _Search:
         covariance[: size - more, : size - more] = case.covariance
         recording = question.sums(problem.faulty, self.plain.noisy.faulty)
         mean, everyday = (np.append(each, np.zeros(more)) for each in (case.mean, case.everyday))
-        found = replace(case, scene=question.scene, sums=recording, mean=mean, covariance=covariance, everyday=everyday)
-        return found if kept is None else Work(question, found).on(kept)
+        return replace(case, scene=question.scene, sums=recording, mean=mean, covariance=covariance, everyday=everyday)
 
     @property
     def _wanted(self) -> list[int]:
@@ -184,25 +182,40 @@ class _Search:
         jumps = [p for p in self._wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
         happened, when = self._happened(case)
-        part = self._apart(case, hypotheses, happened)
-        if part and part.share > SELDOM:
-            hypotheses, blocks = self._at_work(part)
-            return replace(self._as_found(part.case, hypotheses, (), {}, blocks), working=True)
-        if part:
-            happened = (*happened, Happened(UNKNOWN, part.idle.log, part.share, part.idle.rest))
-        return self._as_found(case, hypotheses, happened, when, {})
+        work = self._at_work(hypotheses, happened)
+        if work and work[0].share > SELDOM:
+            return self._working(*work)
+        if work:
+            happened = (*happened, Happened(UNKNOWN, work[1].log, work[0].share, work[1].rest))
+        return self._as_found(case, hypotheses, happened, when)
 
-    def _apart(self, case: Inference, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]) -> AtWork | None:
-        """The machine in order where some blocks do not count, if this is likelier than all that was found, and leaves
-        less of the others: loads and contact together may hide each other from all that is asked by itself."""
+    def _at_work(
+        self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
+    ) -> tuple[AtWork, Hypothesis] | None:
+        """The machine in order at work, if this is likelier than all that was found, and leaves less of what counts:
+        loads and contact together may hide each other from all that is asked by itself."""
         found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
-        least = min(rest for _, rest in found)
-        if least <= GAP:
+        least, unit = min(rest for _, rest in found), self.plain.problem.spread[: len(self._values)]
+        if least <= GAP or not (work := at_work(self.plain, self._values * unit, self._put, self.rng)):
             return None
-        work = Work(self._question, case)
-        idle, at_work, kept = work.idle()
-        likelier = idle.log > max(log for log, _ in found) and idle.rest < least
-        return AtWork(work, idle, at_work, kept) if likelier else None
+        idle = work.case.likeliest((), work.case.usual)
+        return (work, idle) if idle.log > max(log for log, _ in found) and idle.rest < least else None
+
+    def _put(self, question: Asking) -> Inference:
+        """The question put to the field's rows that count."""
+        recording = question.sums(question.problem.faulty, question.noisy.faulty)
+        return replace(self._machine.asked(recording), told=self._told(question))
+
+    def _working(self, work: AtWork, idle: Hypothesis) -> Found:
+        """What may be the cause beside loads and contact of which nothing is known. It is not looked at again at its
+        size: where loads hang, what bends is small beside what its columns leave open."""
+        wanted = [p for p in self._wanted if not hangs(self.plain, self.plain.forms[p][0])]
+        case, found = work.case, dict[tuple[int, ...], Hypothesis]({(): idle})
+        for h in case.searched(wanted):
+            if h.which not in found or h.log > found[h.which].log:
+                found[h.which] = h
+        told = self._told_of(case, tuple(found.values()), ())
+        return Found(work.question, self._machine, case, told, {}, {}, True, self._least(case, told.none))
 
     def _as_found(
         self,
@@ -210,14 +223,16 @@ class _Search:
         hypotheses: Sequence[Hypothesis],
         happened: tuple[Happened, ...],
         when: Mapping[Key, Blocks],
-        blocks: Mapping[tuple[int, ...], Blocks],
     ) -> Found:
+        told = self._told_of(case, tuple(hypotheses), happened)
+        self.watch("effects at their sizes")
+        told, again = self._again(case, told)
+        return Found(self._question, self._machine, case, told, again, when, False, self._least(case, told.none))
+
+    def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:
         gap = case.rest(self._left(case), case.usual)
         shown = len({seen.recorded.name for seen in self.plain.problem.clean})
-        told = Asked(case.scene.forms, tuple(hypotheses), happened, case.usual, gap, shown)
-        self.watch("effects at their sizes")
-        told, again = self._again(case, told, blocks)
-        return Found(self._question, self._machine, case, told, again, when, False, self._least(case, told.none))
+        return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown)
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
@@ -229,20 +244,6 @@ class _Search:
             key = (form.name, form.at)
             found[key] = min(SIGMAS * error, found.get(key, np.inf))
         return found
-
-    def _at_work(self, part: AtWork) -> tuple[list[Hypothesis], dict[tuple[int, ...], Blocks]]:
-        """Hypotheses of a machine at work, each with the blocks in which it holds."""
-        found = dict[tuple[int, ...], Hypothesis]({(): part.idle})
-        blocks = dict[tuple[int, ...], Blocks]({(): part.kept})
-        wanted = [p for p in self._wanted if not self._hangs(self._question.forms[p][0])]
-        for p in part.case.screened(part.idle, wanted)[:MANY]:
-            found[(p,)], _, blocks[(p,)] = part.work.hypothesis((p,), part.kept, part.idle.noise)
-        return list(found.values()), blocks
-
-    def _hangs(self, p: Proposal) -> bool:
-        """Whether it is a mass in or on the tool: a load of which nothing is known does the same."""
-        last = len(self.plain.viewer.model.machine.links) - 1
-        return p.course is TimeCourse.AFTER or (p.weighs and p.where == last)
 
     def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
         """What may have happened at moments, and in which blocks (B,)."""
@@ -273,7 +274,7 @@ class _Search:
         return not self.only or (p.name == self.only[0] and self.only[1] in ("", p.at))
 
     def _again(
-        self, case: Inference, told: Asked, blocks: Mapping[tuple[int, ...], Blocks]
+        self, case: Inference, told: Asked
     ) -> tuple[Asked, dict[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]]:
         """The most probable hypotheses with the columns of their effects as they are at their sizes, and beside the
         first of them one effect more."""
@@ -286,7 +287,7 @@ class _Search:
         alone = [h for h in order if len(h.which) == 1]
         for h in {h.which: h for h in (*order[:AGAIN], *alone[:AGAIN])}.values():
             if any(self._question.forms[p][0].bends for p in h.which):
-                found[h.which], again[h.which], other = at_sizes.looked_at(case, h, blocks.get(h.which))
+                found[h.which], again[h.which], other = at_sizes.looked_at(case, h)
                 if (log := found[h.which].log + told.prior_of(h)) > most:
                     most, own = log, other
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))

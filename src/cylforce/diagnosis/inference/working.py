@@ -1,142 +1,188 @@
 """A machine at work: loads of which nothing is known hang in the bucket, and while the teeth touch the ground nothing
-can be told. A block of three seconds is either free of contact, then it counts, with a load of its own, or it is left
-out: then it has a variance of its own. Which blocks these are is settled under every hypothesis anew."""
+can be told. Only stretches free of contact count (`recordings/lifts.py`), each with one load of its own."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.columns.statistics import White, blocked, polynomials
-from cylforce.diagnosis.inference.asking import Asking
-from cylforce.diagnosis.inference.discrepancy import DECAY, Moments, Scatter
-from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
-from cylforce.diagnosis.numbers import HAPPENS
-from cylforce.effects.fault import SHAPES
+from cylforce.diagnosis.columns.rows import BLOCK
+from cylforce.diagnosis.columns.statistics import Shared, blocked, polynomials, shared
+from cylforce.diagnosis.inference.asking import CLOCK, Asking, with_noise
+from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, moments
+from cylforce.diagnosis.inference.hypotheses import Inference
+from cylforce.diagnosis.numbers import HAPPENS, HEAVY, STICKS
+from cylforce.diagnosis.recordings.lifts import FreeOfContact, Whitened, stretches
+from cylforce.effects.fault import INCIDENTAL, TimeCourse
+from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
 CARRIED = ("load.mass", "load.X", "load.Z", "load.J")
-SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
-HEAVY = 4.0  # times an unusual change of a load: what may hang in the bucket
-QUIET = 0.4  # of the blocks, with which the search begins: those in which least is left
-ROUNDS = 4
-
-Blocks = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Work:
-    """Recordings of work, and what the references show (`case`, whose sums are not used)."""
+class Loads(Moments):
+    """What hangs in the bucket: one load in all blocks of a stretch; `stretch` (B,): its number. `noise`
+    (B, R, 1+SMOOTH, I): products of the sensors' noise in a load's columns and in what is left, whole and along each
+    polynomial; `theirs` (R,): energy of that noise in what is left, per row."""
 
-    question: Asking
-    case: Inference
+    stretch: NDArray[np.int_]
+    noise: Array
+    theirs: Array
 
-    @cached_property
-    def _whites(self) -> list[White]:
-        return self.question.whites(self.question.problem.faulty)
+    def weighed(self, noise: Scatter) -> tuple[Array, Array, float]:
+        """The same as of single blocks, of every stretch, without the noise that a load's columns share with what is
+        left."""
+        across, precision, _ = super().weighed(noise)
+        share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
+        weight = np.concatenate([np.ones((len(share), 1)), -share], axis=1)
+        weight /= np.maximum(noise.v**2, self.theirs)[:, None]
+        across[..., -1] -= np.einsum("rq,brqi->bi", weight, self.noise, optimize=True)
+        count, unit = int(self.stretch[-1]) + 1, np.eye(precision.shape[-1])
+        each, within = np.zeros((count, *across.shape[1:])), np.zeros((count, *precision.shape[1:]))
+        np.add.at(each, self.stretch, across)
+        np.add.at(within, self.stretch, precision - unit)
+        within += unit
+        return each, within, 0.5 * float(np.sum(np.linalg.slogdet(within)[1]))
 
-    @cached_property
-    def _loads(self) -> Moments:
-        found = self.question.moments(self.question.problem.faulty, (*CARRIED, *SLEW))
-        size = np.concatenate([np.full(len(CARRIED), HEAVY), np.ones(len(SLEW))])
-        return Moments(
-            found.across * size[:, None], found.within * np.outer(size, size), found.waves * size, found.smooth
-        )
-
-    @cached_property
-    def _rows(self) -> tuple[Array, Array, Array]:
-        """Columns asked with what is left (B, BLOCK, R, K+1) in units of their spread, smooth shapes, and how many rows
-        a block has (B,)."""
-        unit = np.append(self.question.scene.spread, 1.0)
-        own = [*self.question.own, -1]
-        rows = np.concatenate([blocked(w.rows[..., own].astype(np.float64)) * unit for w in self._whites])
-        usable = [blocked(w.good.astype(np.float64)) for w in self._whites]
-        basis = np.concatenate([polynomials(good) for good in usable])
-        return rows, basis, np.concatenate([good.sum(axis=(1, 2)) for good in usable])
-
-    def energies(self, left: Array, noise: Scatter) -> Array:
-        """What coefficients (K+1,) leave of every block (B,), weighed by the noise, a load of its own taken off."""
-        rows, basis, _ = self._rows
-        plain = np.einsum("btrk,k->btr", rows, left, optimize=True)
-        along = np.einsum("btrk,btr->brk", basis, plain, optimize=True)
-        smooth = noise.rho[:, None] ** 2 * DECAY
-        share = smooth / (noise.v[:, None] ** 2 + smooth)
-        each = np.sum(plain**2, axis=1) - np.sum(share * along**2, axis=2)
-        across, precision, _ = self._loads.weighed(noise)
-        pull = across @ left
-        load = np.einsum("bi,bi->b", pull, np.linalg.solve(precision, pull[..., None])[..., 0])
-        return np.asarray(np.maximum(np.sum(each / noise.v**2, axis=1) - load, 0.0))
-
-    def free(self, left: Array, noise: Scatter) -> Blocks:
-        """The blocks (B,) that are more probably free of contact than not."""
-        with_all, alone = self._logs(left, noise)
-        return np.asarray((self._rows[2] > 0.0) & (with_all >= alone))
-
-    def apart(self, kept: Blocks, left: Array, noise: Scatter) -> float:
-        """Log of the probability of the blocks that are not `kept` (B,), and of that these are they."""
-        _, alone = self._logs(left, noise)
-        out = (self._rows[2] > 0.0) & ~kept
-        return float(np.sum(alone[out])) + float(np.sum(kept)) * float(np.log(1.0 - HAPPENS))
-
-    def _logs(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
-        """Log of the probability of every block (B,) with the noise of all, and with a variance of its own."""
-        count = self._rows[2]
-        energy = np.maximum(self.energies(left, noise), 1e-9)
-        scale = count * float(np.mean(np.log(noise.v)))
-        own = np.sqrt(energy / np.maximum(count, 1.0))
-        alone = -count * (np.log(np.maximum(own, 1.0)) + 0.5 * np.minimum(own, 1.0) ** 2) - scale
-        return -0.5 * energy - scale + np.log(1.0 - HAPPENS), alone + np.log(HAPPENS)
-
-    def idle(self) -> tuple[Hypothesis, Inference, Blocks]:
-        """The machine in order, begun with the blocks in which least is left by the references' parameters, and with
-        those that are free of contact by them: whichever is likelier in the end."""
-        left, count = np.append(-self.case.mean, 1.0), self._rows[2]
-        each = self.energies(left, self.case.usual) / np.maximum(count, 1.0)
-        least = np.asarray((count > 0.0) & (each <= np.quantile(each[count > 0.0], QUIET)))
-        free = self.free(left, self.case.usual)
-        begun = [kept for kept in (least, free) if np.any(kept)]
-        return max((self.hypothesis((), kept, self.case.usual) for kept in begun), key=lambda found: found[0].log)
-
-    def on(self, kept: Blocks) -> Inference:
-        """The question put to some blocks (B,)."""
-        problem = self.question.problem
-        recording = self.question.sums(problem.faulty, self.question.noisy.faulty, kept)
-        return replace(self.case, sums=recording, moments=self._loads.only(kept), apart=0.0)
-
-    def hypothesis(self, which: tuple[int, ...], kept: Blocks, noise: Scatter) -> tuple[Hypothesis, Inference, Blocks]:
-        """A hypothesis with the blocks in which it holds, from those `kept` at first."""
-        best = None
-        for _ in range(ROUNDS):
-            case = self.on(kept)
-            found = case.hypothesis(which, noise)
-            left = case.under(which, case.state(found.noise))[2]
-            again = self.free(left, self.case.usual)
-            if not np.any(again):
-                break
-            rest = self.apart(kept, left, self.case.usual)
-            best = found._replace(log=found.log + rest), replace(case, apart=rest), kept
-            if np.array_equal(again, kept):
-                break
-            kept = again
-        if best is None:
-            case = self.on(kept)
-            return case.hypothesis(which, noise)._replace(log=-np.inf), case, kept
-        found, case, kept = best
-        return case.likeliest(which, found.noise), case, kept
+    def expected(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
+        """Sizes (B, I) in every block by what coefficients (K+1,) leave, and their covariance (B, I, I)."""
+        sizes, covariance = super().expected(left, noise)
+        return sizes[self.stretch], covariance[self.stretch]
 
 
 class AtWork(NamedTuple):
-    """Recordings of `work` of which only the blocks `kept` (B,) count: with these the `case`, and the machine in order,
-    `idle`."""
+    """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them; the
+    `share` of the rows in which the teeth touch the ground or a load hangs."""
 
-    work: Work
-    idle: Hypothesis
+    question: Asking
     case: Inference
-    kept: Blocks
+    share: float
 
-    @property
-    def share(self) -> float:
-        """Of the blocks that do not count."""
-        return float(np.mean(~self.kept))
+
+class _Seen(NamedTuple):
+    """The stretches of a recording, its rows in blocks that lie within one (N,), -1: none, the number of each block's
+    stretch, and what hangs in the bucket (T, I)."""
+
+    stretches: list[FreeOfContact]
+    rows: NDArray[np.int_]
+    numbers: list[int]
+    carried: Array
+
+
+def at_work(
+    question: Asking, values: Array, put: Callable[[Asking], Inference], rng: np.random.Generator
+) -> AtWork | None:
+    """Recordings as those of work, None where no stretch is free of contact. `values` (K,): the columns that last of
+    the machine in order; `put`: how a question is put to it."""
+    found, apart = _found(question, values)
+    if not any(each.stretches for each in found):
+        return None
+    noise = [_noise(question, n, each, rng) for n, each in enumerate(found)]
+    faulty = tuple(each._replace(products=np.delete(each.products, _of_loads(each), axis=-1)) for each in noise)
+    laid = replace(question, layout=tuple(each.rows for each in found), noisy=question.noisy._replace(faulty=faulty))
+    case = put(laid)
+    carried = np.concatenate([each.products[..., _of_loads(each)] for each in noise])
+    case = replace(case, moments=_loads(laid, found, carried, case.sums.theirs), apart=apart)
+    return AtWork(laid, case, _busy(question, found))
+
+
+def hangs(question: Asking, p: Proposal) -> bool:
+    """Whether an effect is a mass in or on the tool: a load of which nothing is known does the same."""
+    last = len(question.viewer.model.machine.links) - 1
+    return p.course is TimeCourse.AFTER or (p.weighs and p.where == last)
+
+
+def _found(question: Asking, values: Array) -> tuple[list[_Seen], float]:
+    """The stretches of every recording, and the log likelihood of the rows outside of them."""
+    problem, settle = question.problem, question.viewer.slow.settle_steps
+    unit, first = problem.unusual[: len(CARRIED)], problem.lasting
+    found, apart = [], 0.0
+    for each in question.whites(problem.faulty):
+        rows = each.rows.astype(np.float64)
+        loads = rows[..., first : first + len(CARRIED)]
+        left = rows[..., -1] - rows[..., :first] @ values
+        own = stretches(Whitened(left, loads, each.good), HEAVY * unit, STICKS * unit, settle)
+        found.append(_laid(own, len(rows)))
+        apart += _apart(left, each.good, own)
+    return found, apart
+
+
+def _apart(left: Array, good: NDArray[np.bool_], found: Sequence[FreeOfContact]) -> float:
+    """Log of the probability of the rows (T, R) outside of stretches: whatever is smooth, and noise, with levels of
+    their own in every block and joint, log-uniform, no less than the floor's."""
+    out = good.copy()
+    for each in found:
+        out[each.first : each.last] = False
+    rows, usable = blocked(np.where(out, left, 0.0)), blocked(out.astype(np.float64))
+    basis = polynomials(usable)
+    along = np.einsum("btrs,btr->brs", basis, rows, optimize=True)
+    count = usable.sum(axis=1) - np.sum(np.any(basis != 0.0, axis=1), axis=2)
+    white = np.sqrt(np.maximum(np.sum(rows**2, axis=1) - np.sum(along**2, axis=2), 0.0) / np.maximum(count, 1.0))
+    levels = np.concatenate([np.abs(along), white[..., None]], axis=2)
+    weight = np.concatenate([np.any(basis != 0.0, axis=1), count[..., None]], axis=2)
+    each = -weight * (np.log(np.maximum(levels, 1.0)) + 0.5 * np.minimum(levels, 1.0) ** 2)
+    chosen = float(np.log(np.log(LEVELS[-1] / LEVELS[0]))) * np.count_nonzero(weight)
+    return float(np.sum(each)) - chosen + 2.0 * float(np.log(HAPPENS)) * len(found)
+
+
+def _laid(found: list[FreeOfContact], count: int) -> _Seen:
+    rows, numbers, carried = [], [], np.zeros((count, len(CARRIED)))
+    for n, each in enumerate(found):
+        own = np.arange(each.first, each.last)
+        carried[own] = each.carried
+        for part in np.array_split(own, -(-len(own) // BLOCK)):
+            rows.append(np.concatenate([part, np.full(BLOCK - len(part), -1)]))
+            numbers.append(n)
+    return _Seen(found, np.concatenate([np.zeros(0, dtype=np.int_), *rows]), numbers, carried)
+
+
+def _busy(question: Asking, found: Sequence[_Seen]) -> float:
+    """The share of the rows in which the teeth touch the ground or a load hangs."""
+    settle = question.viewer.slow.settle_steps
+    empty = sum(s.last - s.first + 2 * settle for each in found for s in each.stretches if not s.loaded)
+    return 1.0 - empty / sum(len(each.carried) for each in found)
+
+
+def _noise(question: Asking, n: int, seen: _Seen, rng: np.random.Generator) -> Shared:
+    """The noise that columns of a recording, at last those of a load, share with what is left beside its loads."""
+    problem, first = question.problem, question.problem.lasting
+    own = [*range(first), first + CLOCK, *range(first, first + len(CARRIED))]
+    if not problem.clean:
+        return Shared.nothing(len(question.floor.rms), len(own) + 1)
+    (twin,) = with_noise(question.viewer, problem, problem.faulty[n : n + 1], rng)
+    again = replace(problem, base=problem.riding)
+    each = again.columns(twin) - problem.columns(problem.faulty[n])
+    hanging = each[..., first : first + len(CARRIED)]
+    each[..., -1] -= np.einsum("tri,ti->tr", hanging, seen.carried)
+    return shared(each, question.floor, own, seen.rows)
+
+
+def _of_loads(each: Shared) -> list[int]:
+    last = each.products.shape[-1] - 1
+    return [*range(last - len(CARRIED), last)]
+
+
+def _loads(question: Asking, found: Sequence[_Seen], noise: Array, theirs: Array) -> Loads:
+    problem = question.problem
+    within = [problem.lasting + INCIDENTAL.index(name) for name in CARRIED]
+    unit = problem.spread[within]
+    plain = moments(question.whites(problem.faulty), question.own, question.scene.spread, within, unit)
+    numbers, size = _numbered(found)
+    across, inner = plain.across * size[:, None, :, None], plain.within * (size[:, :, None] * size[:, None])[:, None]
+    shape = (*plain.waves.shape[:2], 1 + plain.waves.shape[2], len(CARRIED))  # none without references
+    noise = noise * unit * size[:, None, None] if len(noise) else np.zeros(shape)
+    return Loads(across, inner, plain.waves * size[:, None, None], plain.smooth, numbers, noise, theirs)
+
+
+def _numbered(found: Sequence[_Seen]) -> tuple[NDArray[np.int_], Array]:
+    """Of every block the number of its stretch, of all recordings (B,), and the usual sizes of its load (B, I), of
+    what is unusual."""
+    first, numbers, sizes = 0, [], []
+    for each in found:
+        numbers += [first + n for n in each.numbers]
+        sizes += [HEAVY if each.stretches[n].loaded else STICKS for n in each.numbers]
+        first += len(each.stretches)
+    return np.array(numbers), np.repeat(np.array(sizes)[:, None], len(CARRIED), axis=1)

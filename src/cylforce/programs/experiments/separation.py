@@ -16,7 +16,7 @@ import numpy as np
 from cylforce.diagnosis.answer.verdict import Search
 from cylforce.diagnosis.columns.recorded import Columns, GapRows, Recorded
 from cylforce.diagnosis.columns.rows import CENTRE, RATE_HZ
-from cylforce.diagnosis.columns.statistics import statistics, white
+from cylforce.diagnosis.columns.statistics import Shared, statistics, white
 from cylforce.diagnosis.inference.discrepancy import sums
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Key
 from cylforce.diagnosis.inference.search import Found
@@ -131,7 +131,7 @@ class Separation:
         columns = np.concatenate([rows.base * self._prior[0], hanging, effects * self._unit, rows.left[..., None]], -1)
         whitened = white(np.where(usable, columns, np.nan), question.floor)
         size = columns.shape[-1]
-        part = statistics([whitened], range(size - 1), np.zeros((rows.left.shape[1], size)))
+        part = statistics(whitened, range(size - 1), Shared.nothing(rows.left.shape[1], size))
         information = sums(np.ones(size - 1), [part]).information(self.found.machine.noise)[:-1, :-1]
         return information, np.full(len(CENTRE), 1.0 if load else 1e12)
 

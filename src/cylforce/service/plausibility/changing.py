@@ -1,6 +1,6 @@
 """Does a pressure change as a pressure does? It changes when its cylinder turns round: supply becomes return. A reading
-that does not, apart from noise, is stuck; one that falls to nothing at once is that of a burst hose; one that stays
-below vacuum is off."""
+that does not, apart from white noise, is stuck; one that falls to nothing at once is that of a burst hose; one that
+stays below vacuum is off."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.mechanics.machine import Machine
-from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
+from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back, white
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
 
@@ -24,6 +24,9 @@ CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exc
 # Above this one that did not change does so again: a constant exceeds it once in ten hours (1.16e-6: four a second, of
 # six pressures)
 CHANGES = 56.118 / (GROUPS - 1)
+# Median variance within groups over that of their white noise, from second differences: above this, oil oscillates.
+# F distribution with 24 and 12.1 degrees of freedom, exceeded by 2 % of single groups of white noise
+COLOURED = 3.1795
 TINY = 1.0  # Pa^2: noise is not less than a pascal
 FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
@@ -38,8 +41,8 @@ def pressures(machine: Machine) -> list[int]:
 
 class Changes(NamedTuple):
     """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
-    last groups in motion means, noises (variances) and ways (3, GROUPS, P), 0 where there was none yet; which
-    pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise."""
+    last groups in motion means, variances, ways and white noise (variances) (4, GROUPS, P), 0 where there was none yet;
+    which pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise."""
 
     readings: tuple[tuple[float, ...], ...]
     fresh: int
@@ -69,7 +72,7 @@ class Watching:
         """Nothing was seen."""
         size = len(self.signals)
         no = np.zeros(size, dtype=bool)
-        return Changes((), 0, np.zeros((3, GROUPS, size)), no, no, no, begun(size))
+        return Changes((), 0, np.zeros((4, GROUPS, size)), no, no, no, begun(size))
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
@@ -97,14 +100,16 @@ class Watching:
         new = np.empty_like(state.groups)
         new[:, :-1], new[0, -1], new[2, -1] = state.groups[:, 1:], middle, np.sign(way)
         new[1, -1] = ((group - middle) ** 2).sum(axis=0) / (GROUP - 1)
+        new[3, -1] = white(group)
         groups = np.where(moved, new, state.groups)
         state = state._replace(groups=groups, noises=listened(state.noises, group, groups[:2], moved))
         forwards, backwards = (groups[2] > 0.0).sum(axis=0), (groups[2] < 0.0).sum(axis=0)
         judged = (np.minimum(forwards, backwards) >= EACH_WAY) & (forwards + backwards == GROUPS)
         if not judged.any():
             return state
-        noise = np.sort(groups[1], axis=0)[GROUPS // 2]
+        noise, whitest = np.sort(groups[[1, 3]], axis=1)[:, GROUPS // 2]
         ratio = groups[0].var(axis=0, ddof=1) * GROUP / np.maximum(noise, TINY)
-        still = np.where(state.constant, ratio <= CHANGES, ratio <= CONSTANT)
-        noises = taken_back(state.noises, judged & (ratio > CHANGES), GROUPS)
+        coloured = noise > COLOURED * np.maximum(whitest, TINY)
+        still = (ratio <= np.where(state.constant, CHANGES, CONSTANT)) & ~coloured
+        noises = taken_back(state.noises, judged & ((ratio > CHANGES) | coloured), GROUPS)
         return state._replace(constant=np.where(judged, still, state.constant), noises=noises)

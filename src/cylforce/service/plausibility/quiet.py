@@ -45,13 +45,18 @@ def begun(size: int) -> Noises:
 def listened(state: Noises, group: Array, groups: Array, moved: NDArray[np.bool_]) -> Noises:
     """The state after a group (T, P), of the pressures whose cylinders `moved` (P,). `groups` (2, G, P): means and
     variances of the last groups in motion, with this one. What is heard while noise is gone is not remembered."""
-    second = np.diff(group, 2, axis=0)
-    noise = (second**2).sum(axis=0) / (SECOND * len(second))
+    noise = white(group)
     digits = (np.diff(np.sort(group, axis=0), axis=0) > 0.0).sum(axis=0) < CODES
     gone = state.gone | (_gone(state.known, groups, len(group)) & ~digits)
     heard = moved & ~gone & (noise > 0.0)
     known = np.where(heard, np.concatenate([state.known[1:], noise[None]]), state.known)
     return Noises(known, state.since + (moved & gone))
+
+
+def white(group: Array) -> Array:
+    """Variance (P,) of the white noise in readings (T, P), by their second differences."""
+    second = np.diff(group, 2, axis=0)
+    return np.asarray((second**2).sum(axis=0) / (SECOND * len(second)))
 
 
 def taken_back(state: Noises, changes: NDArray[np.bool_], groups: int) -> Noises:
