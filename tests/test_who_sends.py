@@ -25,7 +25,7 @@ def paced(times):
     place = [each for _, each in assembler.supervisor.pdos].index(pdo)
     inputs, data, alarms = assembler.begin(), encode(pdo, {"stick_angle": -1.0}), []
     for t in map(int, times):
-        inputs = assembler.receive(inputs, Frame(t, pdo.can_id, data), assembler.still)
+        inputs = assembler.receive(inputs, [Frame(t, pdo.can_id, data)], assembler.still)
         if inputs.pdos[place].doubled_us == t:
             alarms.append(t)
     return (lambda t_us: pdo in assembler.supervisor.doubled(inputs, t_us)), alarms
@@ -182,7 +182,7 @@ def test_a_node_that_booted_must_send_heartbeats_and_one_that_never_did_need_not
 
     def lost(t):
         nonlocal inputs
-        inputs = assembler.receive(inputs, Frame(t, pdo.can_id, bytes(8)), assembler.still)
+        inputs = assembler.receive(inputs, [Frame(t, pdo.can_id, bytes(8))], assembler.still)
         reasons = assembler.sample(inputs, t).reasons
         return any(reasons[k] is Reason.NOT_OPERATIONAL for k in carried)
 

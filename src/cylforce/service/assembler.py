@@ -1,7 +1,7 @@
 """Frames to samples: the last value of every signal, its age, and the reason when it is not usable."""
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, nan
@@ -75,6 +75,7 @@ class Assembler:
         first = np.cumsum([0, *(len(decoder.slots) for decoder in found)]).tolist()
         noisy = [self._noisy(k) for k in range(len(machine.signals))]
         whole = [first, [s.signal for s in slots], [s.item for s in slots], noisy, watcher.senders]
+        whole.append([len(decoder.missing) for decoder in found])
         fields = [[getattr(s, name) for s in slots] for name in ("scale", "offset", "low", "high")]
         limits = [1e6 * health.hold_s, QUIET_US, health.frozen_samples, health.good_frames]
         senders, late = [watcher.periods_us, watcher.patience_us], [1.5e6 * s.period_s for s in machine.signals]
@@ -102,18 +103,29 @@ class Assembler:
         parts = [*empty * sizes[0], *PdoRate() * sizes[1], *LastHeartbeat() * sizes[2], 0, 0, 0, NEVER, NEVER]
         return Inputs(numbers(parts), sizes)
 
-    def receive(self, inputs: Inputs, frame: Frame, moving: Numbers) -> Inputs:
-        """The state after a frame: length and range are checked, unknown identifiers are counted. `moving`, per signal:
+    def receive(self, inputs: Inputs, frames: Iterable[Frame], moving: Numbers) -> Inputs:
+        """The state after frames: length and range are checked, unknown identifiers are counted. `moving`, per signal:
         not 0 where the machine moves so that an equal value from this sensor means that it is frozen."""
-        t_us, can_id, data = frame
-        found = self._mapped.get(can_id)
-        if found is None:
-            return self._unknown(inputs, frame)
-        place, size, unpack = found
-        kept, length = inputs.kept[:], len(data)
-        raw = array("d", unpack(data)) if length >= size else ZERO
-        sort = 0 if length == size else 1 if length > size else -1
-        self._kernel.receive(self._plan, kept, t_us, place, sort, raw, moving)
+        sorts, raw = list[int](), list[float]()
+        for frame in frames:
+            t_us, can_id, data = frame
+            found = self._mapped.get(can_id)
+            if found is None:
+                inputs = self._unknown(self._judged(inputs, sorts, raw, moving), frame)
+                sorts, raw = [], []
+                continue
+            place, size, unpack = found
+            length = len(data)
+            sorts += (place, 0 if length == size else 1 if length > size else -1)
+            raw += (t_us, *unpack(data)) if length >= size else (t_us,)
+        return self._judged(inputs, sorts, raw, moving)
+
+    def _judged(self, inputs: Inputs, sorts: list[int], raw: list[float], moving: Numbers) -> Inputs:
+        """The state after frames of sensors, as the kernel takes them."""
+        if not sorts:
+            return inputs
+        kept = inputs.kept[:]
+        self._kernel.receive(self._plan, kept, array("q", sorts), len(sorts) // 2, array("d", raw), moving)
         return Inputs(kept, inputs.sizes)
 
     def _unknown(self, inputs: Inputs, frame: Frame) -> Inputs:

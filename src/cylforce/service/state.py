@@ -18,6 +18,7 @@ from cylforce.service.recognition import Recognition
 from cylforce.service.senders.inputs import Inputs
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
+from cylforce.signals.events import Frame
 
 
 class Scale(NamedTuple):
@@ -56,7 +57,8 @@ class State(NamedTuple):
     it should change (1) because the machine moves; whose machine it is; contact with the ground; whether the sensors
     agree; the truck that is being loaded; the working cycle so far, and the one that the last booking ended; whether
     NMT has stopped our node; the name of the tool; the torque that the empty machine does not explain, of each
-    measured joint [N m] (none: not measured); how the base moves."""
+    measured joint [N m] (none: not measured); how the base moves; frames that are judged at the next tick, all at
+    once."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -76,6 +78,7 @@ class State(NamedTuple):
     tool: str = STANDARD
     unexplained: tuple[float, ...] = ()
     rocking: Rocking = STILL
+    frames: tuple[Frame, ...] = ()
 
     @property
     def memory(self) -> Memory:

@@ -48,19 +48,27 @@ __all__ = ["Core", "step"]
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 _new = tuple.__new__  # of all fields in their order: `_make` takes as long again, and this happens for every frame
+MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
-        state = _tick(core.fitted[state.tool], state, event.t_us)
-        return state, Output(None, state.estimate, core.encoders)
+        state = _tick(core.fitted[state.tool], _judged(core, state), event.t_us)
+        return state, _new(Output, (None, state.estimate, core.encoders, ""))
     if event.can_id not in core.assembler.decoders:
         obeyed = _obey(core, state, event)
         if obeyed is not None:
             return obeyed
-    return _new(State, (core.assembler.receive(state.inputs, event, state.moving), *state[1:])), NOTHING
+    state = _new(State, (*state[:-1], (*state.frames, event)))
+    return state if len(state.frames) < MOST_FRAMES else _judged(core, state), NOTHING
+
+
+def _judged(core: Core, state: State) -> State:
+    """The state with the frames that have come judged."""
+    inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
+    return _new(State, (inputs, *state[1:-1], ()))
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -73,6 +81,7 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
         return _commanded(core, state, command)
     booted = commands.booted(frame)
     if booted is not None:
+        state = _judged(core, state)
         return state._replace(inputs=core.assembler.restart(state.inputs, booted)), NOTHING
     return None
 
