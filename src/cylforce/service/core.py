@@ -19,7 +19,6 @@ from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.weighing import Weigher
 from cylforce.signals.estimate import Reason, no_estimate
-from cylforce.signals.kinds import Kind
 
 TICK_SLACK = 0.5  # periods by which a tick may be early or late
 
@@ -51,7 +50,7 @@ class Core:
     @cached_property
     def pipeline(self) -> Pipeline:
         """Samples to rows."""
-        return Pipeline(self.model)
+        return Pipeline(self.model, self.service.health.max_tilt)
 
     @cached_property
     def weigher(self) -> Weigher:
@@ -93,11 +92,6 @@ class Core:
     def encoders(self) -> tuple[Encoder, ...]:
         """What encodes our TPDOs."""
         return encoders(self.service.publication)
-
-    @cached_property
-    def tilts(self) -> tuple[int, ...]:
-        """Numbers of the signals that measure the tilt of the chassis."""
-        return tuple(k for k, s in enumerate(self.service.machine.signals) if s.kind in (Kind.PITCH, Kind.ROLL))
 
     @cached_property
     def moved_by(self) -> tuple[int | None, ...]:

@@ -15,8 +15,8 @@ from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual, correlated, load_spread
+from cylforce.estimation.residual import correlated, load_spread
+from cylforce.service.unexplained import Unexplained
 from cylforce.signals.estimate import Array
 
 BLOCK_SECONDS = 2.0
@@ -89,11 +89,10 @@ class Recognizer:
         """The measurement stopped: the running block starts anew."""
         return state._replace(gram=ZERO * self._size**2, rows=0, steps=0)
 
-    def step(self, state: Recognition, rows: Rows, left: Residual, usable: Array) -> Recognition:
+    def step(self, state: Recognition, left: Unexplained, usable: Numbers) -> Recognition:
         """Take one instant in; `usable` (R,) rows."""
         gram = state.gram[:]
-        good = np.asarray(usable, dtype=np.float64)
-        parts = (rows.columns.ravel(), left.torque, left.variance, left.rest, good)
+        parts = (left.rows, left.kept, usable)
         telling = self.kernel.gather(self._solver, *parts, self._spread, self._memory, gram)
         more, steps = gram if telling else state.gram, state.steps + 1
         state = Recognition(more, state.rows + telling, steps, *state[3:])

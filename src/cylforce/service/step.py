@@ -3,13 +3,9 @@
 from array import array
 from collections.abc import Iterator
 from functools import partial
-from math import hypot, isfinite
-
-import numpy as np
+from math import hypot
 
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import Beside, unseen
@@ -17,15 +13,14 @@ from cylforce.service.contact.interaction import Forces
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
-from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.plausibility.unnoticed import Unnoticed
 from cylforce.service.publication import GROSS
 from cylforce.service.state import NOTHING, Output, Scale, State
+from cylforce.service.unexplained import Unexplained
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
-    Array,
     Booking,
     Estimate,
     Load,
@@ -135,44 +130,43 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if state.pipe is None or not TICK_SLACK < periods < core.longest_step:
         reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
         return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
-    pipe, rows, instant = core.pipeline.advance(state.pipe, channels, round(periods))
-    moving = _moving(core, pipe)
+    pipe, instant = core.pipeline.advance(state.pipe, channels, round(periods))
+    usable, moving = instant.usable, _moving(core, instant.speed)
     if pipe.steps <= core.model.settle_steps:
         nothing = _nothing(state, t_us, Reason.STARTING)
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
-    usable = np.equal(pipe.waiting, 0.0).astype(np.float64)
-    plain, drifting = core.weigher.left(rows, state.drift)
+    plain = core.weigher.left(instant.kept, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
-    weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift, drifting)
+    weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift)
     lifted = weigh(curled=_curled(core, channels), beside=_beside(core, state, channels))
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
     (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
     told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
-    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *told)
+    seen = Samples(sample.values, pipe, instant, left.torque, forces, *told)
     watch, weighing = _watched(core, state, seen, weighing)
     now = state._replace(
         pipe=pipe,
         sampled_us=t_us,
         moving=moving,
         weighing=weighing,
-        drift=_drift(core, state.drift, watch, load, rows, left, usable),
-        recognition=core.recognizer.step(state.recognition, rows, plain, usable),
+        drift=_drift(core, state.drift, watch, load, left, usable),
+        recognition=core.recognizer.step(state.recognition, plain, usable),
         interaction=interaction,
         watch=watch,
         rocking=rocking,
-        unexplained=tuple(left.torque.tolist()),
+        unexplained=tuple(left.torque),
     )
     return _booked(now, _estimate(core, now, load, forces, t_us), state.weighing.books.booking)
 
 
-def _beside(core: Core, state: State, channels: Array) -> Beside:
+def _beside(core: Core, state: State, channels: Numbers) -> Beside:
     """What a weight is to remember: the tool's angle to the house, and what errors of signals would do to it."""
-    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size].tolist())
+    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size])
     return Beside(tilt, state.watch.unnoticed.slopes)
 
 
-def _curled(core: Core, channels: Array) -> bool:
+def _curled(core: Core, channels: Numbers) -> bool:
     """Whether the bucket is curled as far as the machine file wants it for a booking."""
     machine = core.service.machine
     return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
@@ -192,15 +186,9 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
 
-def _channels(core: Core, sample: Sample) -> Array | Reason:
+def _channels(core: Core, sample: Sample) -> Numbers | Reason:
     """Joint angles, cylinder forces and attitude (D,) of a sample; or the reason why it is not usable."""
-    worst = max(sample.reasons, default=Reason.NONE)
-    if worst is not Reason.NONE:
-        return worst
-    if _tilted(core, sample):
-        return Reason.TILT
-    channels = core.model.channels.read(sample.values)
-    return channels if isfinite(sum(channels.tolist())) else Reason.END_STOP
+    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.values)
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
@@ -239,14 +227,14 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
-def _drift(core: Core, drift: Drift, watch: Watch, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
+def _drift(core: Core, drift: Drift, watch: Watch, load: Load, left: Unexplained, usable: Numbers) -> Drift:
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
     the sensors agree."""
     if not core.adapts or not watch.suspicion.follows:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)
-    return core.adapter.step(drift, rows, left.torque, np.where(usable, left.variance, np.inf))
+    return core.adapter.step(drift, left, usable)
 
 
 def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -> Estimate:
@@ -281,17 +269,12 @@ def _less_sure(forces: Forces, reason: Reason) -> Forces:
     return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
 
 
-def _moving(core: Core, pipe: Pipe) -> Numbers:
+def _moving(core: Core, speed: Numbers) -> Numbers:
     """Per signal whether it should change (1), so that a repeated value means a frozen sensor: a pressure while its own
     cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
-    moves = [1.0 if abs(speed) > MOVING else 0.0 for speed in pipe.speed.tolist()]
+    moves = [1.0 if abs(each) > MOVING else 0.0 for each in speed]
     shaken = max(moves)
     return array("d", [shaken if c is None else moves[c] for c in core.moved_by])
-
-
-def _tilted(core: Core, sample: Sample) -> bool:
-    limit = core.service.health.max_tilt
-    return any(abs(sample.values[k]) > limit for k in core.tilts)
 
 
 def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:

@@ -14,7 +14,6 @@ from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.kernel.weighed import GRAM
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import forget, known, solution, update
-from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import (
     GOOD_ENOUGH,
     MIN_SECONDS,
@@ -29,7 +28,8 @@ from cylforce.service.booking import NOTHING_BESIDE, Beside, Books, Weighed, not
 from cylforce.service.loading.lift import Lift, Weight, kept
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
-from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
+from cylforce.service.unexplained import Unexplained, unexplained
+from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
@@ -125,24 +125,21 @@ class Weigher:
     def step(
         self,
         state: Weighing,
-        left: Residual,
-        usable: Array,
+        left: Unexplained,
+        usable: Numbers,
         t_us: int,
         drift: Drift | None = None,
-        drifting: Array | None = None,
         *,
         curled: bool = True,
         beside: Beside = NOTHING_BESIDE,
     ) -> tuple[Weighing, Load]:
-        """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
-        [us]; the `drift`, which is already subtracted from the residual, and its columns `drifting` (R, D). Without
-        them friction and zeros are those of the tares. A load is noted for booking while the bucket is `curled`; with
-        what is `beside` it."""
+        """The state and the load (before zero and tare) after one instant: what is `left`, `usable` (R,) rows, time
+        [us]; the `drift`, which is already subtracted from what is left. Without it friction and zeros are those of
+        the tares. A load is noted for booking while the bucket is `curled`; with what is `beside` it."""
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
-        columns = np.zeros((len(left.torque), len(drift.values))) if drifting is None else drifting
-        lift = self._advance(state.lift, left, usable, drift, columns)
+        lift = self._advance(state.lift, left, usable, drift)
         books = state.books
         if lift.refused > self._patience:
             lift, books = self._again, parted(books)  # the candidate remains until the bucket is seen empty
@@ -159,28 +156,28 @@ class Weigher:
         """Whether the bucket is known to be empty and in the air: a load without a value is no empty bucket."""
         return abs(load.mass.value) < EMPTY * self.model.machine.rated_payload
 
-    def left(self, rows: Rows, drift: Drift) -> tuple[Residual, Array]:
-        """The torque that tares and drift do not explain, and the columns (R, D) of the drift."""
-        r = len(rows.torque)
-        found = ZERO * ((3 + drift.values.size) * r)
-        torque = np.ascontiguousarray(rows.torque)
-        self.kernel.explain(self._solver, rows.columns.ravel(), torque, drift.values, found)
-        whole = np.frombuffer(found)
-        own = rows.columns[:, : len(self.model.parameters)]
-        return Residual(whole[:r], whole[r : 2 * r], whole[2 * r : 3 * r], own), whole[3 * r :].reshape(r, -1)
+    def left(self, rows: Numbers, drift: Drift) -> Unexplained:
+        """The torque that tares and drift do not explain of the rows of an instant."""
+        nothing = self._fresh.rested
+        found = ZERO * ((3 + len(drift.values)) * len(nothing))
+        self.kernel.explain(self._solver, rows, drift.values, found)
+        return Unexplained(rows, found, nothing)
 
-    def _advance(self, lift: Lift, left: Residual, usable: Array, drift: Drift, drifting: Array) -> Lift:
-        own, changing, rows = left.columns.ravel(), drifting.ravel(), len(left.torque)
-        work, good = ZERO * (8 * rows), np.asarray(usable, dtype=np.float64)
-        seen = (own, left.torque, left.variance, left.rest, good, lift.kept, lift.rested)
-        fits = self.kernel.gate(self._solver, *seen, drift.values, drift.covariance.ravel(), changing, work)
+    def of_arrays(self, left: Residual) -> Unexplained:
+        """What is left of an instant of a recording, without drift."""
+        return unexplained(left, len(self.model.filtered.regressor.names), len(self._still.values))
+
+    def _advance(self, lift: Lift, left: Unexplained, usable: Numbers, drift: Drift) -> Lift:
+        rows, work = len(usable), ZERO * (8 * len(usable))
+        seen = (*left, usable, lift.kept, lift.rested)
+        fits = self.kernel.gate(self._solver, *seen, drift.values, drift.covariance, work)
         if not fits:
             return lift._replace(refused=lift.refused + 1)
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
         new = self._faded(lift, work)
-        self.kernel.take(self._solver, own, work, changing, new)
+        self.kernel.take(self._solver, left.rows, left.kept, work, new)
         moving = lift.moving + (fits > 1)
         return self._watched(Lift(new, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed), drift)
 
@@ -220,7 +217,7 @@ class Weigher:
     def _conclude(self, lift: Lift, drift: Drift) -> Weight:
         """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
         found = ZERO * (7 + (len(lift.kept) - GRAM) // 4)
-        self.kernel.conclude(self._solver, lift.kept, drift.values, drift.covariance.ravel(), found)
+        self.kernel.conclude(self._solver, lift.kept, drift.values, drift.covariance, found)
         mass, wrong, x, z, error_x, error_z, drifted = found[:7]
         return Weight(mass, wrong, complex(x, z), (error_x, error_z), drifted)
 

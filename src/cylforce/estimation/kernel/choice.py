@@ -8,11 +8,12 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import followed, inputs, plan, pushed, recognised, rows, solver, weighed
+from cylforce.estimation.kernel import followed, inputs, plan, pushed, recognised, rows, sensed, solver, weighed
 from cylforce.estimation.kernel.solving import listed
 
 PARTS = (
     "inputs.py",
+    "sensed.py",
     "plan.py",
     "bodies.py",
     "columns.py",
@@ -29,6 +30,8 @@ INTERPRETED: Any = SimpleNamespace(
     receive=inputs.receive,
     usable=inputs.usable,
     leapt=inputs.leapt,
+    KernelSensors=listed(sensed.KernelSensors),
+    sense=sensed.sense,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
     KernelDrift=listed(followed.KernelDrift),

@@ -30,7 +30,7 @@ def push(
     lever = reversing + s.c
     own_columns(s, rows, now)
     leave(s, rows, now, drift, found)
-    loaded(s, s.own, s.other)
+    loaded(s, s.own, s.p, s.other)
     for i in range(4 * s.r):
         found[gains + 2 * s.r + i] = s.other[i]
     be_late(s, rows, 2 * now, load, unrest, new)

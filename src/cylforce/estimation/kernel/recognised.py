@@ -10,36 +10,35 @@ from cylforce.estimation.kernel.weighed import add, loaded, quadratic
 
 def gather(
     s: KernelSolver,
-    columns: Numbers,
-    torques: Numbers,
-    variances: Numbers,
-    rests: Numbers,
+    rows: Numbers,
+    left: Numbers,
     usable: Numbers,
     change: Numbers,
     memory: Number,
     gram: Numbers,
 ) -> Count:
     """The gram (K, K) becomes that with the rows of one instant that are usable and in motion, [load | changes in units
-    of `change` (D,) | torque left], in units of their standard errors, over `memory`; how many these are. Columns
-    (R, K); torque, variance, that of friction at rest (R,)."""
+    of `change` (D,) | torque left], in units of their standard errors, over `memory`; how many these are. `rows` and
+    `left` as of `weighed.explain`."""
     telling = 0
     for r in range(s.r):
-        telling += usable[r] != 0.0 and rests[r] < variances[r]
+        telling += usable[r] != 0.0 and left[2 * s.r + r] < left[s.r + r]
     if telling == 0:
         return 0
     size = 5 + s.d
-    own_columns(s, columns, 0)
-    loaded(s, s.own, s.spread)
+    own_columns(s, rows, 0)
+    loaded(s, s.own, s.p, s.spread)
     for r in range(s.r):
-        if usable[r] != 0.0 and rests[r] < variances[r]:
+        variance, rest = left[s.r + r], left[2 * s.r + r]
+        if usable[r] != 0.0 and rest < variance:
             x = s.other
             unsure = quadratic(s, s.covariance, 0, s.p, s.own, r * s.p)
-            weight = 1.0 / sqrt((variances[r] + rests[r] + unsure) * memory)
+            weight = 1.0 / sqrt((variance + rest + unsure) * memory)
             for i in range(4):
                 x[i] = s.spread[4 * r + i] * weight
             for i in range(s.d):
-                x[4 + i] = columns[r * s.k + s.changing[i]] * change[i] * weight
-            x[size - 1] = torques[r] * weight
+                x[4 + i] = rows[r * s.k + s.changing[i]] * change[i] * weight
+            x[size - 1] = left[r] * weight
             for i in range(size):
                 if x[i] != 0.0:
                     add(gram, i * size, x[i], x, 0, size)

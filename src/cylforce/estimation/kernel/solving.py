@@ -84,5 +84,5 @@ def listed(function: Callable[..., Any]) -> Callable[..., Any]:
 def plain(values: Any) -> Any:  # noqa: ANN401 - an argument of the kernel
     """NumPy's array as a list; a list of the kernel's own arrays as lists."""
     if isinstance(values, np.ndarray):
-        return values.tolist()
+        return values.ravel().tolist()
     return [each.tolist() for each in values] if isinstance(values, list) else values

@@ -75,7 +75,7 @@ class Interactor:
         state: Interaction,
         instant: Instant,
         drift: Array,
-        usable: Array,
+        usable: Numbers,
         weighed: tuple[Weighing, Load],
         t_us: int,
         unnoticed: Array,
@@ -83,7 +83,7 @@ class Interactor:
         """The state and the forces after one instant: its rows, the adapted friction and zeros `drift` (D,),
         `usable` (R,) rows, weighing and load of the same step, time [us], torques (R, H) [N m] by probable errors of
         signals."""
-        if not any(usable.tolist()):
+        if not any(usable):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
@@ -114,8 +114,8 @@ class Interactor:
         lift = weighing.lift if known else None
         return self._carrier.step(state.carried, lift, state.contact.touching, self._watcher.dt)
 
-    def _moving(self, usable: Array, instant: Instant) -> Numbers:
+    def _moving(self, usable: Numbers, instant: Instant) -> Numbers:
         """The usable rows (R,) whose cylinders move: 1, else 0."""
-        fast = [abs(speed) > STILL for speed in instant.speed.tolist()]
+        fast = [abs(speed) > STILL for speed in instant.speed]
         moves = [max([fast[c] for c in acting]) for acting in self.model.acting]
-        return array("d", [good and moving for good, moving in zip(usable.tolist(), moves, strict=True)])
+        return array("d", [good and moving for good, moving in zip(usable, moves, strict=True)])

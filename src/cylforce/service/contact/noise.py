@@ -85,14 +85,14 @@ class Noise:
         return Unrest(ZERO * self._size + state.kept[self._size :])
 
     def solve(
-        self, state: Unrest, instant: Instant, usable: Array, load: Numbers, drift: Array, unnoticed: Array
+        self, state: Unrest, instant: Instant, usable: Numbers, load: Numbers, drift: Array, unnoticed: Array
     ) -> tuple[Unrest, Solved]:
         """The state, and the force that explains the torque of the rows marked in `usable` (R,), after one instant with
         a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros; torques
         `unnoticed` (R, H) [N m] by probable errors of signals."""
         r = self._rows
         new, found = ZERO * len(state.kept), ZERO * (8 * r + 11)
-        wrong, size = np.ascontiguousarray(unnoticed).ravel(), unnoticed.shape[1]
+        wrong, size = unnoticed, unnoticed.shape[1]
         self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, new, found)
         x, z, xx, xz, _, zz = found[2 * r : 2 * r + 6]
         weight, clearness, *wider = found[-5:]

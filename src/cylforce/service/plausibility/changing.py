@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
 from cylforce.signals.estimate import Array
@@ -75,7 +76,7 @@ class Watching:
         """The measurement stopped: the running group starts anew."""
         return state._replace(readings=(), fresh=0)
 
-    def step(self, state: Changes, values: Array, speed: Array) -> Changes:
+    def step(self, state: Changes, values: Array, speed: Numbers) -> Changes:
         """One step: all signals (S,), speed (C,) [m/s] of the cylinders."""
         each = values.tolist()
         now = tuple([each[k] for k in self.signals])
@@ -85,7 +86,7 @@ class Watching:
             fallen = (most < NOTHING) & (np.array(state.readings[-1 - 2 * FALL_STEPS]) > FALLS)
             below = state.below | (most < VACUUM)
             state = state._replace(burst=state.burst | (fallen & ~below), below=below)
-        return self._grouped(state, speed[self._cylinders]) if state.fresh == GROUP else state
+        return self._grouped(state, np.array([speed[c] for c in self._cylinders])) if state.fresh == GROUP else state
 
     def _grouped(self, state: Changes, way: Array) -> Changes:
         """With the group that has ended, of the pressures whose cylinders move, `way` (P,) [m/s]."""

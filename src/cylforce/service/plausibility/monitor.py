@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Drift
@@ -62,16 +62,13 @@ class Watch(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
-    `left` by the tares and the drift (R,) [N m], forces, the drift so far, gross weight [kg], samples `taken` of the
-    lift, signals that `leapt` and stayed there."""
+    """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
+    forces, the drift so far, gross weight [kg], samples `taken` of the lift, signals that `leapt` and stayed there."""
 
     values: Array
     pipe: Pipe
-    rows: Rows
     instant: Instant
-    usable: Array
-    left: Array
+    left: Numbers
     forces: Forces
     drift: Drift
     gross: Quantity
@@ -136,7 +133,7 @@ class Monitor:
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
-        changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
+        changes = self._watching.step(state.changes, seen.values, seen.instant.speed)
         before = state.changes
         leaps = self._leaping.step(state.leaps, changes.readings[-1], seen.pipe.steps)
         looked = seen.leapt != state.leapt or not (
@@ -153,14 +150,15 @@ class Monitor:
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
-        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
+        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, np.asarray(seen.left))
         middle = smooth.mean(axis=0)
-        gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
+        told = (seen.instant.slow, np.asarray(seen.instant.usable))
+        gathering, block = self._gatherer.step(state.gathering, *told, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
         turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
-        told = (gathering, turned, seen.taken, seen.drift)
-        unnoticed = self._noticing.step(state.unnoticed, *told, hangs=bool(hangs))
+        now = (gathering, turned, seen.taken, seen.drift)
+        unnoticed = self._noticing.step(state.unnoticed, *now, hangs=bool(hangs))
         light = self._light(state, seen.gross)
         state = state._replace(gathering=gathering, driven=driven, light=light, unnoticed=unnoticed)
         if gathering.samples:
