@@ -21,6 +21,7 @@ from cylforce.signals.codec import Decoder, decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import new
 
 # rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
 FASTEST = {
@@ -126,7 +127,7 @@ class Assembler:
             return inputs
         kept = inputs.kept[:]
         self._kernel.receive(self._plan, kept, array("q", sorts), len(sorts) // 2, array("d", raw), moving)
-        return Inputs(kept, inputs.sizes)
+        return new(Inputs, (kept, inputs.sizes))
 
     def _unknown(self, inputs: Inputs, frame: Frame) -> Inputs:
         found = self.supervisor.received(inputs, frame)
@@ -163,7 +164,7 @@ class Assembler:
         found = ZERO * (2 * size + 1)
         bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
         reasons = tuple([REASONS[x] for x in found[size:-1]]) if bad else self._fine
-        return Sample(t_us, np.frombuffer(found, count=size), reasons, REASONS[found[-1]])
+        return new(Sample, (t_us, np.frombuffer(found, count=size), reasons, REASONS[found[-1]]))
 
     @cached_property
     def _fine(self) -> tuple[Reason, ...]:

@@ -15,6 +15,7 @@ from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
 from cylforce.signals.estimate import Array, Reason
+from cylforce.signals.quick import new
 
 
 class Sizes(NamedTuple):
@@ -145,11 +146,10 @@ class Pipeline:
         here = self.model.channels.follow(pipe.raw, channels)
         if periods > 1:
             pipe = self._filled(pipe, here, periods)
-        state, rows = self._sizes
-        new, out = ZERO * state, ZERO * rows
+        state, out = (ZERO * size for size in self._sizes)
         old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
-        self.kernel.advance(self._plan, old, here, new, out, pipe.steps == 0)
-        return Pipe(pipe.steps + 1, new, self._numbers), self._instant(out)
+        self.kernel.advance(self._plan, old, here, state, out, pipe.steps == 0)
+        return new(Pipe, (pipe.steps + 1, state, self._numbers)), self._instant(out)
 
     def _filled(self, pipe: Pipe, here: Numbers, periods: int) -> Pipe:
         """The state one step before `here`."""
@@ -164,4 +164,5 @@ class Pipeline:
         end = len(out) - sizes.c
         begin = end - sizes.r
         x, z, forwards, upwards = out[begin - 4 : begin]
-        return Instant(out, sizes, complex(x, z), complex(forwards, upwards), out[begin:end], out[end:])
+        now = (complex(x, z), complex(forwards, upwards), out[begin:end], out[end:])
+        return new(Instant, (out, sizes, *now))

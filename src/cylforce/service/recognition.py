@@ -18,6 +18,7 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
 from cylforce.service.unexplained import Unexplained
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import new
 
 BLOCK_SECONDS = 2.0
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion
@@ -95,7 +96,7 @@ class Recognizer:
         parts = (left.rows, left.kept, usable)
         telling = self.kernel.gather(self._solver, *parts, self._spread, self._memory, gram)
         more, steps = gram if telling else state.gram, state.steps + 1
-        state = Recognition(more, state.rows + telling, steps, *state[3:])
+        state = new(Recognition, (more, state.rows + telling, steps, *state[3:]))
         if steps < self._block:
             return state
         moved = state.rows >= IN_MOTION * state.steps * len(usable)

@@ -38,11 +38,11 @@ from cylforce.signals.estimate import (
     within,
 )
 from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.quick import new
 
 __all__ = ["Core", "step"]
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
-_new = tuple.__new__  # of all fields in their order: `_make` takes as long again, and this happens for every frame
 MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
@@ -51,19 +51,19 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
         state = _tick(core.fitted[state.tool], _judged(core, state), event.t_us)
-        return state, _new(Output, (None, state.estimate, core.encoders, ""))
+        return state, new(Output, (None, state.estimate, core.encoders, ""))
     if event.can_id not in core.assembler.decoders:
         obeyed = _obey(core, state, event)
         if obeyed is not None:
             return obeyed
-    state = _new(State, (*state[:-1], (*state.frames, event)))
+    state = new(State, (*state[:-1], (*state.frames, event)))
     return state if len(state.frames) < MOST_FRAMES else _judged(core, state), NOTHING
 
 
 def _judged(core: Core, state: State) -> State:
     """The state with the frames that have come judged."""
     inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
-    return _new(State, (inputs, *state[1:-1], ()))
+    return new(State, (inputs, *state[1:-1], ()))
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -143,7 +143,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
     (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
     told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
-    seen = Samples(sample.values, pipe, instant, left.torque, forces, *told)
+    seen = new(Samples, (sample.values, pipe, instant, left.torque, forces, *told))
     watch, weighing = _watched(core, state, seen, weighing)
     now = state._replace(
         pipe=pipe,
@@ -163,7 +163,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
 def _beside(core: Core, state: State, channels: Numbers) -> Beside:
     """What a weight is to remember: the tool's angle to the house, and what errors of signals would do to it."""
     tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size])
-    return Beside(tilt, state.watch.unnoticed.slopes)
+    return new(Beside, (tilt, state.watch.unnoticed.slopes))
 
 
 def _curled(core: Core, channels: Numbers) -> bool:
@@ -253,16 +253,17 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
-    load = Load(_with_unnoticed(load.mass, state.watch.unnoticed), load.centre_x, load.centre_z)
+    load = new(Load, (_with_unnoticed(load.mass, state.watch.unnoticed), *load[1:]))
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
-    return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+    parts = (gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+    return new(Estimate, (t_us, load, *parts))
 
 
 def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed) -> Quantity:
     """The mass [kg] with what errors of signals add to its standard error."""
-    return Quantity(mass.value, hypot(mass.standard_error, unnoticed.mass), mass.status, mass.reason)
+    return new(Quantity, (mass.value, hypot(mass.standard_error, unnoticed.mass), *mass[2:]))
 
 
 def _less_sure(forces: Forces, reason: Reason) -> Forces:

@@ -30,6 +30,7 @@ from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
 from cylforce.service.unexplained import Unexplained, unexplained
 from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
+from cylforce.signals.quick import new
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
@@ -43,6 +44,8 @@ REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptie
 LATER_S = (
     0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
 )
+
+NO_LOAD = invalid(Reason.NOT_A_LOAD)
 
 
 class Weighing(NamedTuple):
@@ -146,7 +149,7 @@ class Weigher:
         elif not lift.taken and state.lift.taken:
             books = spilled(books)
         weight = self._conclude(lift, drift)
-        state = Weighing(lift, books, t_us, state.tool)
+        state = new(Weighing, (lift, books, t_us, state.tool))
         load = self._judge(lift, weight)
         if not curled and weight.mass >= SMALLEST * self.model.machine.rated_payload:
             return state, Load(*(degraded(q, Reason.NOT_CURLED) for q in load))
@@ -161,7 +164,7 @@ class Weigher:
         nothing = self._fresh.rested
         found = ZERO * ((3 + len(drift.values)) * len(nothing))
         self.kernel.explain(self._solver, rows, drift.values, found)
-        return Unexplained(rows, found, nothing)
+        return new(Unexplained, (rows, found, nothing))
 
     def of_arrays(self, left: Residual) -> Unexplained:
         """What is left of an instant of a recording, without drift."""
@@ -176,10 +179,11 @@ class Weigher:
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested)
-        new = self._faded(lift, work)
-        self.kernel.take(self._solver, left.rows, left.kept, work, new)
+        numbers = self._faded(lift, work)
+        self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
         moving = lift.moving + (fits > 1)
-        return self._watched(Lift(new, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed), drift)
+        lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed))
+        return self._watched(lift, drift)
 
     def _watched(self, lift: Lift, drift: Drift) -> Lift:
         """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
@@ -219,7 +223,7 @@ class Weigher:
         found = ZERO * (7 + (len(lift.kept) - GRAM) // 4)
         self.kernel.conclude(self._solver, lift.kept, drift.values, drift.covariance, found)
         mass, wrong, x, z, error_x, error_z, drifted = found[:7]
-        return Weight(mass, wrong, complex(x, z), (error_x, error_z), drifted)
+        return new(Weight, (mass, wrong, complex(x, z), (error_x, error_z), drifted))
 
     def _plausible(self, weight: Weight) -> bool:
         """Whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass near
@@ -235,11 +239,12 @@ class Weigher:
         if doubt is not None:
             return invalid_load(doubt)
         status, reason = self._trust(lift, weight)
-        mass = Quantity(weight.mass, weight.standard_error, status, reason)
+        mass = new(Quantity, (weight.mass, weight.standard_error, status, reason))
         if weight.mass < SMALLEST * self.model.machine.rated_payload:
-            return Load(mass, invalid(Reason.NOT_A_LOAD), invalid(Reason.NOT_A_LOAD))
+            return new(Load, (mass, NO_LOAD, NO_LOAD))
         (x, z), (error_x, error_z) = (weight.centre.real, weight.centre.imag), weight.centre_error
-        return Load(mass, Quantity(x, error_x, status, reason), Quantity(z, error_z, status, reason))
+        centre = [new(Quantity, (value, error, status, reason)) for value, error in ((x, error_x), (z, error_z))]
+        return new(Load, (mass, *centre))
 
     def _trust(self, lift: Lift, weight: Weight) -> tuple[Status, Reason]:
         if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:

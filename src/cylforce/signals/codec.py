@@ -76,7 +76,7 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
 
 class Raw(NamedTuple):
     """How a field becomes a number on the bus: range and step of its SI values, range of the integers that carry a
-    value (None for a float), and what means "no value"."""
+    value (None for a float), and what means "no value"; whether each value in range has such an integer (`fits`)."""
 
     low: float
     high: float
@@ -84,6 +84,7 @@ class Raw(NamedTuple):
     offset: float
     integers: tuple[int, int] | None
     missing: int | float
+    fits: bool
 
 
 class Layout(NamedTuple):
@@ -100,15 +101,20 @@ def layout(pdo: Pdo) -> Layout:
 
 
 def _raw_field(f: Field) -> Raw:
-    return Raw(f.low, f.high, f.scale, f.offset, _RAW_RANGES.get(f.code), not_available(f.code))
+    integers = _RAW_RANGES.get(f.code)
+    ends = [(end - f.offset) / f.scale for end in (f.low, f.high)]
+    fits = integers is not None and all(isfinite(end) and integers[0] <= end <= integers[1] for end in ends)
+    return Raw(f.low, f.high, f.scale, f.offset, integers, not_available(f.code), fits)
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
     """Data from the SI values of all fields, in their order."""
     raws = []
-    for (low, high, scale, offset, integers, missing), value in zip(of.fields, values, strict=True):
-        if not low <= value <= high or not isfinite(value):
+    for (low, high, scale, offset, integers, missing, fits), value in zip(of.fields, values, strict=True):
+        if not low <= value <= high or not (fits or isfinite(value)):
             raws.append(missing)
+        elif fits:
+            raws.append(round((value - offset) / scale))
         elif integers is None:
             raws.append((value - offset) / scale)
         else:

@@ -16,6 +16,7 @@ from cylforce.service.force import ForceSensor
 from cylforce.service.pipeline import Instant
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
+from cylforce.signals.quick import new
 from cylforce.signals.units import STANDARD_GRAVITY
 
 STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
@@ -91,7 +92,7 @@ class Interactor:
         contact = self._watcher.step(state.contact, t_us, solved, instant.place, instant.velocity)
         if carried.known and not contact.touching:
             unrest = self._noise.learn(unrest, solved, carried.values, self._moving(usable, instant))
-        return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching)
+        return new(Interaction, (unrest, carried, contact)), self._forces(solved, carried, contact.touching)
 
     def _forces(self, solved: Solved, carried: KnownLoad, touching: bool) -> Forces:
         """Both forces, wider by errors of signals. The resultant is that of no contact while nothing touches the tool
@@ -107,7 +108,7 @@ class Interactor:
         else:
             z += weight
         soil = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, touching)
-        return Forces(resultant, soil)
+        return new(Forces, (resultant, soil))
 
     def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
         known = load.mass.status is not Status.INVALID

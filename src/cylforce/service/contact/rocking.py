@@ -17,6 +17,7 @@ from cylforce.service.loading.lift import Lift
 from cylforce.service.unexplained import Unexplained
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import new
 
 MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
 # s after which is looked again, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth
@@ -87,10 +88,10 @@ class Rocker:
         if self.model.channels.inertial:
             return state, left
         forward, upward, turning, pitches, total, number, wider = state
-        state = Rocking(forward, upward, turning, pitches, total + channels[-3], number + 1, wider)
+        state = new(Rocking, (forward, upward, turning, pitches, total + channels[-3], number + 1, wider))
         if state.number >= self._lag:
             state = self._looked(state, left, channels, lift, usable)
-        return state, Unexplained(left.rows, left.kept, state.wider) if state.wider else left
+        return state, new(Unexplained, (*left[:2], state.wider)) if state.wider else left
 
     def _looked(self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers) -> Rocking:
         state = self._tilted(state)
