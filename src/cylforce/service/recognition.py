@@ -94,7 +94,7 @@ class Recognizer:
         """Take one instant in; `usable` (R,) rows."""
         gram = state.gram[:]
         parts = (left.rows, left.kept, usable)
-        telling = self.kernel.gather(self._solver, *parts, self._spread, self._memory, gram)
+        telling = self.kernel.gather(self._solver, *parts, self._spread, ZERO, 0, self._memory, gram)
         more, steps = gram if telling else state.gram, state.steps + 1
         state = new(Recognition, (more, state.rows + telling, steps, *state[3:]))
         if steps < self._block:

@@ -56,7 +56,8 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
         obeyed = _obey(core, state, event)
         if obeyed is not None:
             return obeyed
-    state = new(State, (*state[:-1], (*state.frames, event)))
+    frames = (*state.frames, event)
+    state = new(State, state[:-1] + (frames,))  # noqa: RUF005 - copied twice, not four times: this is for every frame
     return state if len(state.frames) < MOST_FRAMES else _judged(core, state), NOTHING
 
 

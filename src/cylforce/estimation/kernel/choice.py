@@ -8,7 +8,19 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import followed, inputs, plan, pushed, recognised, rows, sensed, solver, weighed
+from cylforce.estimation.kernel import (
+    followed,
+    gathered,
+    heard,
+    inputs,
+    plan,
+    pushed,
+    recognised,
+    rows,
+    sensed,
+    solver,
+    weighed,
+)
 from cylforce.estimation.kernel.solving import listed
 
 PARTS = (
@@ -23,6 +35,8 @@ PARTS = (
     "pushed.py",
     "recognised.py",
     "followed.py",
+    "heard.py",
+    "gathered.py",
 )
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
@@ -52,6 +66,12 @@ INTERPRETED: Any = SimpleNamespace(
             recognised.gather,
             followed.certain,
             followed.follow,
+            gathered.turn_force,
+            gathered.notice,
+            heard.suspicious,
+            heard.group,
+            heard.compare,
+            heard.listen,
         )
     },
 )

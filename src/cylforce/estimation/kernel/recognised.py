@@ -14,18 +14,20 @@ def gather(
     left: Numbers,
     usable: Numbers,
     change: Numbers,
+    errors: Numbers,
+    number: Count,
     memory: Number,
     gram: Numbers,
 ) -> Count:
     """The gram (K, K) becomes that with the rows of one instant that are usable and in motion, [load | changes in units
-    of `change` (D,) | torque left], in units of their standard errors, over `memory`; how many these are. `rows` and
-    `left` as of `weighed.explain`."""
+    of `change` (D,) | a `number` of `errors` (R, H) | torque left], in units of their standard errors, over `memory`;
+    how many these are. `rows` and `left` as of `weighed.explain`."""
     telling = 0
     for r in range(s.r):
         telling += usable[r] != 0.0 and left[2 * s.r + r] < left[s.r + r]
     if telling == 0:
         return 0
-    size = 5 + s.d
+    size = 5 + s.d + number
     own_columns(s, rows, 0)
     loaded(s, s.own, s.p, s.spread)
     for r in range(s.r):
@@ -38,6 +40,8 @@ def gather(
                 x[i] = s.spread[4 * r + i] * weight
             for i in range(s.d):
                 x[4 + i] = rows[r * s.k + s.changing[i]] * change[i] * weight
+            for h in range(number):
+                x[4 + s.d + h] = errors[r * number + h] * weight
             x[size - 1] = left[r] * weight
             for i in range(size):
                 if x[i] != 0.0:

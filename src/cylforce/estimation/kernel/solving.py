@@ -52,7 +52,9 @@ def solver(
     parts = [model.load[tuple(places.T)], tares.values, tares.covariance, errors, dry]
     parts.append(np.zeros((tools, tools)) if prior is None else prior)
     most = max(rows, 4)
-    room = [4 * most, rows * size + 2 * tools * most, most * most, max(size, drifts + 5, 4 * most), size + drifts]
+    signals = cylinders + model.machine.size
+    longest = max(size, drifts + 5 + signals, 4 * most)
+    room = [4 * most, rows * size + 2 * tools * most, most * most, longest, size + drifts]
     parts += [np.zeros(each) for each in room]
     return kernel.KernelSolver(
         counts(sizes),

@@ -30,6 +30,7 @@ from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import new
 
 UNSURE = (
     6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
@@ -133,17 +134,17 @@ class Monitor:
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
-        changes = self._watching.step(state.changes, seen.values, seen.instant.speed)
-        before = state.changes
-        leaps = self._leaping.step(state.leaps, changes.readings[-1], seen.pipe.steps)
+        now, before = self._watching.now(seen.values), state.changes
+        changes = self._watching.step(before, now, seen.instant.speed)
+        leaps = self._leaping.step(state.leaps, now, seen.pipe.steps)
         looked = seen.leapt != state.leapt or not (
             changes.constant is before.constant
             and changes.burst is before.burst
             and changes.below is before.below
-            and changes.noises is before.noises
+            and (changes.noises is before.noises or changes.noises.lost == before.noises.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        state = Watch(*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps)
+        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps))
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
@@ -152,8 +153,7 @@ class Monitor:
         smooth = seen.pipe.smooth
         driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, np.asarray(seen.left))
         middle = smooth.mean(axis=0)
-        told = (seen.instant.slow, np.asarray(seen.instant.usable))
-        gathering, block = self._gatherer.step(state.gathering, *told, middle, seen.drift)
+        gathering, block = self._gatherer.step(state.gathering, seen.instant, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
         turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))

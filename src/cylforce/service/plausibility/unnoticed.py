@@ -70,9 +70,7 @@ class Noticing:
         state = (self.interrupt(state) if taken < state.taken else state)._replace(taken=taken)
         if hangs and taken >= SAMPLES * EVERY:
             state = self._with(state, self.gatherer.less(gathering.last, drift))
-        rows = (state.lift + gathering.gram)[:LOAD] / self.gatherer.memory
-        mass = np.linalg.inv(rows[:, :LOAD] + np.diag(self.gatherer.prior[:LOAD]))[0]
-        slopes = mass @ rows[:, -1 - self.gatherer.size : -1]
+        slopes = self.gatherer.slopes(state.lift, gathering.gram)
         wrong = float(np.linalg.norm(slopes * state.probable.expected))
         torques = (gathering.errors + turned) * state.probable.sizes
         return state._replace(slopes=slopes, torques=torques, mass=wrong)
