@@ -94,6 +94,8 @@ def source(folder: Path) -> str:
     python = gates(text)
     for word, meaning in WORDS.items():
         text = re.sub(word, meaning, text, flags=re.MULTILINE)
+    for name in re.findall(r"^def (\w+)", python, flags=re.MULTILINE):  # one that calls another takes C's form of it
+        text = re.sub(rf"\b{name}\(", f"in_c_{name}(", text)
     checksum = zlib.crc32(b"".join((folder / name).read_bytes() for name in names))
     return f"{HEAD}\nTEXT = {checksum}\n{text}\n\n{python}"
 

@@ -11,7 +11,6 @@ import numpy as np
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, Limits, solver
-from cylforce.estimation.kernel.weighed import GRAM
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import forget, known, solution, update
 from cylforce.estimation.residual import (
@@ -142,13 +141,13 @@ class Weigher:
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
-        lift = self._advance(state.lift, left, usable, drift)
+        lift, (concluded, found) = self._advance(state.lift, left, usable, drift)
         books = state.books
         if lift.refused > self._patience:
             lift, books = self._again, parted(books)  # the candidate remains until the bucket is seen empty
         elif not lift.taken and state.lift.taken:
             books = spilled(books)
-        weight = self._conclude(lift, drift)
+        weight = self._weight(found) if lift.kept is concluded else self._conclude(lift, drift)
         state = new(Weighing, (lift, books, t_us, state.tool))
         load = self._judge(lift, weight)
         if not curled and weight.mass >= SMALLEST * self.model.machine.rated_payload:
@@ -170,20 +169,34 @@ class Weigher:
         """What is left of an instant of a recording, without drift."""
         return unexplained(left, len(self.model.filtered.regressor.names), len(self._still.values))
 
-    def _advance(self, lift: Lift, left: Unexplained, usable: Numbers, drift: Drift) -> Lift:
-        rows, work = len(usable), ZERO * (8 * len(usable))
-        seen = (*left, usable, lift.kept, lift.rested)
-        fits = self.kernel.gate(self._solver, *seen, drift.values, drift.covariance, work)
+    def _advance(
+        self, lift: Lift, left: Unexplained, usable: Numbers, drift: Drift
+    ) -> tuple[Lift, tuple[Numbers, Numbers]]:
+        """The lift after one instant; numbers of a lift, and what the kernel concludes from these."""
+        rows, work, found = len(usable), ZERO * (8 * len(usable)), ZERO * self._concluded
+        seen = (*left, usable, lift.rested, drift.values, drift.covariance, work)
+        if lift.taken < self._long:
+            numbers = lift.kept[:]
+            fits = self.kernel.weigh_load(self._solver, *seen, numbers, found)
+        else:
+            fits = self.kernel.gate(self._solver, *seen, lift.kept)
+            numbers = self._faded(lift, work) if fits else lift.kept
+            if fits:
+                self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
+            self.kernel.conclude(self._solver, numbers, drift.values, drift.covariance, found)
         if not fits:
-            return lift._replace(refused=lift.refused + 1)
+            return lift._replace(kept=numbers, refused=lift.refused + 1), (numbers, found)
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
-            return self._fresh._replace(taken=lift.taken + 1, rested=rested)
-        numbers = self._faded(lift, work)
-        self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
+            return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)
         moving = lift.moving + (fits > 1)
         lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed))
-        return self._watched(lift, drift)
+        return self._watched(lift, drift), (numbers, found)
+
+    @cached_property
+    def _concluded(self) -> int:
+        """How many numbers the kernel concludes from a lift."""
+        return 7 + len(self.model.parameters) + len(self._still.values)
 
     def _watched(self, lift: Lift, drift: Drift) -> Lift:
         """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
@@ -202,8 +215,6 @@ class Weigher:
     def _faded(self, lift: Lift, work: Numbers) -> Numbers:
         """The numbers of the lift before it takes in the rows of `work`: in long lifts a small share of the
         old information in their directions is forgotten. The estimate and its dependence on the tares do not change."""
-        if lift.taken < self._long:
-            return lift.kept[:]
         rows = np.frombuffer(work).reshape(8, -1)
         columns = rows[:4].reshape(-1, 4)[rows[6] > 0.0]
         if not len(columns):
@@ -220,8 +231,12 @@ class Weigher:
 
     def _conclude(self, lift: Lift, drift: Drift) -> Weight:
         """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
-        found = ZERO * (7 + (len(lift.kept) - GRAM) // 4)
+        found = ZERO * self._concluded
         self.kernel.conclude(self._solver, lift.kept, drift.values, drift.covariance, found)
+        return self._weight(found)
+
+    def _weight(self, found: Numbers) -> Weight:
+        """The same of what the kernel has concluded."""
         mass, wrong, x, z, error_x, error_z, drifted = found[:7]
         return new(Weight, (mass, wrong, complex(x, z), (error_x, error_z), drifted))
 

@@ -84,11 +84,11 @@ def gate(
     left: Numbers,
     wider: Numbers,
     usable: Numbers,
-    lift: Numbers,
     rested: Numbers,
     known: Numbers,
     unsure: Numbers,
     work: Numbers,
+    lift: Numbers,
 ) -> Count:
     """Whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves. Its `rows` and what is `left` of
     them (`explain`), what the variance is `wider` by (R,), `usable` rows (R,); the numbers of the lift, its steps at
@@ -142,6 +142,27 @@ def take(
                     add(lift, GRAM + i * size + s.p, each, left, 3 * s.r + r * s.d, s.d)
             rotate(s, lift, work[4 * s.r + r] * weight)
     solve_triangle(s, lift)
+
+
+def weigh_load(
+    s: KernelSolver,
+    rows: Numbers,
+    left: Numbers,
+    wider: Numbers,
+    usable: Numbers,
+    rested: Numbers,
+    known: Numbers,
+    unsure: Numbers,
+    work: Numbers,
+    lift: Numbers,
+    found: Numbers,
+) -> Count:
+    """All three: whether an instant fits the lift, whose numbers become those with it, and what is concluded."""
+    fits = gate(s, rows, left, wider, usable, rested, known, unsure, work, lift)
+    if fits != 0:
+        take(s, rows, left, work, lift)
+    conclude(s, lift, known, unsure, found)
+    return fits
 
 
 @inner

@@ -1,5 +1,6 @@
 """The load that the force of the soil does not contain: as the weighing knows it."""
 
+from array import array
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -56,4 +57,5 @@ class Carrier:
         if not state.filling:
             return state.covariance
         filled = min(state.filling / FILLING_S, 1.0) * self._full
-        return numbers(np.frombuffer(state.covariance) + np.multiply.outer(filled, filled).ravel())
+        wider = np.frombuffer(state.covariance) + np.multiply.outer(filled, filled).ravel()
+        return array("d", wider.tobytes())

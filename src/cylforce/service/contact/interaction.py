@@ -98,17 +98,11 @@ class Interactor:
         """Both forces, wider by errors of signals. The resultant is that of no contact while nothing touches the tool
         or hangs in it. That of the soil is the resultant less the load; in the air with a load that is not known yet:
         less the mass that explains most of it."""
-        x, z, xx, xz, zz, weight = solved[:6]
-        wider_xx, wider_xz, wider_zz = solved.wider
-        hanging = carried.values[0] if carried.known else weight / STANDARD_GRAVITY
+        hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
-        resultant = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, acts)
-        if carried.known or touching:
-            x, z, xx, xz, _, zz = self._noise.soil(solved, carried.values, self._carrier.covariance(carried))
-        else:
-            z += weight
-        soil = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, touching)
-        return new(Forces, (resultant, soil))
+        load = (carried.values, self._carrier.covariance(carried))
+        resultant, soil = self._noise.show(solved, *load, carried.known or touching)
+        return new(Forces, (self._sensor.force(resultant, acts), self._sensor.force(soil, touching)))
 
     def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
         known = load.mass.status is not Status.INVALID

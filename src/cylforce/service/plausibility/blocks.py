@@ -6,6 +6,7 @@ block's own, and everyday changes of friction and pressure zeros, can explain. F
 torque per unit of a constant error of it. What is left is then a parabola in the size of that error; its three numbers,
 and the load's mass, are all that is kept of a block."""
 
+from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ import numpy as np
 
 from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.kernel import choice, making
-from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.making import counts
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
@@ -153,7 +154,7 @@ class Gatherer:
         kernel, frictions, size = self.kernel, self._frictions, len(errors)
         adapted = drift.values.copy()
         adapted[frictions:] = 0.0
-        left, new = ZERO * ((3 + len(adapted)) * size), numbers(gram.ravel())
+        left, new = ZERO * ((3 + len(adapted)) * size), array("d", gram.tobytes())
         kernel.explain(self._solver, instant.kept, adapted, left)
         parts = (instant.kept, left, instant.usable, self._everyday(drift), errors, self.size, 1.0)
         return np.frombuffer(new).reshape(gram.shape), kernel.gather(self._solver, *parts, new)
