@@ -138,13 +138,14 @@ class Channels:
         return theta
 
     @cached_property
-    def _unwraps(self) -> bool:
+    def unwraps(self) -> bool:
+        """Whether an encoder's slew angle is among the channels."""
         return (Kind.SLEW_ANGLE, 0) in self._where
 
     def follow(self, before: Array, channels: Numbers) -> Numbers:
         """The channels (D,) with the slew angle unwrapped to lie within half a turn of the one in `before` (D,): an
         encoder that passes the end of its range has not turned back."""
-        if not self._unwraps:
+        if not self.unwraps:
             return channels
         return channels[:-1] + array("d", [np.unwrap([before[-1], channels[-1]])[1]])
 

@@ -50,8 +50,13 @@ class ForceSensor:
         """The published force of what the kernel shows of it (`pushed.publish`). A component whose standard error
         exceeds BLIND is INVALID; there is no direction unless the force is larger than CLEAR standard errors across
         it, nor without `contact`; NO_CONTACT is then the reason."""
-        x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain = shown
-        fine = Reason.NONE if contact else Reason.NO_CONTACT
+        x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, worst, largest = shown
+        fine = NONE if contact else WITHOUT
+        if worst <= self._poor and largest <= self.rated_force and self.tares.identified:
+            parts = [
+                new(Quantity, (value, error, OK, fine)) for value, error in zip(shown[:3], shown[4:7], strict=True)
+            ]
+            return new(Force, (*parts, self._direction(certain > 0.0, contact, angle, across), (xx, xz, zz)))
         return new(
             Force,
             (
@@ -86,5 +91,6 @@ class ForceSensor:
         return new(Quantity, (value, error, OK, fine))
 
 
-OK, DEGRADED = Status.OK, Status.DEGRADED  # a member of an enumeration takes longer to look up than a name
+# a member of an enumeration takes longer to look up than a name
+OK, DEGRADED, NONE, WITHOUT = Status.OK, Status.DEGRADED, Reason.NONE, Reason.NO_CONTACT
 UNCERTAIN, NO_CONTACT = invalid(Reason.UNCERTAIN), invalid(Reason.NO_CONTACT)

@@ -143,10 +143,11 @@ class Pipeline:
     def advance(self, pipe: Pipe, channels: Numbers, periods: int) -> tuple[Pipe, Instant]:
         """The state and the rows `periods` >= 1 steps later, at `channels` (D,); missing steps are filled by linear
         interpolation."""
-        here = self.model.channels.follow(pipe.raw, channels)
+        here = self.model.channels.follow(pipe.raw, channels) if self.model.channels.unwraps else channels
         if periods > 1:
             pipe = self._filled(pipe, here, periods)
-        state, out = (ZERO * size for size in self._sizes)
+        size, rows = self._sizes
+        state, out = ZERO * size, ZERO * rows
         old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
         self.kernel.advance(self._plan, old, here, state, out, pipe.steps == 0)
         return new(Pipe, (pipe.steps + 1, state, self._numbers)), self._instant(out)

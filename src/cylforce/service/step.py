@@ -1,11 +1,10 @@
 """The whole service as one pure function of events: step(state, event) -> (state, output)."""
 
-from array import array
-from collections.abc import Iterator
 from functools import partial
 from math import hypot
 
 from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import Beside, unseen
@@ -45,6 +44,8 @@ __all__ = ["Core", "step"]
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
+
+DOUBTED, REJECTED = Level.DOUBTED, Level.REJECTED
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
@@ -242,7 +243,7 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     """The published estimate: load, load less zero (gross), less tare (net), and forces. OK becomes DEGRADED for
     LONG_FRAME_US after a frame longer than its mapping, while another machine is seen, and of a force while something
     seems to touch the tool that is swung; gross and net are INVALID outside their declared range."""
-    if state.watch.suspicion.level is Level.REJECTED:
+    if state.watch.suspicion.level is REJECTED:
         reason = Reason.NOT_THIS_MACHINE if state.recognition.another else Reason.SENSORS_DISAGREE
         nothing = invalid_force(reason)
         load, forces = invalid_load(reason), Forces(nothing, nothing)
@@ -274,20 +275,22 @@ def _less_sure(forces: Forces, reason: Reason) -> Forces:
 def _moving(core: Core, speed: Numbers) -> Numbers:
     """Per signal whether it should change (1), so that a repeated value means a frozen sensor: a pressure while its own
     cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
-    moves = [1.0 if abs(each) > MOVING else 0.0 for each in speed]
-    shaken = max(moves)
-    return array("d", [shaken if c is None else moves[c] for c in core.moved_by])
+    found, by = ZERO * len(core.moved_by), core.moved_by
+    core.pipeline.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
+    return found
 
 
-def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
+def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
     """Why nothing that is published now is OK."""
+    found = list[Reason]()
     if state.recognition.another and core.tares.identified:
-        yield Reason.NOT_THIS_MACHINE
+        found.append(Reason.NOT_THIS_MACHINE)
     if state.weighing.tool.off is not None:
-        yield Reason.OTHER_TOOL
-    if state.watch.unsure or state.watch.suspicion.level is Level.DOUBTED:
-        yield Reason.SENSORS_DISAGREE
+        found.append(Reason.OTHER_TOOL)
+    if state.watch.suspicion.level is DOUBTED or state.watch.unsure:
+        found.append(Reason.SENSORS_DISAGREE)
     if abs(t_us - state.inputs.long_us) < LONG_FRAME_US:
-        yield Reason.LONG_FRAME
+        found.append(Reason.LONG_FRAME)
     if state.inputs.spoofed(t_us):
-        yield Reason.OWN_IDENTIFIER
+        found.append(Reason.OWN_IDENTIFIER)
+    return found

@@ -56,6 +56,7 @@ INTERPRETED: Any = SimpleNamespace(
         function.__name__: listed(function)
         for function in (
             rows.slips,
+            rows.moves,
             weighed.explain,
             weighed.gate,
             weighed.take,

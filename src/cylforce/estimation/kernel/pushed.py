@@ -271,8 +271,8 @@ def show(
     """What is published of the `found` force: the `resultant` of all that acts on the tool, and of it that of the
     `ground`, less the load (4,) with covariance (4, 4), where there is one (`loaded_tool`), else less the mass that
     explains most of it. Each: x, z, size [N], direction [rad], their standard errors - that of the direction per unit
-    of the size -, covariance xx, xz, zz with that of the scale, and whether the direction is certain: the size is
-    `clear` standard errors across it."""
+    of the size -, covariance xx, xz, zz with that of the scale, whether the direction is certain: the size is `clear`
+    standard errors across it; the largest of the first three errors, and of their values."""
     o, wide = 2 * s.r, 8 * s.r + 8
     xx, xz, zz = found[wide], found[wide + 1], found[wide + 2]
     publish(s, found[o], found[o + 1], found[o + 2] + xx, found[o + 3] + xz, found[o + 5] + zz, clear, resultant)
@@ -302,6 +302,7 @@ def publish(
     into[6] = sqrt(along) if certain != 0.0 else sqrt(along + across)
     into[7] = sqrt(across) / (size + 1e-9)
     into[8], into[9], into[10], into[11] = xx, xz, zz, certain
+    into[12], into[13] = max(into[4], into[5], into[6]), size
 
 
 def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest: Numbers) -> None:

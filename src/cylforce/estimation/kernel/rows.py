@@ -189,6 +189,20 @@ def slips(
                     out[p.row[j] * size + s - 1] = (left - p.torque[p.row[j]]) / by
 
 
+def moves(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
+    """`found`, for each of the `signals`: 1 where the cylinder `by` which it changes is faster than `least`; -1: any of
+    them."""
+    shaken = 0.0
+    for c in range(size):
+        if abs(speed[c]) > least:
+            shaken = 1.0
+    for k in range(signals):
+        if by[k] < 0:
+            found[k] = shaken
+        else:
+            found[k] = 1.0 if abs(speed[by[k]]) > least else 0.0
+
+
 @inner
 def tool(p: KernelPlan, out: Numbers) -> None:
     """Place and velocity of the tool, x and z, in true horizontal and vertical."""

@@ -1,7 +1,6 @@
 """From the rows of an instant to the two forces and the events: resultant of all that acts on the tool, and that of the
 soil, which is the resultant less the load in the bucket."""
 
-from array import array
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -109,8 +108,14 @@ class Interactor:
         lift = weighing.lift if known else None
         return self._carrier.step(state.carried, lift, state.contact.touching, self._watcher.dt)
 
+    @cached_property
+    def _acting(self) -> tuple[tuple[int, ...], ...]:
+        return tuple(tuple(acting) for acting in self.model.acting)
+
     def _moving(self, usable: Numbers, instant: Instant) -> Numbers:
         """The usable rows (R,) whose cylinders move: 1, else 0."""
-        fast = [abs(speed) > STILL for speed in instant.speed]
-        moves = [max([fast[c] for c in acting]) for acting in self.model.acting]
-        return array("d", [good and moving for good, moving in zip(usable, moves, strict=True)])
+        speed, found = instant.speed, usable[:]
+        for row, acting in enumerate(self._acting):
+            if all([abs(speed[c]) <= STILL for c in acting]):  # noqa: C419 - a list is quicker than a generator
+                found[row] = 0.0
+        return found

@@ -26,7 +26,7 @@ FADING_S = 0.045  # s in which such an error fades, the delay of the measured sp
 LEARNING_S = 20.0  # s of motion in the air in which the learned variance follows; chosen
 LARGEST = 9.0  # normalised square above which a sample teaches no more than this, so that a blow is not noise; chosen
 
-SHOWN = 12  # numbers of a force, see `pushed.publish`
+SHOWN = 14  # numbers of a force, see `pushed.publish`
 
 
 class Unrest(NamedTuple):
