@@ -53,9 +53,7 @@ class ForceSensor:
         x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, worst, largest = shown
         fine = NONE if contact else WITHOUT
         if worst <= self._poor and largest <= self.rated_force and self.tares.identified:
-            parts = [
-                new(Quantity, (value, error, OK, fine)) for value, error in zip(shown[:3], shown[4:7], strict=True)
-            ]
+            parts = [new(Quantity, (*pair, OK, fine)) for pair in ((x, x_error), (z, z_error), (size, along))]
             return new(Force, (*parts, self._direction(certain > 0.0, contact, angle, across), (xx, xz, zz)))
         return new(
             Force,

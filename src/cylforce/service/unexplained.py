@@ -8,7 +8,6 @@ import numpy as np
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.residual import Residual
-from cylforce.signals.estimate import Array
 
 
 class Unexplained(NamedTuple):
@@ -37,10 +36,6 @@ class Unexplained(NamedTuple):
         """The variance of friction at rest (R,) [N^2 m^2]."""
         size = len(self.wider)
         return self.kept[2 * size : 3 * size]
-
-    def columns(self, size: int) -> Array:
-        """All `size` columns (R, K)."""
-        return np.frombuffer(self.rows, count=len(self.wider) * size).reshape(-1, size)
 
 
 def unexplained(left: Residual, columns: int, drifts: int) -> Unexplained:

@@ -1,7 +1,9 @@
 """What pressures say by themselves: `service.plausibility` `changing`, `quiet` and the first look of `leaping`, in
 plain numbers. Tables of groups are (G, P), of P pressures."""
 
-from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
+from math import log
+
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
 
 GROUP: Count = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
 GROUPS: Count = 16  # of motion of the cylinder that are compared
@@ -24,6 +26,50 @@ def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Co
         if abs(by) > gates[i] and gates[i] < abs(1.5 * by - 0.5 * around):
             return 1
     return 0
+
+
+def smooth_pressures(
+    p: Count,
+    readings: Numbers,
+    size: Count,
+    curves: Numbers,
+    bends: Count,
+    noise: Numbers,
+    free: Number,
+    least: Number,
+    pairs: Counts,
+    exchanges: Count,
+    most: Count,
+    misfit: Numbers,
+) -> Count:
+    """Whether no leap in `readings` (T, P) can be sure, as all that `curves` (T, bends + 1), of which the last is a
+    step, leave of them is less than the `least` log likelihood ratio. `misfit` (2, P): minus the log likelihood [nats]
+    of what the curves leave without and with the step, of a variance of its own, but at least the `noise` (P,), with
+    so many degrees of freedom; `pairs` (X, most, 2) of pressures that may be exchanged, -1: no more."""
+    sure = 0
+    for i in range(p):
+        left = 0.0
+        for t in range(size):
+            left += readings[t * p + i] * readings[t * p + i]
+        for k in range(bends + 1):
+            along = 0.0
+            for t in range(size):
+                along += curves[t * (bends + 1) + k] * readings[t * p + i]
+            if k == bends:
+                misfit[i] = 0.5 * free * log(max(left / (free * noise[i]), 1.0))
+            left -= along * along
+        misfit[p + i] = 0.5 * free * log(max(left / (free * noise[i]), 1.0))
+        if misfit[i] - misfit[p + i] > least:
+            sure = 1
+    for x in range(exchanges):
+        total = 0.0
+        for m in range(most):
+            a, b = pairs[2 * (x * most + m)], pairs[2 * (x * most + m) + 1]
+            if a >= 0:
+                total += 2.0 * min(misfit[a], misfit[b])
+        if total > least:
+            sure = 1
+    return 1 - sure
 
 
 def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:

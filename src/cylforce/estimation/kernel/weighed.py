@@ -165,6 +165,21 @@ def weigh_load(
     return fits
 
 
+def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, over: Numbers, values: Numbers) -> None:
+    """Of an instant (`explain`) the torque `over` (R,) that the load of a lift does not explain either; parameters
+    `values` (P,) of machine and load together."""
+    loaded(s, rows, s.k, s.other)
+    for r in range(s.r):
+        total = 0.0
+        for i in range(4):
+            total += s.other[4 * r + i] * lift[VALUES + i]
+        over[r] = left[r] - total
+    for i in range(s.p):
+        values[i] = s.values[i]
+    for i in range(s.loads):
+        values[s.load_at[2 * i]] += s.load[i] * lift[VALUES + s.load_at[2 * i + 1]]
+
+
 @inner
 def add(into: Numbers, at: Count, times: Number, x: Numbers, o: Count, size: Count) -> None:
     """`times` the vector that begins at `o` to that which begins at `at`."""

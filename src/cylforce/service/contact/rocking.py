@@ -2,20 +2,19 @@
 have in common. It does not correct the weight; it widens the error of every row (mechanics/README.md, section 3)."""
 
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import cos, sin
 from operator import add
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
-
+from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import MIN_SECONDS
 from cylforce.service.loading.lift import Lift
 from cylforce.service.unexplained import Unexplained
-from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new
 
@@ -60,14 +59,15 @@ class Rocker:
 
     model: Model
     tares: Tares
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
     def _lag(self) -> int:
         return max(round(LAG_SECONDS * self.model.filters.rate_hz), 1)
 
     @cached_property
-    def _columns(self) -> int:
-        return len(self.model.filtered.regressor.names)
+    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return solver(self.model, self.tares, self.kernel)
 
     @cached_property
     def _share(self) -> float:
@@ -95,15 +95,15 @@ class Rocker:
 
     def _looked(self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers) -> Rocking:
         state = self._tilted(state)
-        levers = self._levers(channels, lift.values)
+        over, values = ZERO * len(usable), ZERO * len(self.model.parameters)
+        self.kernel.without_load(self._solver, left.rows, left.kept, lift.kept, over, values)
+        levers = self._levers(channels, values)
         swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
         settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
         if settled and all(usable):
             variances = list(map(add, left.variance, left.rest))
             wider = [variance + swings * (a * a + b * b) for variance, (a, b) in zip(variances, levers, strict=True)]
-            own = left.columns(self._columns)[:, : len(self.model.parameters)]
-            over = np.asarray(left.torque) - (own @ self.model.load) @ lift.values
-            state = self._accelerated(state, over.tolist(), wider, levers)
+            state = self._accelerated(state, over, wider, levers)
         forward, upward = max(state.forward, swings), max(state.upward, swings)
         return state._replace(wider=array("d", [a * a * forward + b * b * upward for a, b in levers]))
 
@@ -117,11 +117,10 @@ class Rocker:
         turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
         return state._replace(turning=state.turning + self._share * (turn**2 - state.turning))
 
-    def _levers(self, channels: Numbers, load: Array) -> list[tuple[float, float]]:
+    def _levers(self, channels: Numbers, values: Numbers) -> list[tuple[float, float]]:
         """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
-        first moment about each joint, sum over the links beyond of (X + i Z) exp(i q)."""
+        first moment about each joint, of the parameters `values` (P,), sum over the links beyond of (X + i Z) exp(i q)."""
         size, angle = self.model.machine.size, channels[-3]
-        values = (self.tares.values + self.model.load @ load)[: 3 * size].tolist()
         own = []
         for j in range(size):
             angle += channels[j]
@@ -134,7 +133,7 @@ class Rocker:
         return [found[j] for j in self.model.machine.rows]
 
     def _accelerated(
-        self, state: Rocking, over: list[float], variances: list[float], levers: list[tuple[float, float]]
+        self, state: Rocking, over: Numbers, variances: list[float], levers: list[tuple[float, float]]
     ) -> Rocking:
         """With the acceleration that explains best what the load leaves, `over` (R,) [N m], its own variance
         subtracted. What is no load at all, as contact or a dump, is not asked, by the variance without what is found

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.estimation.kernel import choice
-from cylforce.estimation.kernel.making import numbers
-from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.changing import NONE, pressures
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
@@ -94,7 +95,8 @@ class Leaping:
         """Curves (W, DEGREE + 1) and, last, a step, orthonormal."""
         t = np.arange(BEFORE + AFTER) - (BEFORE + AFTER - 1) / 2.0
         powers = [t**k for k in range(DEGREE + 1)]
-        return np.asarray(np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))[0])
+        found, _ = np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))
+        return np.ascontiguousarray(found)
 
     @cached_property
     def _arbitrary(self) -> Array:
@@ -149,11 +151,12 @@ class Leaping:
 
     def leap(self, readings: Array) -> SensorDoubt:
         """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
-        along = self._curves.T @ readings
-        own = (readings**2).sum(axis=0) - (along[:-1] ** 2).sum(axis=0)
-        plain, stepped = self._misfit(own, self._noise), self._misfit(own - along[-1] ** 2, self._noise)
-        if self._smooth(plain, stepped):
+        size = readings.shape[1]
+        misfit, (pairs, most) = ZERO * (2 * size), self._pairs
+        told = (DEGREE + 1, self._noise, float(FREE), self.least, pairs, len(self.exchanges), most)
+        if self.kernel.smooth_pressures(size, readings, BEFORE + AFTER, self._curves, *told, misfit):
             return NOTHING_SUSPECTED
+        along, (plain, stepped) = self._curves.T @ readings, np.frombuffer(misfit).reshape(2, size)
         blow = self._blow(plain, stepped)
         swapped = self._swapped(self._left(readings), plain, blow)
         if swapped:
@@ -166,12 +169,12 @@ class Leaping:
         size = float(along[-1, most] / self._curves[BEFORE:, -1].sum())
         return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[most],), size)
 
-    def _smooth(self, plain: Array, stepped: Array) -> bool:
-        """Whether no leap can be sure: it explains at most all that is left."""
-        if (plain - stepped).max() > self.least:
-            return False
-        most = plain.tolist()
-        return all(sum(2.0 * min(most[a], most[b]) for a, b in pairs) <= self.least for pairs in self.exchanges)
+    @cached_property
+    def _pairs(self) -> tuple[Counts, int]:
+        """The pairs of each exchange as the kernel takes them, and the most that one has."""
+        most = max(map(len, self.exchanges), default=0)
+        filled = [(*pairs, *[(-1, -1)] * (most - len(pairs))) for pairs in self.exchanges]
+        return counts(p for pairs in filled for pair in pairs for p in pair), most
 
     def _blow(self, plain: Array, stepped: Array) -> float:
         """Log likelihood [nats] that all pressures are hit: each is as likely to go on, to step, or to do anything."""
