@@ -27,6 +27,7 @@ from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 from cylforce.signals.kinds import Kind
 from cylforce.simulation.scenario import _begin
 from cylforce.simulation.trajectory import JointCourse, Move
+from instants import rows_of
 from scenarios import (
     EXCAVATOR,
     cycles,
@@ -841,8 +842,8 @@ def test_a_machine_parked_at_an_end_stop(bench):
     whose inverse would overflow in the end. (200 s of it here, when old samples fade from the first on.)"""
     weigher, model = bench.core.weigher, bench.core.model
     columns = np.random.default_rng(1).normal(size=(3, len(model.parameters)))
-    left = Residual(np.zeros(3), np.full(3, 1e6), np.zeros(3), columns)
-    usable, state = np.array([True, True, False]), weigher.begin()
+    left = weigher.of_arrays(Residual(np.zeros(3), np.full(3, 1e6), np.zeros(3), columns))
+    usable, state = rows_of([True, True, False]), weigher.begin()
     state = state._replace(lift=state.lift._replace(taken=10**9))
     errors = []
     for _ in range(20_000):

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.estimation.filters import Filter, fours, mean, poles, second_order, slope
-from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.mechanics.motion import Attitude, Motion, motion
@@ -142,7 +141,7 @@ class Channels:
         """Whether an encoder's slew angle is among the channels."""
         return (Kind.SLEW_ANGLE, 0) in self._where
 
-    def follow(self, before: Array, channels: Numbers) -> Numbers:
+    def follow(self, before: Array, channels: "array[float]") -> "array[float]":
         """The channels (D,) with the slew angle unwrapped to lie within half a turn of the one in `before` (D,): an
         encoder that passes the end of its range has not turned back."""
         if not self.unwraps:

@@ -23,7 +23,7 @@ from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, M
 from cylforce.estimation.recursive import Root
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
-from cylforce.service.unexplained import Unexplained
+from cylforce.service.pipeline import Unexplained
 from cylforce.signals.estimate import Array
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen

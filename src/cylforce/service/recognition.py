@@ -16,7 +16,7 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
-from cylforce.service.unexplained import Unexplained
+from cylforce.service.pipeline import Unexplained
 from cylforce.signals.estimate import Array
 from cylforce.signals.quick import new
 

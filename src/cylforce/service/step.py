@@ -12,12 +12,12 @@ from cylforce.service.contact.interaction import Forces
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
+from cylforce.service.pipeline import Unexplained
 from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.plausibility.unnoticed import Unnoticed
 from cylforce.service.publication import GROSS
 from cylforce.service.state import NOTHING, Output, Scale, State
-from cylforce.service.unexplained import Unexplained
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
     Booking,

@@ -26,8 +26,8 @@ from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import NOTHING_BESIDE, Beside, Books, Weighed, noted, parted, spilled, unseen
 from cylforce.service.loading.lift import Lift, Weight, kept
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
+from cylforce.service.pipeline import Unexplained, unexplained
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
-from cylforce.service.unexplained import Unexplained, unexplained
 from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 from cylforce.signals.quick import new
 
@@ -40,8 +40,8 @@ EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
 FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; chosen
 REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
-LATER_S = (
-    0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
+# s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
+LATER_S = 0.3
 )
 
 NO_LOAD = invalid(Reason.NOT_A_LOAD)

@@ -10,14 +10,12 @@ from zlib import crc32
 
 from cylforce.estimation.kernel import (
     followed,
-    gathered,
     heard,
     inputs,
     plan,
     pushed,
     recognised,
     rows,
-    sensed,
     solver,
     weighed,
 )
@@ -25,7 +23,6 @@ from cylforce.estimation.kernel.solving import listed
 
 PARTS = (
     "inputs.py",
-    "sensed.py",
     "plan.py",
     "bodies.py",
     "columns.py",
@@ -36,7 +33,6 @@ PARTS = (
     "recognised.py",
     "followed.py",
     "heard.py",
-    "gathered.py",
 )
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
@@ -44,8 +40,8 @@ INTERPRETED: Any = SimpleNamespace(
     receive=inputs.receive,
     usable=inputs.usable,
     leapt=inputs.leapt,
-    KernelSensors=listed(sensed.KernelSensors),
-    sense=sensed.sense,
+    KernelSensors=listed(plan.KernelSensors),
+    sense=plan.sense,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
     KernelDrift=listed(followed.KernelDrift),
@@ -69,8 +65,8 @@ INTERPRETED: Any = SimpleNamespace(
             recognised.gather,
             followed.certain,
             followed.follow,
-            gathered.turn_force,
-            gathered.notice,
+            recognised.turn_force,
+            recognised.notice,
             heard.suspicious,
             heard.smooth_pressures,
             heard.group,

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Any
 
-from cylforce.estimation.kernel.pushed import invert
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
+from cylforce.estimation.kernel.solver import invert
 
 FORGETTING: Number = 1e-6  # times the largest: directions below it are not forgotten; as in `recursive`
 

@@ -46,18 +46,15 @@ def smooth_pressures(
     step, leave of them is less than the `least` log likelihood ratio. `misfit` (2, P): minus the log likelihood [nats]
     of what the curves leave without and with the step, of a variance of its own, but at least the `noise` (P,), with
     so many degrees of freedom; `pairs` (X, most, 2) of pressures that may be exchanged, -1: no more."""
-    sure = 0
+    sure, before = 0, 0.0
     for i in range(p):
-        left = 0.0
-        for t in range(size):
-            left += readings[t * p + i] * readings[t * p + i]
+        left = squares_of(readings, i, p, size, 0.0)
         for k in range(bends + 1):
             along = 0.0
             for t in range(size):
                 along += curves[t * (bends + 1) + k] * readings[t * p + i]
-            if k == bends:
-                misfit[i] = 0.5 * free * log(max(left / (free * noise[i]), 1.0))
-            left -= along * along
+            before, left = left, left - along * along
+        misfit[i] = 0.5 * free * log(max(before / (free * noise[i]), 1.0))
         misfit[p + i] = 0.5 * free * log(max(left / (free * noise[i]), 1.0))
         if misfit[i] - misfit[p + i] > least:
             sure = 1

@@ -4,7 +4,7 @@ numbers."""
 from math import atan2, sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
-from cylforce.estimation.kernel.solver import KernelSolver
+from cylforce.estimation.kernel.solver import KernelSolver, backward, factor, forward, invert
 from cylforce.estimation.kernel.weighed import loaded, quadratic
 
 
@@ -179,61 +179,6 @@ def gain(s: KernelSolver, tools: Numbers, o: Count, found: Numbers) -> None:
             found[2 * s.r + 6 + i * s.r + r] = each
             total += each * found[r]
         found[2 * s.r + i] = total
-
-
-@inner
-def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
-    """Cholesky's factor in the place of the lower triangle of a matrix, of the usable rows alone."""
-    for i in range(size):
-        for j in range(i + 1):
-            if usable[i] != 0.0 and usable[j] != 0.0:
-                total = matrix[i * size + j]
-                for k in range(j):
-                    if usable[k] != 0.0:
-                        total -= matrix[i * size + k] * matrix[j * size + k]
-                matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
-
-
-@inner
-def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
-    for i in range(size):
-        total = x[o + i]
-        for k in range(i):
-            total -= matrix[i * size + k] * x[o + k] if usable[k] != 0.0 else 0.0
-        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
-
-
-@inner
-def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """x <- L'^-1 x of the usable rows."""
-    for i in range(size - 1, -1, -1):
-        total = x[o + i]
-        for k in range(i + 1, size):
-            total -= matrix[k * size + i] * x[o + k] if usable[k] != 0.0 else 0.0
-        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
-
-
-@inner
-def invert(matrix: Numbers, size: Count, into: Numbers, o: Count) -> None:
-    """The inverse of a positive definite matrix whose lower triangle is given, to the place `o` of `into`."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i * size + j]
-            for k in range(j):
-                total -= matrix[i * size + k] * matrix[j * size + k]
-            matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
-    for column in range(size):
-        for i in range(size):
-            total = 1.0 if i == column else 0.0
-            for k in range(i):
-                total -= matrix[i * size + k] * into[o + k * size + column]
-            into[o + i * size + column] = total / matrix[i * size + i]
-        for i in range(size - 1, -1, -1):
-            total = into[o + i * size + column]
-            for k in range(i + 1, size):
-                total -= matrix[k * size + i] * into[o + k * size + column]
-            into[o + i * size + column] = total / matrix[i * size + i]
 
 
 @inner

@@ -14,7 +14,7 @@ from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import MIN_SECONDS
 from cylforce.service.loading.lift import Lift
-from cylforce.service.unexplained import Unexplained
+from cylforce.service.pipeline import Unexplained
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new
 
@@ -119,7 +119,8 @@ class Rocker:
 
     def _levers(self, channels: Numbers, values: Numbers) -> list[tuple[float, float]]:
         """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
-        first moment about each joint, of the parameters `values` (P,), sum over the links beyond of (X + i Z) exp(i q)."""
+        first moment about each joint, of the parameters `values` (P,), sum over the links beyond of (X + i Z)
+        exp(i q)."""
         size, angle = self.model.machine.size, channels[-3]
         own = []
         for j in range(size):

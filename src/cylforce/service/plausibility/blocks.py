@@ -192,13 +192,6 @@ class Gatherer:
         self.kernel.turn_force(self._plan, channels, force.real, force.imag, turned, len(turned), forces, found)
         return np.frombuffer(found).reshape(rows, self.size)
 
-    def slopes(self, lift: Array, running: Array) -> Array:
-        """Change (H,) of the load's mass [kg] per unit of each error, of rows (K, K) of a lift and of the block that is
-        `running`."""
-        found, prior = ZERO * self.size, self.prior
-        self.kernel.notice(self._solver, lift, running, len(lift), prior, self.memory, self.size, found)
-        return np.frombuffer(found)
-
     def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
         gram, known = state.gram / self.memory, len(self.prior)
         inverse = np.linalg.inv(gram[:known, :known] + np.diag(self.prior))
