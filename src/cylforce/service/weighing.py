@@ -42,7 +42,6 @@ FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; 
 REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
 # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
 LATER_S = 0.3
-)
 
 NO_LOAD = invalid(Reason.NOT_A_LOAD)
 
