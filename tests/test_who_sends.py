@@ -166,7 +166,8 @@ def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
     carried = {k for pdo in node.pdos for k, s in enumerate(core.service.machine.signals) if s.name in names(pdo)}
     for told, expected in ((5, set()), (127, carried), (4, carried), (5, set())):
         state, _ = step(core, state, Frame(t, 0x700 + node.node_id, bytes([told])))
-        reasons = core.assembler.sample(state.inputs, t).reasons
+        inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
+        reasons = core.assembler.sample(inputs, t).reasons
         found = {k: reason for k, reason in enumerate(reasons) if reason is not Reason.NONE}
         assert set(found) == expected
         assert set(found.values()) <= {Reason.NOT_OPERATIONAL}
