@@ -7,7 +7,7 @@ import pytest
 from cylforce.service.assembler import Assembler
 from cylforce.service.senders.inputs import QUIET_US
 from cylforce.service.senders.supervision import FAST_CLOCK, Supervisor
-from cylforce.service.step import Core, step
+from cylforce.service.step import Core, judged, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
@@ -166,8 +166,7 @@ def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
     carried = {k for pdo in node.pdos for k, s in enumerate(core.service.machine.signals) if s.name in names(pdo)}
     for told, expected in ((5, set()), (127, carried), (4, carried), (5, set())):
         state, _ = step(core, state, Frame(t, 0x700 + node.node_id, bytes([told])))
-        inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
-        reasons = core.assembler.sample(inputs, t).reasons
+        reasons = core.assembler.sample(judged(core, state).inputs, t).reasons
         found = {k: reason for k, reason in enumerate(reasons) if reason is not Reason.NONE}
         assert set(found) == expected
         assert set(found.values()) <= {Reason.NOT_OPERATIONAL}

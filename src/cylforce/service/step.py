@@ -39,7 +39,7 @@ from cylforce.signals.estimate import (
 from cylforce.signals.events import Event, Frame, Tick
 from cylforce.signals.quick import new
 
-__all__ = ["Core", "step"]
+__all__ = ["Core", "judged", "step"]
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
@@ -51,7 +51,7 @@ DOUBTED, REJECTED = Level.DOUBTED, Level.REJECTED
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
-        state = _tick(core.fitted[state.tool], _judged(core, state), event.t_us)
+        state = _tick(core.fitted[state.tool], state, event.t_us)
         return state, new(Output, (None, state.estimate, core.encoders, ""))
     if event.can_id not in core.assembler.decoders:
         obeyed = _obey(core, state, event)
@@ -59,13 +59,13 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
             return obeyed
     frames = (*state.frames, event)
     state = new(State, state[:-1] + (frames,))  # noqa: RUF005 - copied twice, not four times: this is for every frame
-    return state if len(state.frames) < MOST_FRAMES else _judged(core, state), NOTHING
+    return state if len(state.frames) < MOST_FRAMES else judged(core, state), NOTHING
 
 
-def _judged(core: Core, state: State) -> State:
-    """The state with the frames that have come judged."""
+def judged(core: Core, state: State) -> State:
+    """The state with the frames that have come since the last tick judged."""
     inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
-    return new(State, (inputs, *state[1:-1], ()))
+    return state._replace(inputs=inputs, frames=())
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -78,7 +78,7 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
         return _commanded(core, state, command)
     booted = commands.booted(frame)
     if booted is not None:
-        state = _judged(core, state)
+        state = judged(core, state)
         return state._replace(inputs=core.assembler.restart(state.inputs, booted)), NOTHING
     return None
 
@@ -112,7 +112,7 @@ def _with_tool(core: Core, state: State, number: int) -> tuple[State, Output]:
     ruling = commands.fitted(number, core.service.tools, state.tool)
     if ruling.verdict or ruling.tool == state.tool:
         return state, Output(ruling.verdict, words=ruling.words)
-    other = core.fitted[ruling.tool]
+    state, other = judged(core, state), core.fitted[ruling.tool]
     weighing = other.weigher.begin()._replace(books=unseen(state.weighing.books))
     known = other.recognizer.begin()
     state = state._replace(weighing=weighing, recognition=known, scale=Scale(), tool=ruling.tool)
@@ -122,7 +122,9 @@ def _with_tool(core: Core, state: State, number: int) -> tuple[State, Output]:
 def _tick(core: Core, state: State, t_us: int) -> State:
     """The state after a tick: sample, channels, filtered rows, load and force; or an estimate with the reason why there
     are none."""
-    sample = core.assembler.sample(state.inputs, t_us)
+    inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
+    state = new(State, (inputs, *state[1:-1], ()))
+    sample = core.assembler.sample(inputs, t_us)
     if sample.late is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
         return state._replace(estimate=held_estimate(state.estimate, t_us, sample.late))
     channels = _channels(core, sample)
