@@ -67,7 +67,7 @@ def event_line(event: Event | Sent, channel: str) -> str:
     """The line of an event or of a frame that we sent; `channel` is the bus."""
     if isinstance(event, Tick):
         return line(TICK, event.t_us, _TICK_ID, b"")
-    return line(SENT if isinstance(event, Sent) else channel, event.t_us, event.can_id, event.data)
+    return line(SENT if isinstance(event, Sent) else channel, *event)
 
 
 Parts = tuple[str, int, int, bytes]  # of a `Line`

@@ -149,19 +149,11 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
     seen = new(Samples, (sample.values, pipe, instant, left.torque, forces, *told))
     watch, weighing = _watched(core, state, seen, weighing)
-    now = state._replace(
-        pipe=pipe,
-        sampled_us=t_us,
-        moving=moving,
-        weighing=weighing,
-        drift=_drift(core, state.drift, watch, load, left, usable),
-        recognition=core.recognizer.step(state.recognition, plain, usable),
-        interaction=interaction,
-        watch=watch,
-        rocking=rocking,
-        unexplained=tuple(left.torque),
-    )
-    return _booked(now, _estimate(core, now, load, forces, t_us), state.weighing.books.booking)
+    drift = _drift(core, state.drift, watch, load, left, usable)
+    known = core.recognizer.step(state.recognition, plain, usable)
+    moved = (inputs, pipe, weighing, drift, state.scale, t_us, state.estimate, moving, known, interaction, watch)
+    after = new(State, (*moved, *state[11:16], tuple(left.torque), rocking, ()))
+    return _booked(after, _estimate(core, after, load, forces, t_us), state.weighing.books.booking)
 
 
 def _beside(core: Core, state: State, channels: Numbers) -> Beside:

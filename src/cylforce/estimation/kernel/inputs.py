@@ -79,30 +79,31 @@ class KernelInputs:
         self.hold, self.quiet, self.frozen, self.needed = (numbers[11][i] for i in range(4))
 
 
-def receive(p: KernelInputs, state: Numbers, sorts: Counts, number: Count, raw: Numbers, moving: Numbers) -> None:
+def receive(
+    p: KernelInputs, state: Numbers, sorts: Counts, number: Count, times: Numbers, raw: Numbers, moving: Numbers
+) -> None:
     """The `state` before a `number` of frames becomes that after them: `sorts` of each its PDO, then -1, 0, 1: too
-    short, as mapped, too long; `raw` of each its time [us], then the values of all its items, none if it is too short;
+    short, as mapped, too long; `times` [us]; `raw`: of each the values of all its items, none if it is too short;
     `moving` (S,): not 0 where an equal value means that the sensor is frozen."""
     at = 0
     for k in range(number):
         pdo, sort = sorts[2 * k], sorts[2 * k + 1]
-        take_frame(p, state, pdo, sort, raw, at, moving)
-        at += 1 if sort < 0 else 1 + p.items[pdo]
+        take_frame(p, state, times[k], pdo, sort, raw, at, moving)
+        at += 0 if sort < 0 else p.items[pdo]
 
 
 @inner
 def take_frame(
-    p: KernelInputs, state: Numbers, pdo: Count, sort: Count, raw: Numbers, at: Count, moving: Numbers
+    p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, at: Count, moving: Numbers
 ) -> None:
-    """The state after one frame, whose time and items begin at `at`."""
-    t_us = raw[at]
+    """The state after one frame, whose items begin at `at`."""
     paced(p, state, t_us, pdo)
     for i in range(p.first[pdo], p.first[pdo + 1]):
         o = SIGNAL * p.signal[i]
         if sort < 0:
             state[o + 3], state[o + 4] = SHORT, 0.0
         else:
-            judge(p, state, t_us, i, raw[at + 1 + p.item[i]], moving[p.signal[i]])
+            judge(p, state, t_us, i, raw[at + p.item[i]], moving[p.signal[i]])
     if sort != 0:
         frames = SIGNAL * p.s + SENDER * p.p + SENDER * nodes(p)
         state[frames + (1 if sort < 0 else 2)] += 1.0
