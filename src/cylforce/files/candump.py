@@ -18,6 +18,10 @@ _LINE = re.compile(
     r"#(?:R([0-8]?)|((?:[\dA-Fa-f]{2}){0,8}))(?:_[\dA-Fa-f])?(?: +[RT])?\s*",
     re.ASCII,
 )
+_OURS = re.compile(  # as `line` writes frames with identifiers of 11 bits
+    r"^\((\d{10})\.(\d{6})\) (\S+) ([\dA-F]{3})#((?:[\dA-F]{2}){0,8})\n", re.ASCII | re.MULTILINE
+)
+_STANDARD = {f"{can_id:03X}": can_id for can_id in range(0x1000)}
 _NEWER = re.compile(  # CAN FD; CAN XL
     r"\(\d+\.\d+\) +\S+ +[\dA-Fa-f]{3,8}"
     r"(?:##[\dA-Fa-f]|#[\dA-Fa-f]{2}:[\dA-Fa-f]{2}:[\dA-Fa-f]{8}#)[\dA-Fa-f]*(?: +[RT])?\s*",
@@ -95,6 +99,16 @@ def parts(text: str) -> Parts | None:
     if remote is None:
         return channel, t_us, can_id, bytes.fromhex(data)
     return channel, t_us, can_id | REMOTE, bytes(int(remote or 0))
+
+
+def parts_of(block: str) -> list[Parts] | None:
+    """The parts of all lines of a block at once, in half the time; None if a line is not as ours are."""
+    found = _OURS.findall(block)
+    if len(found) != block.count("\n"):
+        return None
+    return [
+        (channel, int(s + micros), _STANDARD[name], bytes.fromhex(data)) for s, micros, channel, name, data in found
+    ]
 
 
 def is_newer_frame(text: str) -> bool:

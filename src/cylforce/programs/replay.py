@@ -109,8 +109,7 @@ def replay(core: Core, events: Iterable[Event | Sent], state: State, take: Take)
         if isinstance(event, Sent):
             if event.can_id in ours:
                 compared += 1
-                number = ours[event.can_id]
-                different += [*last.due([number])] != [(number, event.data)]
+                different += last.data(ours[event.can_id]) != event.data
             continue
         state, out = step(core, state, event)
         if out.estimate is not None:

@@ -101,6 +101,13 @@ class Output(NamedTuple):
         """(Number, data) of all PDOs, sent as they are."""
         return tuple(self.due([each.number for each in self.table]))
 
+    def data(self, number: int) -> bytes | None:
+        """The bytes of one of them; None where there is no estimate."""
+        for each in self.table if self.estimate is not None else ():
+            if each.number == number:
+                return each.data(self.estimate) if self.estimate is not None else None
+        return None
+
     def due(self, numbers: Collection[int]) -> Iterator[tuple[int, bytes]]:
         """Those of these numbers, each when it is asked for: what is not sent is not encoded."""
         if self.estimate is not None:
