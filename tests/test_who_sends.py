@@ -7,7 +7,7 @@ import pytest
 from cylforce.service.assembler import Assembler
 from cylforce.service.senders.inputs import QUIET_US
 from cylforce.service.senders.supervision import FAST_CLOCK, Supervisor
-from cylforce.service.step import Core, judged, step
+from cylforce.service.step import MOST_FRAMES, Core, judged, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
@@ -219,3 +219,14 @@ def test_requests_to_us_are_nobody_elses():
     own = supervisor.service.node_id
     assert not supervisor.ours & {0, 0x80, 0x600 + own}
     assert {0x180 + own, 0x580 + own, 0x700 + own, 0x80 + own} <= supervisor.ours
+
+
+def test_frames_do_not_pile_up_without_ticks(work):
+    """A flood between two ticks: the state stays as large as it was, and every frame is judged."""
+    core, _, _, states = work
+    _, state = states[40]
+    counted = judged(core, state).inputs.counters.unknown
+    for k in range(1000):
+        state, _ = step(core, state, Frame(state.estimate.t_us + k, 0x123, b""))
+        assert len(state.frames) < MOST_FRAMES
+    assert judged(core, state).inputs.counters.unknown - counted == 1000
