@@ -48,7 +48,9 @@ class Line(NamedTuple):
 
 def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
     """The line of a frame. Of a remote frame only the length is written: it has no data."""
-    time = str(t_us).zfill(16)  # divided as text: arithmetic with so large numbers takes longer than all else here
+    time = str(t_us)  # divided as text: arithmetic with so large numbers takes longer than all else here
+    if len(time) < 16:
+        time = time.zfill(16)
     text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
     return f"({time[:-6]}.{time[-6:]}{_named(channel, can_id)}{text}\n"
 

@@ -229,6 +229,10 @@ def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
     }
     if set(names) <= set(paths):
         return attrgetter(*(paths[name] for name in names))
+    of_quality = {QUALITY[name]: path.removesuffix(".value") for name, path in paths.items()}
+    if set(names) <= set(of_quality):
+        quantities = attrgetter(*(of_quality[name] for name in names))
+        return lambda estimate: [quality(each) for each in quantities(estimate)]
     values = [VALUES[name] for name in names]
     return lambda estimate: [value(estimate) for value in values]
 

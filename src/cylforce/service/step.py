@@ -141,8 +141,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
     plain = core.weigher.left(instant.kept, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
-    weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift)
-    lifted = weigh(curled=_curled(core, channels), beside=_beside(core, state, channels))
+    parts, beside = (state.weighing, left, usable, t_us, state.drift), partial(_beside, core, state, channels)
+    lifted = core.weigher.step(*parts, curled=_curled(core, channels), beside=beside)
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
     (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)

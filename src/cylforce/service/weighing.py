@@ -1,6 +1,7 @@
 """Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
 tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
@@ -23,7 +24,7 @@ from cylforce.estimation.residual import (
     load_spread,
 )
 from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.booking import NOTHING_BESIDE, Beside, Books, Weighed, noted, parted, spilled, unseen
+from cylforce.service.booking import Beside, Books, Weighed, noted, parted, spilled, unseen
 from cylforce.service.loading.lift import Lift, Weight, kept
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.pipeline import Unexplained, unexplained
@@ -132,11 +133,11 @@ class Weigher:
         drift: Drift | None = None,
         *,
         curled: bool = True,
-        beside: Beside = NOTHING_BESIDE,
+        beside: Callable[[], Beside] = Beside,
     ) -> tuple[Weighing, Load]:
         """The state and the load (before zero and tare) after one instant: what is `left`, `usable` (R,) rows, time
         [us]; the `drift`, which is already subtracted from what is left. Without it friction and zeros are those of
-        the tares. A load is noted for booking while the bucket is `curled`; with what is `beside` it."""
+        the tares. A load is noted for booking while the bucket is `curled`, with what is then `beside` it."""
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
@@ -288,13 +289,12 @@ class Weigher:
         impossible = not plausible and (weight.mass < 0.0 or not certain)
         return checked(check, weight.mass, limit, empty=plausible and not certain, impossible=impossible)
 
-    def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift, beside: Beside) -> Weighing:
+    def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift, beside: Callable[[], Beside]) -> Weighing:
         """The state with what is to be booked, looked at every LATER_S of a lift."""
         if state.lift.taken % self._looks[1]:
             return state
         state = state._replace(tool=self._checked(state.tool, state.lift, weight))
         if self._doubt(state.lift, weight) is not None:
             return state
-        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift)
-        seen = seen._replace(tilt=beside.tilt, slopes=beside.slopes)
+        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift)._replace(**beside()._asdict())
         return state._replace(books=noted(state.books, seen, rated, t_us, self.tares, drift))

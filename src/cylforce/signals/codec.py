@@ -88,16 +88,20 @@ class Raw(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """A PDO's `struct` and fields, for encoding."""
+    """A PDO's `struct` and fields, for encoding; `whole`: of integers all of which fit, for each the range of its SI
+    values, step, offset and what means "no value"."""
 
     struct: Struct
     fields: tuple[Raw, ...]
+    whole: tuple[tuple[float, float, float, float, float], ...] = ()
 
 
 @cache
 def layout(pdo: Pdo) -> Layout:
     """How a PDO is encoded."""
-    return Layout(_struct(pdo), tuple(map(_raw_field, pdo.fields)))
+    fields = tuple(map(_raw_field, pdo.fields))
+    whole = tuple((f.low, f.high, f.scale, f.offset, f.missing) for f in fields if f.fits)
+    return Layout(_struct(pdo), fields, whole if len(whole) == len(fields) else ())
 
 
 def _raw_field(f: Field) -> Raw:
@@ -109,18 +113,25 @@ def _raw_field(f: Field) -> Raw:
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
     """Data from the SI values of all fields, in their order."""
-    raws = []
-    for (low, high, scale, offset, integers, missing, fits), value in zip(of.fields, values, strict=True):
-        if not low <= value <= high or not (fits or isfinite(value)):
+    if of.whole:
+        pairs = zip(of.whole, values, strict=True)
+        raws = [round((v - off) / scale) if low <= v <= high else none for (low, high, scale, off, none), v in pairs]
+        return of.struct.pack(*raws)
+    return of.struct.pack(*_raws(of, values))
+
+
+def _raws(of: Layout, values: Sequence[float]) -> list[float]:
+    """What is sent of each value, where a field's range may be wider than its integers, or it is no integer."""
+    raws = list[float]()
+    for (low, high, scale, offset, integers, missing, _), value in zip(of.fields, values, strict=True):
+        if not low <= value <= high or not isfinite(value):
             raws.append(missing)
-        elif fits:
-            raws.append(round((value - offset) / scale))
         elif integers is None:
             raws.append((value - offset) / scale)
         else:
             raw = round((value - offset) / scale)
             raws.append(raw if integers[0] <= raw <= integers[1] else missing)
-    return of.struct.pack(*raws)
+    return raws
 
 
 def _raw_range(code: str) -> tuple[int, int]:
