@@ -132,7 +132,7 @@ def compile_kernel(root: Path, into: Path) -> Path:
         (Path(name) / "compiled.pyx").write_text(source(root / KERNEL), encoding="utf-8")
         built = f"compiled{suffix}"
         cython = [sys.executable, "-m", "cython", "--module-name", "cylforce.estimation.kernel.compiled"]
-        options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", *(f"-I{folder}" for folder in include)]
+        options = ["-O3", "-fPIC", "-shared", "-ffp-contract=off", *(f"-I{folder}" for folder in include)]
         # names without folders: they stand in the result, which is to be the same wherever it is built
         for command in ([*cython, "compiled.pyx"], [*compiler, *options, "compiled.c", "-lm", "-o", built]):
             subprocess.run(command, check=True, cwd=name)
