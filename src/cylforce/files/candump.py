@@ -5,10 +5,12 @@ written as an empty SYNC frame, which protocol analysers accept.
 """
 
 import re
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Event, Frame, Tick
+from cylforce.signals.quick import new
 
 HEAD, TICK, SENT = "cylforce", "tick", "sent"  # pseudo-channels; can-utils takes no more than 15 characters
 _TICK_ID = 0x080
@@ -116,6 +118,15 @@ def parts_of(block: str) -> list[Parts] | None:
 def is_newer_frame(text: str) -> bool:
     """Whether a line is a CAN FD or CAN XL frame, which no sensor of ours sends."""
     return _NEWER.fullmatch(text) is not None
+
+
+def own_events(lines: Iterable[Parts]) -> Iterator[Event | Sent]:
+    """What the lines of our own log stand for, without its head."""
+    for channel, *said in lines:
+        if channel == TICK:
+            yield new(Tick, said[:1])
+        elif channel != HEAD:
+            yield new(Sent, said) if channel == SENT else new(Frame, said)
 
 
 def own_event(said: Parts) -> Event | Sent:

@@ -6,7 +6,7 @@ from itertools import starmap
 from pathlib import Path
 
 from cylforce.files.atomic import RecordingError, Tell, blocks_of, check_ordinary, warn
-from cylforce.files.candump import HEAD, Line, Parts, Sent, is_newer_frame, own_event, parts, parts_of
+from cylforce.files.candump import Line, Parts, Sent, is_newer_frame, own_events, parts, parts_of
 from cylforce.files.logfile import Header, header_from
 from cylforce.signals.events import Event, Frame, Tick
 
@@ -35,7 +35,7 @@ def read_events(
     """
     header = log_header(path)
     if header is not None:
-        return header, (own_event(said) for said in _candump(path, tell, ours=True) if said[0] != HEAD)
+        return header, own_events(_candump(path, tell, ours=True))
     said = _one_channel(path, _lines(path, tell), channel)
     frames = (Frame(s.t_us, s.can_id, s.data) for s in said)
     return None, with_ticks((_as_event(f, own) for f in frames), period_us, tell)
