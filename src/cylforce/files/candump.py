@@ -122,11 +122,12 @@ def is_newer_frame(text: str) -> bool:
 
 def own_events(lines: Iterable[Parts]) -> Iterator[Event | Sent]:
     """What the lines of our own log stand for, without its head."""
-    for channel, *said in lines:
+    for said in lines:
+        channel = said[0]
         if channel == TICK:
-            yield new(Tick, said[:1])
+            yield new(Tick, said[1:2])
         elif channel != HEAD:
-            yield new(Sent, said) if channel == SENT else new(Frame, said)
+            yield new(Sent, said[1:]) if channel == SENT else new(Frame, said[1:])
 
 
 def own_event(said: Parts) -> Event | Sent:
