@@ -51,8 +51,7 @@ class Line(NamedTuple):
 def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
     """The line of a frame. Of a remote frame only the length is written: it has no data."""
     time = str(t_us)  # divided as text: arithmetic with so large numbers takes longer than all else here
-    if len(time) < 16:
-        time = time.zfill(16)
+    time = time if len(time) > 15 else time.zfill(16)
     text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
     return f"({time[:-6]}.{time[-6:]}{_named(channel, can_id)}{text}\n"
 
@@ -75,7 +74,8 @@ def event_line(event: Event | Sent, channel: str) -> str:
     """The line of an event or of a frame that we sent; `channel` is the bus."""
     if isinstance(event, Tick):
         return line(TICK, event.t_us, _TICK_ID, b"")
-    return line(SENT if isinstance(event, Sent) else channel, *event)
+    t_us, can_id, data = event
+    return line(SENT if isinstance(event, Sent) else channel, t_us, can_id, data)
 
 
 Parts = tuple[str, int, int, bytes]  # of a `Line`
