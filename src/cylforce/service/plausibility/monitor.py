@@ -144,7 +144,7 @@ class Monitor:
             and (changes.noises is before.noises or changes.noises.lost == before.noises.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps))
+        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, *state[11:]))
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
