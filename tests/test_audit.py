@@ -18,9 +18,10 @@ from cylforce.canopen.dictionary.object_dictionary import (
     SOFTWARE_ID,
 )
 from cylforce.files.software import short, software_sha256
+from cylforce.programs.common.addresses import read_code
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.live.books import AUDIT_MOST, AUDIT_US, open_recorder
-from cylforce.programs.run import Daemon, read_code
+from cylforce.programs.run import Daemon
 from cylforce.records.audit import Audit, entries, first_broken
 from cylforce.records.recorder import Recorder
 from cylforce.records.schema import open_reading

@@ -89,17 +89,20 @@ def test_a_force_is_shown_with_the_errors_of_its_size_and_direction(kernel, hang
 def test_groups_are_compared_as_by_an_analysis_of_variance(kernel):
     """Of pressures that were seen either way often enough."""
     rng = np.random.default_rng(SEED)
-    readings, groups = rng.normal(size=(GROUP * GROUPS, 2)), room(3 * GROUPS * 2)
+    readings, groups = rng.normal(size=(GROUP * GROUPS, 2)), room(4 * GROUPS * 2)
     ways = np.where(np.arange(GROUPS) < GROUPS - EACH_WAY, 1.0, -1.0)
     for k, way in enumerate(ways):
         kernel.group(2, numbers(readings.ravel()), GROUP * k, numbers([way, 1.0]), 0.5, groups)
     each = readings.reshape(GROUPS, GROUP, 2)
     wanted = np.stack([each.mean(axis=1), each.var(axis=1, ddof=1), np.stack([ways, np.ones(GROUPS)], axis=1)])
-    np.testing.assert_allclose(np.reshape(groups, wanted.shape), wanted, rtol=1e-12)
-    ratios = room(2)
+    np.testing.assert_allclose(np.reshape(groups, (4, GROUPS, 2))[:3], wanted, rtol=1e-12)
+    white = (np.diff(each, 2, axis=1) ** 2).mean(axis=1) / 6.0
+    np.testing.assert_allclose(np.reshape(groups, (4, GROUPS, 2))[3], white, rtol=1e-12)
+    ratios = room(4)
     assert kernel.compare(2, groups, room(GROUPS), ratios) == 1
     noise = np.sort(wanted[1, :, 0])[GROUPS // 2]
     assert ratios[0] == pytest.approx(wanted[0, :, 0].var(ddof=1) * GROUP / max(noise, 1.0))
+    assert ratios[2] == pytest.approx(noise / max(np.sort(white[:, 0])[GROUPS // 2], 1.0))
     assert ratios[1] == -1.0
 
 

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
-from cylforce.service.plausibility.changing import CHANGES, CONSTANT, GROUP, GROUPS, Watching
+from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import Driving
-from cylforce.service.plausibility.monitor import UNSURE
 from cylforce.service.plausibility.offsets import VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
@@ -46,6 +45,13 @@ def test_a_pressure_that_does_not_change_when_its_cylinder_turns_is_stuck():
     assert pressure(noisy(np.full(STEPS, 20e5))) == (True, False)
     turned = np.repeat((20e5, 20.3e5), STEPS // 2)
     assert pressure(noisy(turned)) == (False, False)
+
+
+def test_a_pressure_that_oscillates_about_a_mean_is_not_stuck():
+    """Oil between a heavy arm and its valve: 8 Hz, 3 bar, far above the noise of the sensor."""
+    course = 15e5 + 3.0 * BAR * np.sin(2.0 * np.pi * 8.0 * np.arange(STEPS) / 100.0)
+    assert np.ptp(course.reshape(-1, GROUP).mean(axis=1)) < 0.1 * BAR  # its means do not change
+    assert pressure(noisy(course)) == (False, False)
 
 
 def test_a_pressure_is_not_stuck_before_its_cylinder_has_turned():
@@ -93,6 +99,9 @@ def acting(x, z):
         (acting(0.0, -150e3), -0.5j, True),  # no load is as heavy
         (acting(0.0, 15e3), 0.5j, True),  # no load pulls upwards
         (acting(400.0, 0.0), 0.5 + 0j, False),
+        (acting(6.5e3, 0.0), 0.5 + 0j, True),  # 2 % of the rated force
+        (acting(5.5e3, 0.0), 0.5 + 0j, False),
+        (acting(30e3, 0.0), 0.04 + 0j, False),  # too slow to have a direction
     ],
 )
 def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
@@ -241,9 +250,9 @@ def test_what_is_suspected_is_stored_with_the_state(spoilt):
 
 def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_made(machine, monkeypatch):
     core, events, masses = machine
-    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 1.01 * UNSURE))
+    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 6.4, 6.4))
     begun = core.begin()
-    some = begun.watch.offset._replace(evidence=1.01 * UNSURE)
+    some = begun.watch.offset._replace(evidence=6.4, vote=6.4)
     state, estimates, _ = through(core, events, begun._replace(watch=begun.watch._replace(offset=some)))
     for shown in ({e.gross.status for e in estimates}, {e.force.x.status for e in estimates}):
         assert shown == {Status.DEGRADED, Status.INVALID}
@@ -252,17 +261,52 @@ def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_ma
     assert state.weighing.books.missed.number == len(masses) - 1
 
 
+@pytest.mark.parametrize("number", range(6))
+def test_the_signals_that_may_be_off_are_named(machine, number):
+    """The gatherer's signals: forces of the cylinders, then angles."""
+    core, *_ = machine
+    limits = core.monitor._voting.limits
+    names = [s.name for s in core.service.machine.signals]
+    part = ("boom", "stick", "bucket")[number % 3]
+    whose = [f"{part}_head_pressure", f"{part}_rod_pressure"] if number < 3 else [f"{part}_angle"]
+    for level, evidence in (
+        (Level.DOUBTED, limits[Level.DOUBTED] + 0.1),
+        (Level.REJECTED, limits[Level.REJECTED] + 0.1),
+    ):
+        doubt = core.monitor._off(Offset(number, 0.5, evidence))
+        assert doubt.level is level
+        assert [names[k] for k in doubt.signals] == whose
+        assert doubt.size == (0.5 * BAR if number < 3 else 0.5)
+    assert core.monitor._off(Offset(number, 0.5, limits[Level.DOUBTED])) == NOTHING_SUSPECTED
+
+
+def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_doubted(machine):
+    core, *_ = machine
+    monitor, some = core.monitor, Offset(0, 5.0, 6.4, 6.4)
+    watch = monitor.begin()._replace(offset=some)
+    assert monitor.interrupt(watch).unsure
+    assert not monitor.interrupt(watch, frozen=True).unsure
+    doubted = watch._replace(suspicion=NOTHING_SUSPECTED._replace(level=Level.DOUBTED))
+    assert monitor.interrupt(doubted, frozen=True).offset == some
+
+
 def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_otherwise(machine):
     core, *_ = machine
     watch = core.monitor.begin()
 
-    def seen(watch, kilograms, status=Status.OK):
+    def seen(watch, kilograms, status=Status.OK, taken=200):
         gross = Quantity(kilograms, 10.0, status, Reason.NONE)
-        return watch._replace(light=core.monitor._light(watch, gross))
+        light, lighter = core.monitor._light(watch, gross, taken)
+        return watch._replace(light=light, lighter=lighter)
 
     watch = seen(watch, -29.0)
     assert not watch.light
-    light = seen(watch, -31.0)
+    first = seen(watch, -31.0)
+    assert not first.light
+    assert not seen(first, -31.0, taken=220).light  # it may end yet
+    assert not seen(seen(first, np.nan, Status.INVALID, 5), -31.0, taken=240).light  # the lift ended: another one
+    assert not seen(first, -31.0, taken=20).light
+    light = seen(first, -31.0, taken=240)
     for after in (light, seen(light, 500.0), seen(light, 0.0, Status.DEGRADED)):
         doubt = core.monitor._suspicion(after)
         assert (doubt.level, doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
@@ -291,4 +335,5 @@ def test_the_faults_of_the_table_change_what_they_name(machine):
 def test_a_constant_with_noise_seldom_seems_to_change():
     """The limit is the quantile that it is said to be."""
     assert chi2.sf(CONSTANT * (GROUPS - 1), GROUPS - 1) == pytest.approx(0.02, rel=1e-4)
+    assert f.sf(COLOURED, GROUP - 1, 12.1) == pytest.approx(0.02, rel=1e-3)
     assert chi2.sf(CHANGES * (GROUPS - 1), GROUPS - 1) == pytest.approx(1.0 / (36000.0 * 4 * 6), rel=1e-3)

@@ -105,7 +105,9 @@ class Wrong(NamedTuple):
 def wrong(course: Course, order: Course) -> Wrong:
     """A course with a fault beside that of the same time in `order`. A value is wrong if it is shown as OK and differs
     by more than three standard errors of both; a booking by more than three of its own, or if there is none of that
-    bucket in order."""
+    bucket in order. Raises ValueError if they are not of the same ticks."""
+    if not np.array_equal(course.t_s, order.t_s):
+        raise ValueError("the two courses are not of the same ticks")
     away = np.abs(course.values - order.values)
     told = CLEAR * np.hypot(course.errors, np.where(np.isfinite(order.errors), order.errors, 0.0))
     bad = np.logical_and(course.ok, away > told)

@@ -92,7 +92,12 @@ def _kept(name: str, make: Callable[[], object]) -> object:
 
 
 def events(case: Case, values: Array, rows: slice) -> Iterator[Event]:
-    """Frames and ticks of some rows of samples (T, S)."""
-    table = Table(case.table.t_s[rows], values[rows], case.table.signals)
+    """Frames and ticks of some rows of samples (T, S), as they are among all rows: pieces that follow each other leave
+    no tick out. PDOs are sent at every row."""
+    first = max(0, (rows.start or 0) - 1)  # a tick is at a frame that is not the first one
+    around = slice(first, rows.stop)
+    table = Table(case.table.t_s[around], values[around], case.table.signals)
     pdos = [pdo for node in case.loaded.service.nodes for pdo in node.pdos]
-    return cast(Iterator[Event], with_ticks(as_frames(table, pdos), case.core.period_us, lambda _: None))
+    begin = round(1e6 * float(case.table.t_s[rows.start or 0]))
+    whole = with_ticks(as_frames(table, pdos), case.core.period_us, lambda _: None)
+    return (event for event in cast(Iterator[Event], whole) if event.t_us >= begin)

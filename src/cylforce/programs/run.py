@@ -2,6 +2,7 @@
 `service.step.step`."""
 
 import asyncio
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -20,12 +21,13 @@ from cylforce.files.atomic import RecordingError, is_stream, warn
 from cylforce.files.logfile import Header, LogWriter
 from cylforce.files.rotation import Rotation
 from cylforce.mechanics.installation import Service
-from cylforce.programs.common.addresses import secret_of
+from cylforce.programs.common.addresses import read_code
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, open_recorder, show_identity
 from cylforce.programs.live.doubts import Doubts
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.notify import Manager
+from cylforce.programs.live.reloading import Parameters, Reloading
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
 from cylforce.service.booking import Missed
@@ -37,7 +39,6 @@ from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Statu
 from cylforce.signals.events import Frame
 from cylforce.signals.layout import not_available
 
-LEAST_CODE, MOST_CODE = 6, 9  # digits
 MISSING = 0x8250  # a sensor's PDOs stopped
 
 OnEstimate = Callable[[Estimate], None]
@@ -76,16 +77,33 @@ class Daemon(Station[State]):
         self._j1939 = _j1939_of(core.service, bus)
         self._second = round(core.service.filters.rate_hz)  # steps
         self._books = Ledger(self.node, recorder, kept, core.service.tools)
-        show_identity(self.node, loaded, identified)
+        self._show_identity = partial(show_identity, self.node, loaded, identified)
+        self._show_identity()
+        self.reloading = Reloading(loaded, identified, self._take)
         self._doubts = Doubts(core.service.machine, self.node.emergencies, self._tell)
         booked = kept.booking.number if kept.booking else 0
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Join the bus."""
+        """Join the bus. SIGHUP reads the identified file anew, except at a terminal: there it ends the service."""
         super().start(loop)
+        if not sys.stdin or not sys.stdin.isatty():
+            loop.add_signal_handler(signal.SIGHUP, lambda: self.reloading.ask(self.manager))
         if self._j1939 is not None:
             self._j1939.claim(now_us())
+
+    def _take(self, new: Parameters) -> None:
+        """From the next event on with other parameters; the log goes on in a new file, which begins with them."""
+        self.core, self._step = new.core, partial(step, new.core)
+        self.state = new.core.continued(self.state)
+        self._show_identity()
+        if self.log is not None:
+            self.log.header = self.log.header.model_copy(update={"identified_sha256": new.sha256})
+            self.log.turn(partial(continued, self.log.header, self.state), now_us())
+        for sentence in new.warnings:
+            self._tell.warning("parameters", why=sentence)
+        self._tell.info("reloaded", parameters=new.seal)
+        self._books.audit(now_us(), "reload", f"parameters: {new.seal}")
 
     def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
         """The step failed: the last that is on the bus are values that are none, and an emergency."""
@@ -243,14 +261,6 @@ def _check_log(log: Path, inputs: Sequence[Path | None]) -> None:
 
 def _writer(header: Header, log: Path, rotation: Rotation) -> LogWriter:
     return LogWriter(log, header, now_us(), header.bus.partition(":")[2], rotation=rotation)
-
-
-def read_code(path: Path) -> int:
-    """The code that unlocks protected objects. Raises ValueError with a sentence."""
-    text = secret_of("--lock-file", path)
-    if not (text.isascii() and text.isdecimal() and LEAST_CODE <= len(text) <= MOST_CODE) or int(text) == 0:
-        raise ValueError(f"--lock-file {path}: the code must be {LEAST_CODE} to {MOST_CODE} digits, not all of them 0")
-    return int(text)
 
 
 def run_daemon(

@@ -11,7 +11,7 @@ from cylforce.mechanics.installation import STANDARD, Service
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
-from cylforce.service.booking import NONE_MISSED, Books, Missed
+from cylforce.service.booking import NONE_MISSED, Books, Missed, unseen
 from cylforce.service.contact.interaction import Interactor
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
@@ -139,3 +139,22 @@ class Core:
         still = self.assembler.still
         state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
         return state._replace(tool=kept.tool)
+
+    def continued(self, state: State) -> State:
+        """The state of a service with other tares, with these from now on: estimators start anew, as after a restart. A
+        load that hangs was weighed with the others and is not booked. Sensors, the operator's settings, NMT's order and
+        a signal that was rejected stay."""
+        begun = self.begin(state.memory._replace(hanging=None))
+        books = unseen(state.weighing.books)._replace(probable=None)
+        nothing = no_estimate(state.estimate.t_us, Reason.STARTING, books.booking, state.estimate.events)
+        suspicion = state.watch.suspicion if state.watch.suspicion.latched else begun.watch.suspicion
+        return begun._replace(
+            inputs=state.inputs,
+            frames=state.frames,
+            weighing=begun.weighing._replace(books=books),
+            estimate=nothing,
+            watch=begun.watch._replace(suspicion=suspicion),
+            cycle=state.cycle,
+            ended=state.ended,
+            stopped=state.stopped,
+        )

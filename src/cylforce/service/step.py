@@ -200,7 +200,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
         rocking=state.rocking.interrupted(),
-        watch=core.monitor.interrupt(state.watch),
+        watch=core.monitor.interrupt(state.watch, frozen=reason is Reason.FROZEN),
         estimate=_nothing(state, t_us, reason),
         unexplained=(),
     )

@@ -70,18 +70,19 @@ def smooth_pressures(
 
 
 def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
-    """Mean, variance and way (3, G, P) of the `groups` with that of the `readings` (T, P) from `begin` on, of each
-    pressure whose cylinder moves, `way` (P,)."""
+    """Mean, variance, way and white noise (4, G, P) of the `groups` with that of the `readings` (T, P) from `begin` on,
+    of each pressure whose cylinder moves, `way` (P,)."""
     size = GROUPS * p
     for i in range(p):
         if abs(way[i]) > moves:
-            for k in range(3):
+            for k in range(4):
                 for g in range(GROUPS - 1):
                     groups[k * size + g * p + i] = groups[k * size + (g + 1) * p + i]
             last = size - p + i
             middle = mean_of(readings, begin * p + i, p, GROUP)
             groups[last], groups[2 * size + last] = middle, 1.0 if way[i] > 0.0 else -1.0
             groups[size + last] = squares_of(readings, begin * p + i, p, GROUP, middle) / (GROUP - 1)
+            groups[3 * size + last] = second_differences(p, readings, begin, GROUP, i)
 
 
 @inner
@@ -121,19 +122,21 @@ def in_order(x: Numbers, begin: Count, step: Count, size: Count, above: Number, 
 
 def compare(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
     """Of each pressure with enough groups either way: variance (P,) of the groups' means over that expected from the
-    noise within them, else -1. How many these are. `work`: GROUPS numbers."""
+    noise within them, else -1; and that noise over its white part (P,). How many these are. `work`: GROUPS numbers."""
     size, number = GROUPS * p, 0
     for i in range(p):
         forwards, backwards = 0, 0
         for g in range(GROUPS):
             forwards += groups[2 * size + g * p + i] > 0.0
             backwards += groups[2 * size + g * p + i] < 0.0
-        ratios[i] = -1.0
+        ratios[i], ratios[p + i] = -1.0, 0.0
         if min(forwards, backwards) >= EACH_WAY and forwards + backwards == GROUPS:
             noise = in_order(groups, size + i, p, GROUPS, -1.0, GROUPS // 2, work)
             middle = mean_of(groups, i, p, GROUPS)
             varied = squares_of(groups, i, p, GROUPS, middle) / (GROUPS - 1)
             ratios[i] = varied * GROUP / max(noise, TINY)
+            white = in_order(groups, 3 * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
+            ratios[p + i] = noise / max(white, TINY)
             number += 1
     return number
 
@@ -157,7 +160,7 @@ def listen(
     is gone is not remembered."""
     for i in range(p):
         if moved[i] != 0.0:
-            noise, since = second_differences(p, readings, size, i), NOISES * p + i
+            noise, since = second_differences(p, readings, 0, size, i), NOISES * p + i
             gone = 1 if state[since] > 0.0 else 0
             if gone == 0 and digits(p, readings, size, i) > CODES:
                 gone = less_than_known(p, groups, number, size, i, tenth, quiet, limits, work, state)
@@ -170,10 +173,10 @@ def listen(
 
 
 @inner
-def second_differences(p: Count, x: Numbers, size: Count, i: Count) -> Number:
-    """Variance of white noise, by second differences."""
+def second_differences(p: Count, x: Numbers, begin: Count, size: Count, i: Count) -> Number:
+    """Variance of white noise in readings from `begin` on, by second differences."""
     total = 0.0
-    for k in range(size - 2):
+    for k in range(begin, begin + size - 2):
         a, b, c = x[k * p + i], x[(k + 1) * p + i], x[(k + 2) * p + i]
         total += ((c - b) - (b - a)) * ((c - b) - (b - a))
     return total / (SECOND * (size - 2))

@@ -4,6 +4,8 @@ from pathlib import Path
 
 from cylforce.files.atomic import is_large, is_stream
 
+LEAST_CODE, MOST_CODE = 6, 9  # digits
+
 
 def host_and_port(option: str, address: str) -> tuple[str, int]:
     """Of HOST:PORT; an IPv6 address stands in square brackets. Raises ValueError that names the option."""
@@ -21,3 +23,11 @@ def secret_of(option: str, path: Path) -> str:
         return path.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{option} {path}: cannot be read: write it into a text file") from error
+
+
+def read_code(path: Path) -> int:
+    """The code that unlocks protected objects. Raises ValueError with a sentence."""
+    text = secret_of("--lock-file", path)
+    if not (text.isascii() and text.isdecimal() and LEAST_CODE <= len(text) <= MOST_CODE) or int(text) == 0:
+        raise ValueError(f"--lock-file {path}: the code must be {LEAST_CODE} to {MOST_CODE} digits, not all of them 0")
+    return int(text)

@@ -190,12 +190,13 @@ def open_recorder(path: Path | None, loaded: Loaded, identified: Path | None = N
     now = (
         ("software", f"{cylforce.__version__} {software_sha256()[:16]}"),
         ("machine file", f"{loaded.path.name} {loaded.sha256[:16]}"),
-        ("parameters", _sealed_as(identified)),
+        ("parameters", sealed_as(identified)),
     )
     return Recorder(path, Start(now_us(), cylforce.__version__, loaded.service.machine.name, user(), now))
 
 
-def _sealed_as(identified: Path | None) -> str:
+def sealed_as(identified: Path | None) -> str:
+    """Which parameters these are: the file's seal in words."""
     seal = None if identified is None else identified_seal(identified)
     if identified is None or seal is None:
         return "of the data sheet"

@@ -1,7 +1,9 @@
-"""What a service manager is told (sd_notify(3)): that the service is ready, that it is alive, that it stops."""
+"""What a service manager is told (sd_notify(3)): that the service is ready, that it is alive, that it
+reads parameters anew, that it stops."""
 
 import os
 import socket
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 
@@ -23,6 +25,14 @@ class Manager:
     def alive(self) -> None:
         """A step was on time, and its values were sent."""
         self._say(b"WATCHDOG=1")
+
+    def reloading(self) -> None:
+        """New parameters are read, while the service steps on."""
+        self._say(b"RELOADING=1\nMONOTONIC_USEC=%d" % (time.monotonic_ns() // 1000))
+
+    def reloaded(self) -> None:
+        """Reading has ended: with new parameters, or with the old ones."""
+        self._say(b"READY=1")
 
     def stopping(self) -> None:
         """The service leaves the bus: the last that is said."""

@@ -1,6 +1,6 @@
 """Does a pressure change as a pressure does? It changes when its cylinder turns round: supply becomes return. A reading
-that does not, apart from noise, is stuck; one that falls to nothing at once is that of a burst hose; one that stays
-below vacuum is off."""
+that does not, apart from white noise, is stuck; one that falls to nothing at once is that of a burst hose; one that
+stays below vacuum is off."""
 
 from array import array
 from collections.abc import Sequence
@@ -28,6 +28,9 @@ CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exc
 # Above this one that did not change does so again: a constant exceeds it once in ten hours (1.16e-6: four a second, of
 # six pressures)
 CHANGES = 56.118 / (GROUPS - 1)
+# Median variance within groups over that of their white noise, from second differences: above this, oil oscillates.
+# F distribution with 24 and 12.1 degrees of freedom, exceeded by 2 % of single groups of white noise
+COLOURED = 3.1795
 FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
@@ -43,7 +46,8 @@ def pressures(machine: Machine) -> list[int]:
 
 class Changes(NamedTuple):
     """State, of P pressures: the last `readings` (T, P), one after the other, of which `fresh` are those of the running
-    group; of the last groups in motion means, noises (variances) and ways (3, GROUPS, P), 0 where there was none yet;
+    group; of the last groups in motion means, variances, ways and white noise (variances) (4, GROUPS, P), 0 where there
+    was none yet;
     which pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise."""
 
     readings: Numbers
@@ -75,7 +79,7 @@ class Watching:
         """Nothing was seen."""
         size = len(self.signals)
         no = np.zeros(size, dtype=bool)
-        return Changes(NONE, 0, ZERO * (3 * GROUPS * size), no, no, no, begun(size))
+        return Changes(NONE, 0, ZERO * (4 * GROUPS * size), no, no, no, begun(size))
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
@@ -115,17 +119,18 @@ class Watching:
         groups, begin = state.groups[:], len(readings) // size - GROUP
         self.kernel.group(size, readings, begin, way, MOVES, groups)
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
-        tables = np.frombuffer(groups).reshape(3, GROUPS, size)
+        tables = np.frombuffer(groups).reshape(4, GROUPS, size)
         state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], moved))
-        ratios = ZERO * size
+        ratios = ZERO * (2 * size)
         return self._compared(state, ratios) if self.kernel.compare(size, groups, ZERO * GROUPS, ratios) else state
 
     def _compared(self, state: Changes, ratios: Numbers) -> Changes:
-        """With what the groups' `ratios` (P,) say; -1: nothing yet."""
-        ratio = np.array(ratios)
-        judged = ratio >= 0.0
-        still = np.where(state.constant, ratio <= CHANGES, ratio <= CONSTANT)
+        """With what the groups' `ratios` (2, P) say, of their means and of their noise; -1: nothing yet."""
+        ratio, noise = np.reshape(ratios, (2, -1))
+        judged, coloured = ratio >= 0.0, noise > COLOURED
+        still = (ratio <= np.where(state.constant, CHANGES, CONSTANT)) & ~coloured
         constant = np.where(judged, still, state.constant)
         if (constant == state.constant).all():
             constant = state.constant
-        return state._replace(constant=constant, noises=taken_back(state.noises, judged & (ratio > CHANGES), GROUPS))
+        back = judged & ((ratio > CHANGES) | coloured)
+        return state._replace(constant=constant, noises=taken_back(state.noises, back, GROUPS))

@@ -23,25 +23,24 @@ from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Ga
 from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
-from cylforce.service.plausibility.offsets import Offset, Voting
+from cylforce.service.plausibility.offsets import NO_OFFSET, Offset, Voting
 from cylforce.service.plausibility.returning import Returning
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
+from cylforce.service.weighing import LATER_S
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new
 
-UNSURE = (
-    6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
-)
+NEVER = -1  # in place of a sample
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 2.2
 
 
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
-    driven and swept; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last;
-    what is suspected."""
+    driven and swept; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last,
+    and from which sample of this lift on; what is suspected."""
 
     gathering: Gathering
     blocks: Block
@@ -54,12 +53,14 @@ class Watch(NamedTuple):
     light: bool = False
     suspicion: SensorDoubt = NOTHING_SUSPECTED
     leaps: Leaps = Leaps()
+    lighter: int = NEVER
 
     @property
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
-        would be wrong; the force would be, too. Or whether it will be known soon."""
-        return self.offset.evidence > UNSURE or self.suspicion.waits
+        would be wrong; the force would be, too: one second in the air says so clearly. Or whether it will be known
+        soon."""
+        return self.offset.shown or self.suspicion.waits
 
 
 class Samples(NamedTuple):
@@ -122,10 +123,13 @@ class Monitor:
         """Nothing was seen, nothing is suspected."""
         blocks, changes = self._voting.begin(), self._watching.begin()
         gathering, driven, unnoticed = self._gatherer.begin(), self._driving.begin(), self._noticing.begin()
-        return Watch(gathering, blocks, Offset(0, 0.0, 0.0), changes, driven, unnoticed)
+        return Watch(gathering, blocks, NO_OFFSET, changes, driven, unnoticed)
 
-    def interrupt(self, state: Watch) -> Watch:
-        """The measurement stopped: what was gathered in part is dropped, what is suspected stays."""
+    def interrupt(self, state: Watch, *, frozen: bool = False) -> Watch:
+        """The measurement stopped: what was gathered in part is dropped, what is suspected stays. Votes that led to no
+        doubt are dropped, too, when a signal was `frozen` meanwhile: that is what they were about."""
+        if frozen and state.suspicion.level is Level.FINE:
+            state = state._replace(blocks=self._voting.begin(), offset=NO_OFFSET)
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
         swept = self._sweeping.ended(state.swept, explained=None)
         driven, unnoticed = self._driving.begin(), self._noticing.interrupt(state.unnoticed)
@@ -159,8 +163,8 @@ class Monitor:
         turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
         now = (gathering, turned, seen.taken, seen.drift)
         unnoticed = self._noticing.step(state.unnoticed, *now, hangs=bool(hangs))
-        light = self._light(state, seen.gross)
-        state = state._replace(gathering=gathering, driven=driven, light=light, unnoticed=unnoticed)
+        light, lighter = self._light(state, seen.gross, seen.taken)
+        state = state._replace(gathering=gathering, driven=driven, light=light, lighter=lighter, unnoticed=unnoticed)
         if gathering.samples:
             return state._replace(swept=swept)
         state = state._replace(swept=self._sweeping.ended(swept, explained=hangs))
@@ -170,11 +174,16 @@ class Monitor:
         leaps = self._returning.judged(state.leaps, block)
         return state._replace(blocks=blocks, offset=self._voting.result(blocks), leaps=leaps)
 
-    def _light(self, state: Watch, gross: Quantity) -> bool:
-        """Whether the bucket weighs less than nothing; as before while that is not seen."""
+    def _light(self, state: Watch, gross: Quantity, taken: int) -> tuple[bool, int]:
+        """Whether the bucket weighs less than nothing, and from which of the lift's samples `taken` on; as before while
+        that is not seen. As for a booking, the lift must go on for LATER_S: what ended it was no weight."""
         if gross.status is not Status.OK or gross.value > SMALLEST * self.model.machine.rated_payload:
-            return state.light
-        return gross.value < -BELOW * gross.standard_error
+            return state.light, NEVER
+        if gross.value >= -BELOW * gross.standard_error:
+            return False, NEVER
+        if not 0 <= state.lighter <= taken:
+            return state.light, taken
+        return state.light or taken - state.lighter >= LATER_S * self.model.filters.rate_hz, state.lighter
 
     def _suspicion(self, state: Watch) -> SensorDoubt:
         """The surest objection, of several the most specific one."""
