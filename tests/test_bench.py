@@ -1,6 +1,6 @@
 """The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
 
-A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.42 to 0.45 with the compiled kernel
+A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.42 to 0.46 with the compiled kernel
 and 2.1 with the interpreted one. Against filterpy's update a step is 6.2 to 7.0, its kernel's residual, recursion,
 weight and forces take 4.4 to 4.5 us; decoding a frame is 0.08 of canopen's, interpreted 0.59. The limits are a third
 above: what is done to the step in Python varies by a tenth between processors, and more beside other programs.
