@@ -94,6 +94,8 @@ def source(folder: Path) -> str:
     python = gates(text)
     for word, meaning in WORDS.items():
         text = re.sub(word, meaning, text, flags=re.MULTILINE)
+    for name in re.findall(r"^def (\w+)", python, flags=re.MULTILINE):  # one that calls another takes C's form of it
+        text = re.sub(rf"\b{name}\(", f"in_c_{name}(", text)
     checksum = zlib.crc32(b"".join((folder / name).read_bytes() for name in names))
     return f"{HEAD}\nTEXT = {checksum}\n{text}\n\n{python}"
 
@@ -130,7 +132,7 @@ def compile_kernel(root: Path, into: Path) -> Path:
         (Path(name) / "compiled.pyx").write_text(source(root / KERNEL), encoding="utf-8")
         built = f"compiled{suffix}"
         cython = [sys.executable, "-m", "cython", "--module-name", "cylforce.estimation.kernel.compiled"]
-        options = ["-O2", "-fPIC", "-shared", "-ffp-contract=off", *(f"-I{folder}" for folder in include)]
+        options = ["-O3", "-fPIC", "-shared", "-ffp-contract=off", *(f"-I{folder}" for folder in include)]
         # names without folders: they stand in the result, which is to be the same wherever it is built
         for command in ([*cython, "compiled.pyx"], [*compiler, *options, "compiled.c", "-lm", "-o", built]):
             subprocess.run(command, check=True, cwd=name)

@@ -9,9 +9,9 @@ from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
 from cylforce.service.adaptation import FRICTION_RANGE, Adapter
 from cylforce.settings.machine_file import load
+from instants import ALL, NONE, unexplained_of
 from scenarios import EXCAVATOR, moved
 
-STILL = np.full(3, np.inf)
 SURE = np.full(3, 100.0**2)
 
 
@@ -33,7 +33,8 @@ def adapted(bench, true, drift=None):
     adapter, drift = bench.adapter, bench.adapter.begin() if drift is None else drift
     for columns in bench.columns:
         rows = Rows(columns, np.zeros(3))
-        drift = adapter.step(drift, rows, adapter.columns(rows) @ (true - drift.values), SURE)
+        left = unexplained_of(columns, adapter.columns(rows) @ (true - drift.values), SURE)
+        drift = adapter.step(drift, left, ALL)
     return drift
 
 
@@ -57,12 +58,12 @@ def test_it_follows_what_motion_shows(bench):
 def test_it_is_frozen_when_not_told_and_at_rest(bench):
     """Loaded, touching or parked: not one bit changes but the word that it follows."""
     drift = adapted(bench, true_drift(bench.adapter))
-    moving = Rows(bench.columns[500], np.zeros(3))
+    moving = bench.columns[500]
     parked = bench.columns[500].copy()
     model = bench.adapter.model
     parked[:, model.at_rest], parked[:, model.coulomb] = np.abs(parked[:, model.coulomb]), 0.0
-    for rows, variance in ((moving, STILL), (Rows(parked, np.zeros(3)), SURE)):
-        frozen = bench.adapter.step(drift, rows, np.full(3, 5e3), variance)
+    for columns, usable in ((moving, NONE), (parked, ALL)):
+        frozen = bench.adapter.step(drift, unexplained_of(columns, np.full(3, 5e3), SURE), usable)
         assert frozen == drift._replace(following=False)
 
 
@@ -97,7 +98,7 @@ def test_what_sticks_in_the_bucket_is_not_taken_for_a_drift(bench):
         for columns in part:
             rows = Rows(columns, np.zeros(3))
             left = columns[:, :own] @ sticks - adapter.columns(rows) @ drift.values
-            drift = adapter.step(drift, rows, left, SURE)
+            drift = adapter.step(drift, unexplained_of(columns, left, SURE), ALL)
     assert abs(mass_of(bench, drift.values)) < 1.0
 
 
@@ -115,5 +116,5 @@ def test_what_no_motion_shows_is_not_known_better_for_being_waited_for(bench):
     blind, drift = bench.columns.copy(), bench.adapter.begin()
     blind[..., hidden] = 0.0
     for columns in np.tile(blind, (4, 1, 1)):
-        drift = bench.adapter.step(drift, Rows(columns, np.zeros(3)), np.zeros(3), SURE)
+        drift = bench.adapter.step(drift, unexplained_of(columns, np.zeros(3), SURE), ALL)
     assert 0.333 < drift.covariance[-1, -1] / begun.covariance[-1, -1] <= 1.0

@@ -26,7 +26,7 @@ def reason(turn, seconds):
         angle = radians(-90.0) + (turn if k == 20 else 0.0)
         t_us = 1_000_000 + round(1e6 * (0.01 * (min(k, 19)) + later * (k == 20)))
         inputs = assembler.receive(
-            inputs, Frame(t_us, PDO.can_id, encode(PDO, {"stick_angle": angle})), assembler.still
+            inputs, [Frame(t_us, PDO.can_id, encode(PDO, {"stick_angle": angle}))], assembler.still
         )
     return inputs.channels[AT].reason
 
@@ -53,7 +53,7 @@ def judged(values):
     inputs, reasons = assembler.begin(), []
     for ms, turn in [*((-10.0 * k, 0.0) for k in range(100, -1, -1)), *values]:
         frame = Frame(5_000_000 + round(1000 * ms), PDO.can_id, encode(PDO, {"stick_angle": radians(-90.0) + turn}))
-        inputs = assembler.receive(inputs, frame, assembler.still)
+        inputs = assembler.receive(inputs, [frame], assembler.still)
         reasons.append(inputs.channels[AT].reason)
     return reasons[-len(values) :]
 
@@ -85,7 +85,7 @@ def course(angles):
     inputs, reasons = assembler.begin(), []
     for k, angle in enumerate(angles):
         frame = Frame(1_000_000 + 10_000 * k, PDO.can_id, encode(PDO, {"stick_angle": angle}))
-        inputs = assembler.receive(inputs, frame, assembler.still)
+        inputs = assembler.receive(inputs, [frame], assembler.still)
         reasons.append(inputs.channels[AT].reason)
     return reasons, assembler.leapt(inputs)
 

@@ -13,6 +13,7 @@ from cylforce.estimation.model import Model
 from cylforce.estimation.residual import Residual
 from cylforce.service.weighing import Weigher
 from cylforce.settings.machine_file import load
+from instants import rows_of
 from machines import excavator, stick_and_bucket
 
 REST = 0.006
@@ -87,9 +88,10 @@ def test_expected_error_is_what_the_weighing_itself_says(model):
     for k in range(len(theta)):
         state = weigher.begin()
         for point in range(expectation.POINTS):
-            now = Residual(*(part[point, k] for part in left))
+            of_posture = Residual(*(part[point, k] for part in left))
+            now, usable = weigher.of_arrays(of_posture), rows_of(np.isfinite(of_posture.variance))
             for _ in range(repeats):
-                state, _ = weigher.step(state, now, np.isfinite(now.variance), 0)
+                state, _ = weigher.step(state, now, usable, 0)
         weight = weigher._conclude(state.lift, weigher._still)
         assert weight.standard_error == pytest.approx(foretold.standard_error[k], rel=0.01)
         assert weight.mass == pytest.approx(model.machine.rated_payload, rel=0.05)

@@ -5,6 +5,7 @@ import pytest
 
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.estimation.filters import fours
+from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
@@ -95,9 +96,10 @@ def test_live_equals_recorded() -> None:
     expected = model.filtered.run(moved.motion)
     pipeline = Pipeline(model)
     channels = [model.channels.read(v) for v in values]
-    pipe = pipeline.begin(channels[0])
+    pipe = pipeline.begin(numbers(channels[0]))
     for k, x in enumerate(channels[1:]):
-        pipe, rows, _ = pipeline.advance(pipe, x, 1)
+        pipe, instant = pipeline.advance(pipe, numbers(x), 1)
+        rows = instant.slow
         scale = np.abs(expected.columns).max(axis=(0, 1)) + 1e-300
         np.testing.assert_allclose(rows.columns / scale, expected.columns[k] / scale, rtol=0, atol=1e-12)
         np.testing.assert_allclose(rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max())
@@ -123,11 +125,13 @@ def test_missing_steps_are_filled_along_a_line() -> None:
     begin = np.array([0.2, -1.6, -1.0, 1e5, 2e5, 3e4, 0.0, 0.0, 0.1])
     slope = rng.normal(size=9) * np.array([1e-3] * 3 + [100.0] * 3 + [0.0, 0.0, 1e-3])
     pipeline = Pipeline(model)
-    one = other = pipeline.begin(begin)
+    one = other = pipeline.begin(numbers(begin))
     for k in range(1, 31):
-        one, rows, _ = pipeline.advance(one, begin + k * slope, 1)
+        one, instant = pipeline.advance(one, numbers(begin + k * slope), 1)
+        rows = instant.slow
         if k % 3 == 0:
-            other, sparse, _ = pipeline.advance(other, begin + k * slope, 3)
+            other, instant = pipeline.advance(other, numbers(begin + k * slope), 3)
+            sparse = instant.slow
             np.testing.assert_allclose(sparse.columns, rows.columns, atol=1e-9 * np.abs(rows.columns).max())
 
 

@@ -23,6 +23,7 @@ from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Tick
 from cylforce.signals.kinds import INERTIAL, Kind, Signal
+from instants import ALL, unexplained_of
 from machines import excavator, stick_and_bucket
 from scenarios import CONFIG, cycles, identified
 
@@ -140,9 +141,11 @@ def test_rows_are_those_of_the_laws(kernel, name, draw):
     sizes, now = column_sizes(model, slow.columns), column_sizes(model, np.array([q[0] for q in quick]))
     changing = np.abs([q[2] for q in quick]).max(axis=(0, 1)) + 1e-300
     force = np.abs(slow.torque).max()
-    pipeline, at = Pipeline(model, kernel), Pipeline(model, kernel).begin(channels[0])
+    pipeline = Pipeline(model, kernel=kernel)
+    at = pipeline.begin(making.numbers(channels[0]))
     for k, here in enumerate(channels[1:]):
-        at, rows, instant = pipeline.advance(at, here, 1)
+        at, instant = pipeline.advance(at, making.numbers(here), 1)
+        rows = instant.slow
         assert_columns(rows.columns, slow.columns[k], sizes)
         assert_columns(rows.torque, slow.torque[k], force)
         columns, torque, change, turns = quick[k]
@@ -150,7 +153,7 @@ def test_rows_are_those_of_the_laws(kernel, name, draw):
         assert_columns(instant.rows.torque, torque, force)
         assert_columns(instant.change, change, changing)
         np.testing.assert_array_equal(instant.reversing, turns)
-        np.testing.assert_allclose(at.speed, moved.motion.speed[k], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(instant.speed, moved.motion.speed[k], rtol=0, atol=1e-12)
     good = np.array([moved.usable[-1][list(acting)].all() for acting in model.acting])
     np.testing.assert_array_equal(at.waiting == model.settle_steps, ~good)
 
@@ -198,12 +201,14 @@ def test_an_instant_is_taken_in_as_by_least_squares(kernel):
     made, size, drifts = solver(model, tares, kernel), len(model.parameters), len(model.changing)
     root = Root(np.triu(rng.normal(size=(4, 4))) + 4.0 * np.eye(4), rng.normal(size=4))
     own, columns, drifting = rng.normal(size=(3, size)), rng.normal(size=(3, 4)), rng.normal(size=(3, drifts))
+    rows = np.concatenate([own, np.ones((3, len(model.filtered.regressor.names) - size))], axis=1)
+    left = np.concatenate([np.ones(9), drifting.ravel()])
     torque, variance, used = rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.array([True, False, True])
     gram = rng.normal(size=(4, size + drifts))
     work, nothing = room(24), np.zeros(4)
     new = kept(root, nothing, np.zeros((4, 4)), gram)
     np.frombuffer(work)[:] = np.concatenate([columns.ravel(), torque, variance, used, np.zeros(3)])
-    kernel.take(made, own.ravel(), work, drifting.ravel(), new)
+    kernel.take(made, rows, left, work, new)
     found, wanted = np.frombuffer(new), update(root, columns[used], torque[used], variance[used])
     factor = found[:16].reshape(4, 4)
     np.testing.assert_allclose(factor.T @ factor, wanted.factor.T @ wanted.factor, rtol=1e-12, atol=1e-12)
@@ -256,7 +261,7 @@ def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
     n, torque, variance = drift.root.right.size, 10.0 * rng.normal(size=3), rng.uniform(1.0, 2.0, 3)
     root = Root(np.triu(rng.normal(size=(n, n))) + np.diag(np.diag(drift.root.factor)), rng.normal(size=n))
     before = drift._replace(root=root, waited=4, values=0.1 * rng.normal(size=n - 4))
-    found = adapter.step(before, Rows(columns, torque), torque, variance)
+    found = adapter.step(before, unexplained_of(columns, torque, variance), ALL)
     rows = np.concatenate([columns[:, : len(model.parameters)] @ model.load, adapter.columns(Rows(columns, torque))], 1)
     kept_root = forget(root, rows, KEEP)
     observed = torque + rows[:, 4:] @ before.values

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cylforce.files.atomic import RecordingError
-from cylforce.files.candump import Sent, event_line, own_event, parsed
+from cylforce.files.candump import Sent, event_line, own_event, parsed, parts, parts_of
 from cylforce.files.logfile import Header, LogWriter, file_sha256, running_versions
 from cylforce.files.logreader import mismatches, read_events, with_ticks
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
@@ -456,3 +456,17 @@ def test_an_interrupted_reader_leaves_no_open_file(tmp_path):
     assert next(events) == Tick(T0)
     del events
     shutil.rmtree(tmp_path)
+
+
+@settings(max_examples=200)
+@given(st.lists(EVENTS, max_size=8), st.integers(0, 10**6), st.sampled_from("()#. 0129AFRTabx\t\r\n_-\xb2"))
+def test_a_block_is_read_as_its_lines(events, at, letter):
+    """All of it at once, or not at all; with one letter changed, too."""
+    whole = "".join(event_line(event, "can0") for event in events)
+    changed = whole[: at % len(whole)] + letter + whole[at % len(whole) + 1 :] if whole else letter
+    for text in (whole, changed):
+        found = parts_of(text)
+        if found is not None:
+            assert found == [parts(line) for line in text.removesuffix("\n").split("\n") if text]
+    ours = [e for e in events if isinstance(e, Tick) or e.can_id <= 0x7FF]
+    assert parts_of("".join(event_line(e, "can0") for e in ours)) is not None or not ours

@@ -32,7 +32,7 @@ def pressure(course, ways=(1.0, -1.0)):
     values, state = readings(len(course), head=course, rod=1e6), watching.begin()
     speed = np.repeat(ways, len(course) // len(ways)) * 0.1
     for row, v in zip(values, speed, strict=True):
-        state = watching.step(state, row, np.array([v]))
+        state = watching.step(state, watching.now(row), [v])
     return bool(state.constant[0]), bool(state.burst[0])
 
 
@@ -70,7 +70,7 @@ def test_no_pressure_stays_below_vacuum(bar, below):
     watching = Watching(rig())
     values, state = readings(STEPS, head=noisy(np.full(STEPS, bar * BAR)), rod=1e6), watching.begin()
     for row in values:
-        state = watching.step(state, row, np.zeros(1))
+        state = watching.step(state, watching.now(row), [0.0])
     assert (bool(state.below[0]), bool(state.burst[0])) == (below, False)
 
 

@@ -19,7 +19,7 @@ from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.service.publication import published
 from cylforce.service.samples import samples
 from cylforce.service.state import Scale
-from cylforce.service.step import Core, step
+from cylforce.service.step import Core, judged, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Reason, Status
@@ -27,6 +27,7 @@ from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 from cylforce.signals.kinds import Kind
 from cylforce.simulation.scenario import _begin
 from cylforce.simulation.trajectory import JointCourse, Move
+from instants import rows_of
 from scenarios import (
     EXCAVATOR,
     cycles,
@@ -259,7 +260,8 @@ def test_strangers_are_counted_and_change_nothing(bench):
     state, estimates, verdicts = spoiled(bench, run, mixed)
     same(estimates, run.good)
     assert verdicts == []
-    assert state.inputs.counters.unknown - run.end.inputs.counters.unknown == len(run.events)
+    counted = [judged(bench.core, each).inputs.counters.unknown for each in (run.end, state)]
+    assert counted[1] - counted[0] == len(run.events)
 
 
 def test_a_boot_up_message_of_a_stranger_changes_nothing(bench):
@@ -351,7 +353,8 @@ def test_real32_values_that_are_none(bench, bad):
 
     events = with_pdo(events, pdo, spoil, FAULT + 0.5, FAULT + 0.51)
     events = with_pdo(events, pdo, spoil, FAULT + 1.0, FAULT + 1.5)
-    _, estimates, _ = through(core, [e for e in events if seconds(e) < FAULT + 4.0], run.state)
+    begun = judged(bench.core, run.state)
+    _, estimates, _ = through(core, [e for e in events if seconds(e) < FAULT + 4.0], begun)
     reason = "OUT_OF_RANGE" if abs(bad) == 3.4e38 else "NOT_A_NUMBER"
     assert states(estimates)[:5] == [
         ("OK", "NONE"),
@@ -841,8 +844,8 @@ def test_a_machine_parked_at_an_end_stop(bench):
     whose inverse would overflow in the end. (200 s of it here, when old samples fade from the first on.)"""
     weigher, model = bench.core.weigher, bench.core.model
     columns = np.random.default_rng(1).normal(size=(3, len(model.parameters)))
-    left = Residual(np.zeros(3), np.full(3, 1e6), np.zeros(3), columns)
-    usable, state = np.array([True, True, False]), weigher.begin()
+    left = weigher.of_arrays(Residual(np.zeros(3), np.full(3, 1e6), np.zeros(3), columns))
+    usable, state = rows_of([True, True, False]), weigher.begin()
     state = state._replace(lift=state.lift._replace(taken=10**9))
     errors = []
     for _ in range(20_000):

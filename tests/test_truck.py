@@ -18,6 +18,7 @@ from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking, Quantity, Reason, Status, invalid_force, no_estimate
 from cylforce.signals.events import Frame
+from instants import rows_of
 from scenarios import EXCAVATOR, identified
 
 MACHINE = load(EXCAVATOR)
@@ -148,11 +149,11 @@ def test_a_bucket_that_is_not_curled_is_not_noted_for_booking():
     heavy = begun._replace(kept=numbers, taken=299, moving=250)
     rows = len(CORE.service.machine.rows)
     columns = np.zeros((rows, len(CORE.model.parameters)))
-    left = Residual(np.zeros(rows), np.ones(rows), np.zeros(rows), columns)
+    left = weigher.of_arrays(Residual(np.zeros(rows), np.ones(rows), np.zeros(rows), columns))
     noted = {}
     for curled in (True, False):
         state = weigher.begin()._replace(lift=heavy)
-        after, load = weigher.step(state, left, np.ones(rows, dtype=bool), 1, curled=curled)
+        after, load = weigher.step(state, left, rows_of([1] * rows), 1, curled=curled)
         noted[curled] = (after.books.newest is not None, load.mass.reason)
     assert noted[True][0]
     assert noted[False] == (False, Reason.NOT_CURLED)

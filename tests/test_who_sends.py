@@ -7,7 +7,7 @@ import pytest
 from cylforce.service.assembler import Assembler
 from cylforce.service.senders.inputs import QUIET_US
 from cylforce.service.senders.supervision import FAST_CLOCK, Supervisor
-from cylforce.service.step import Core, step
+from cylforce.service.step import MOST_FRAMES, Core, judged, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
@@ -25,7 +25,7 @@ def paced(times):
     place = [each for _, each in assembler.supervisor.pdos].index(pdo)
     inputs, data, alarms = assembler.begin(), encode(pdo, {"stick_angle": -1.0}), []
     for t in map(int, times):
-        inputs = assembler.receive(inputs, Frame(t, pdo.can_id, data), assembler.still)
+        inputs = assembler.receive(inputs, [Frame(t, pdo.can_id, data)], assembler.still)
         if inputs.pdos[place].doubled_us == t:
             alarms.append(t)
     return (lambda t_us: pdo in assembler.supervisor.doubled(inputs, t_us)), alarms
@@ -166,7 +166,7 @@ def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
     carried = {k for pdo in node.pdos for k, s in enumerate(core.service.machine.signals) if s.name in names(pdo)}
     for told, expected in ((5, set()), (127, carried), (4, carried), (5, set())):
         state, _ = step(core, state, Frame(t, 0x700 + node.node_id, bytes([told])))
-        reasons = core.assembler.sample(state.inputs, t).reasons
+        reasons = core.assembler.sample(judged(core, state).inputs, t).reasons
         found = {k: reason for k, reason in enumerate(reasons) if reason is not Reason.NONE}
         assert set(found) == expected
         assert set(found.values()) <= {Reason.NOT_OPERATIONAL}
@@ -182,7 +182,7 @@ def test_a_node_that_booted_must_send_heartbeats_and_one_that_never_did_need_not
 
     def lost(t):
         nonlocal inputs
-        inputs = assembler.receive(inputs, Frame(t, pdo.can_id, bytes(8)), assembler.still)
+        inputs = assembler.receive(inputs, [Frame(t, pdo.can_id, bytes(8))], assembler.still)
         reasons = assembler.sample(inputs, t).reasons
         return any(reasons[k] is Reason.NOT_OPERATIONAL for k in carried)
 
@@ -219,3 +219,14 @@ def test_requests_to_us_are_nobody_elses():
     own = supervisor.service.node_id
     assert not supervisor.ours & {0, 0x80, 0x600 + own}
     assert {0x180 + own, 0x580 + own, 0x700 + own, 0x80 + own} <= supervisor.ours
+
+
+def test_frames_do_not_pile_up_without_ticks(work):
+    """A flood between two ticks: the state stays as large as it was, and every frame is judged."""
+    core, _, _, states = work
+    _, state = states[40]
+    counted = judged(core, state).inputs.counters.unknown
+    for k in range(1000):
+        state, _ = step(core, state, Frame(state.estimate.t_us + k, 0x123, b""))
+        assert len(state.frames) < MOST_FRAMES
+    assert judged(core, state).inputs.counters.unknown - counted == 1000

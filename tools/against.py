@@ -28,7 +28,8 @@ from studies._rivals import c_updates, canopen_decoder, filterpy_update, numpy_u
 GROUP = 25  # steps between two measurements of the others
 UPDATES = 20  # of a rival in a group
 ROWS = ("advance",)
-SOLVE = ("explain", "gate", "take", "conclude", "push", "soil", "learn")
+SOLVE = ("explain", "weigh_load", "gate", "take", "conclude", "push", "show", "learn")
+A_TICK = 8  # frames that are judged together: those of a step
 WORDS = {
     "step": "whole step: frames, tick, log, PDOs that are due",
     "rows": "kernel: motion, levers, columns, filters",
@@ -103,7 +104,9 @@ def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[]
         lines.clear()
         frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.assembler.decoders]
         inputs, moving = state.inputs, state.moving
-        found["decode"].append(each_us(lambda f, i=inputs, m=moving: receive(i, f, m), frames))
+        together = [frames[k : k + A_TICK] for k in range(0, len(frames), A_TICK)]
+        us = each_us(lambda some, i=inputs, m=moving: receive(i, some, m), together)
+        found["decode"].append(us * len(together) / max(len(frames), 1))
         found["canopen"].append(each_us(decode, frames))
         for name, rival in rivals.items():
             found[name].append(each_us(lambda _, rival=rival: rival(), range(UPDATES)))

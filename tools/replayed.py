@@ -27,6 +27,16 @@ from cylforce.signals.events import Event, Tick
 
 CYCLE_S = 15.0  # at most, of a simulated digging cycle
 BUS = "can0"
+# The program, and what it says of its memory: ru_maxrss would begin with that of the process which started it.
+WATCHED = """
+import runpy
+from pathlib import Path
+try:
+    runpy.run_module("cylforce", run_name="__main__", alter_sys=True)
+finally:
+    print(next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")))
+"""
+PEAK = re.compile(r"VmHWM:\s+(\d+) kB")
 COMPARED = re.compile(r"(\d+) frames were sent live, (\d+) differ now")
 
 
@@ -98,20 +108,20 @@ def served(core: Core, events: Iterator[Event]) -> Iterator[Event | Sent]:
 
 def replayed(config: Path, log: Path, identified: Path) -> Replay:
     """One replay by the program."""
-    command = [sys.executable, "-m", "cylforce", "replay", str(config), str(log), "--identified", str(identified)]
+    command = [sys.executable, "-c", WATCHED, "replay", str(config), str(log), "--identified", str(identified)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
         said = child.stdout.read() if child.stdout else ""
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
-    found = COMPARED.search(said)
-    if child.returncode or found is None:
+    found, peak = COMPARED.search(said), PEAK.search(said)
+    if child.returncode or found is None or peak is None:
         raise SystemExit(said)
     with log.open("rb") as file:
         first = float(file.readline()[1:18])
         file.seek(-200, os.SEEK_END)
         last = float(file.readlines()[-1][1:18])
     compared, different = map(int, found.groups())
-    return Replay(last - first, used.ru_utime + used.ru_stime, 1024 * used.ru_maxrss, compared, different)
+    return Replay(last - first, used.ru_utime + used.ru_stime, 1024 * int(peak[1]), compared, different)
 
 
 def table(found: list[Replay]) -> Table:

@@ -15,6 +15,7 @@ from rich.table import Table
 from crane.figures import recordings
 from crane.geometry import crane
 from crane.machine_file import text
+from cylforce.estimation.kernel.making import numbers
 from cylforce.files.recording import open_recording
 from cylforce.files.tables import Table as Samples
 from cylforce.service.plausibility.leaping import AFTER, BEFORE, Leaping
@@ -113,7 +114,7 @@ def doubted(leaping: Leaping, pressures: Array) -> int:
     """How many leaps are doubted along pressures (T, P) [Pa]."""
     state, times = leaping.begin(), set()
     for k, row in enumerate(pressures.tolist(), 1):
-        state = leaping.step(state, tuple(row), k)
+        state = leaping.step(state, numbers(row), k)
         times.add(state.since)
     return len(times - {0})
 

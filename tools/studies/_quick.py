@@ -4,15 +4,17 @@ the same bookings (a test compares them)."""
 
 from array import array
 from collections.abc import Iterator
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.inputs import NEVER
-from cylforce.estimation.regressor import Rows
+from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.service.contact.interaction import Forces, Interaction
-from cylforce.service.pipeline import Instant, Pipe
+from cylforce.service.pipeline import Instant, Pipe, Sizes
 from cylforce.service.plausibility.monitor import Watch
 from cylforce.service.recognition import Recognition
 from cylforce.service.senders.inputs import Inputs
@@ -38,14 +40,18 @@ class Recorded:
 
     still = array("d")
     decoders: dict[int, object] = {}  # noqa: RUF012 - none: there are no frames
+    kernel = choice.INTERPRETED
 
-    def begin(self, channels: Array | None = None) -> Any:  # noqa: ANN401 - in place of two classes
+    def begin(self, channels: Numbers | None = None) -> Any:  # noqa: ANN401 - in place of two classes
         """As the assembler and as the pipeline."""
         if channels is None:
             return Inputs(array("d", [0.0, 0.0, 0.0, NEVER, NEVER]), (0, 0, 0))
-        rows, cylinders = self._waiting.shape[1], self._speed.shape[1]
-        none = np.zeros(0)
-        return Pipe(channels, none, 0, np.zeros(rows), np.zeros(cylinders), array("d"))
+        return Pipe(0, array("d"), Sizes(0, 0, 0, 0))
+
+    def receive(self, inputs: Inputs, *rest: object) -> Inputs:
+        """As the assembler: there are no frames."""
+        del rest
+        return inputs
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """As the assembler: the recorded one."""
@@ -58,25 +64,18 @@ class Recorded:
         del inputs
         return ()
 
-    def read(self, values: Array) -> Array:
-        """As the channels: those of the last sample."""
+    def read(self, values: Array) -> Numbers:
+        """As the pipeline: the channels of the last sample."""
         del values
-        return np.asarray(self._channels[self._k])
+        return numbers(self._channels[self._k])
 
-    def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows, Instant]:
+    def advance(self, pipe: Pipe, channels: Numbers, periods: int) -> tuple[Pipe, Instant]:
         """As the pipeline: the rows of the last sample."""
-        del periods
+        del periods, channels
         k = self._k - 1
-        rows = Rows(self._rows.columns[k], self._rows.torque[k])
-        new = pipe._replace(raw=channels, steps=pipe.steps + 1, waiting=self._waiting[k], speed=self._speed[k])
-        return new, rows, cast(Instant, _Now(rows))
-
-
-class _Now:
-    """An instant of which only the rows are asked for."""
-
-    def __init__(self, rows: Rows) -> None:
-        self.rows = rows
+        kept = numbers(np.append(self._rows.columns[k].ravel(), self._rows.torque[k]))
+        usable = numbers(self._waiting[k] == 0.0)
+        return pipe._replace(steps=pipe.steps + 1), Instant(kept, pipe.sizes, 0j, 0j, usable, numbers(self._speed[k]))
 
 
 class _Known:

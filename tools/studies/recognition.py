@@ -20,12 +20,14 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.commissioning.identification import identify
+from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import unusable
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import residual
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import model_of, recorded_segments
+from cylforce.service.pipeline import unexplained
 from cylforce.service.recognition import BLOCKS, Recognizer
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
@@ -52,7 +54,8 @@ def recognised(model: Model, tares: Tares, values: Array) -> Course:
     for k in range(model.settle_steps, len(rows.torque)):
         instant = Rows(rows.columns[k], rows.torque[k])
         before = state.blocks
-        state = recognizer.step(state, instant, residual(model, tares, instant, nothing), usable[k])
+        left = unexplained(residual(model, tares, instant, nothing), rows.columns.shape[-1], 0)
+        state = recognizer.step(state, left._replace(rows=numbers(instant.columns.ravel())), numbers(usable[k]))
         if state.blocks > max(before, BLOCKS - 1):
             largest = max(largest, recognizer.misfit(state))
         another.append(state.another)

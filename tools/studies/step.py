@@ -119,13 +119,13 @@ class Fewer(Arrays):
 
 def pipeline(model: Model, first: Array, kernel: Any) -> Form:  # noqa: ANN401 - of either form
     """(c): as the service runs it."""
-    made = Pipeline(model, kernel)
-    state = made.begin(first)
+    made = Pipeline(model, kernel=kernel)
+    state = made.begin(making.numbers(first))
 
     def form(here: Array) -> Array:
         nonlocal state
-        state, found, _ = made.advance(state, here, 1)
-        return found.columns
+        state, found = made.advance(state, making.numbers(here), 1)
+        return found.slow.columns
 
     return form
 

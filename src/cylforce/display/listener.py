@@ -53,7 +53,7 @@ class Listener:
         if frame.can_id in self._ours:
             self._heard[frame.can_id] = Heard(frame.t_us, frame.data)
         elif frame.can_id in self._assembler.decoders:
-            self._inputs = self._assembler.receive(self._inputs, frame, self._still)
+            self._inputs = self._assembler.receive(self._inputs, (frame,), self._still)
         elif frame.can_id == 0x580 + self.service.node_id and frame.data[:4] == ZEROED:
             self.zeroed_us = frame.t_us
         elif kind == 0x700 and len(frame.data) == 1:

@@ -33,12 +33,12 @@ class Factors(NamedTuple):
 
 class BlockRows(NamedTuple):
     """The rows of a stretch of a recording: `columns` (T, R, K) and `observed` (T, R), NaN where not usable; `noise`
-    (T, R, K+1): the noise that the sensors add to both; `fitted` (T, R): whether a row is fitted, or set aside so that
-    only its residual counts; `mark` (T, M): further quantities, such as posture and speed."""
+    (T, R, K+1): the noise that the sensors add to both, None: none; `fitted` (T, R): whether a row is fitted,
+    or set aside so that only its residual counts; `mark` (T, M): further quantities, such as posture and speed."""
 
     columns: Array
     observed: Array
-    noise: Array
+    noise: Array | None
     fitted: NDArray[np.bool_]
     mark: Array
 
@@ -60,51 +60,62 @@ def upper(rows: Array) -> Array:
 def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors:
     """Factors of a stretch whose columns have no noise: columns (T, R, K), observed (T, R) with NaN where not usable,
     mark (T, M); `block`: samples per block."""
-    exact = np.zeros((*observed.shape, columns.shape[-1] + 1))
-    return row_factors(BlockRows(columns, observed, exact, np.ones(observed.shape, dtype=bool), mark), block)
+    return row_factors(BlockRows(columns, observed, None, np.ones(observed.shape, dtype=bool), mark), block)
 
 
 def row_factors(rows: BlockRows, block: int) -> Factors:
     """Factors of a stretch of a recording; `block`: samples per block."""
-    both = np.concatenate([rows.columns, rows.observed[..., None]], axis=-1)
-    good = np.all(np.isfinite(both), axis=-1)
+    good = np.isfinite(rows.columns.sum(axis=-1) + rows.observed)  # of finite numbers of any size that occurs
     fitted, others = good & rows.fitted, good & np.logical_not(rows.fitted)
-    parts = [slice(k, k + block) for k in range(0, len(both), block)]
+    both, size = (rows.columns, rows.observed[..., None]), rows.columns.shape[-1] + 1
+    parts = [slice(k, k + block) for k in range(0, len(good), block)]
     return Factors(
-        _triangles(both, fitted, block),
-        _triangles(rows.noise, fitted, block),
-        _triangles(both, others, block),
+        _triangles(both, fitted, block, size),
+        _triangles(() if rows.noise is None else (rows.noise,), fitted, block, size),
+        _triangles(both, others, block, size),
         np.array([fitted[p].sum(axis=0) for p in parts], dtype=np.float64),
         np.array([others[p].sum(axis=0) for p in parts], dtype=np.float64),
         np.array([rows.mark[p].mean(axis=0) for p in parts]),
     )
 
 
-def _triangles(rows: Array, good: NDArray[np.bool_], block: int) -> Array:
-    """Triangles (B, R, K, K) of those rows (T, R, K) that are `good` (T, R); the others are replaced by zeros, which do
-    not change a triangle."""
-    steps, measured, size = rows.shape
-    padded = np.zeros((-(-steps // block), measured, max(block, size), size))
-    if not np.any(good) or not np.any(rows[good]):
-        return padded[:, :, :size]
+def _triangles(rows: tuple[Array, ...], good: NDArray[np.bool_], block: int, size: int) -> Array:
+    """Triangles (B, R, K, K) of those rows that are `good` (T, R), of their parts side by side, (T, R, ...), K = `size`
+    numbers together; the others are replaced by zeros, which do not change a triangle. No part: zeros. One block after
+    the other, in the same place, which stays in the processor's cache."""
+    steps, measured = good.shape
+    found = np.zeros((-(-steps // block), measured, size, size))
+    if not rows or not good.any() or not any(part.any() for part in rows):
+        return found
+    place = np.zeros((measured, max(block, size), size))
     for k, first in enumerate(range(0, steps, block)):
-        part = slice(first, first + block)
-        padded[k, :, : len(rows[part])] = np.where(good[part, :, None], rows[part], 0.0).swapaxes(0, 1)
-    return upper(padded)
+        here, at = good[first : first + block], 0
+        place[:, len(here) :] = 0.0
+        for part in rows:
+            place[:, : len(here), at : at + part.shape[-1]] = part[first : first + block].swapaxes(0, 1)
+            at += part.shape[-1]
+        if not here.all():
+            place[:, : len(here)][np.logical_not(here).T] = 0.0
+        found[k] = upper(place)
+    return found
 
 
 def joined(parts: Iterable[Factors], most: int) -> Factors:
     """All blocks of the parts in order; while there are more than `most`, neighbouring blocks are merged in pairs.
 
     Raises ValueError when there are no parts."""
-    data: Factors | None = None
+    data: list[Factors] = []
     for part in parts:
-        data = part if data is None else Factors(*(np.concatenate(pair) for pair in zip(data, part, strict=True)))
-        while len(data.samples) > most:
-            data = _halved(data)
-    if data is None:
+        data.append(part)
+        while sum(len(each.samples) for each in data) > most:
+            data = [_halved(_together(data))]
+    if not data:
         raise ValueError("no blocks to join")
-    return data
+    return _together(data)
+
+
+def _together(parts: list[Factors]) -> Factors:
+    return Factors(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _each(data: Factors, change: Callable[[Array], Array]) -> Factors:
@@ -123,6 +134,8 @@ def _halved(data: Factors) -> Factors:
 
 
 def _paired(triangle: Array) -> Array:
+    if not triangle.any():
+        return triangle[0::2]
     return upper(np.concatenate([triangle[0::2], triangle[1::2]], axis=-2))
 
 

@@ -1,6 +1,7 @@
 """Samples to motion: signals become channels (angles, forces, attitude), which are smoothed; means and slopes of four
 samples give the motion."""
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -65,6 +66,13 @@ class Channels:
         return {self.machine.spans[c][0]: c for c in seen}
 
     @cached_property
+    def by_length(self) -> tuple[tuple[int, int, int], ...]:
+        """Each joint whose angle is read from the length of a cylinder, with that cylinder and the number of its
+        signal."""
+        read = [j for j, (encoder, inclined) in enumerate(self.turned) if encoder is None and inclined is None]
+        return tuple((j, c := self._by_length[j], self._where[Kind.CYLINDER_LENGTH, c]) for j in read)
+
+    @cached_property
     def inertial(self) -> bool:
         """Whether the base's acceleration is measured."""
         return all((kind, 0) in self._where for kind in INERTIAL)
@@ -73,10 +81,10 @@ class Channels:
         """Channels (..., D) from SI values of all signals (..., S); 0 for what is not measured."""
         # one sample as numbers: arithmetic with arrays of one element takes many times as long
         each: Signals = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
-        pitch, roll, slew = (self._value(each, k, 0.0) for k in self._house)
+        pitch, roll, slew = (self._value(each, k, 0.0) for k in self.house)
         theta = self._angles(each, pitch)
         force = [self._force(each, c) for c in range(len(self.machine.cylinders))]
-        found = (*theta, *force, *(each[k] for k in self._base), pitch, roll, slew)
+        found = (*theta, *force, *(each[k] for k in self.base), pitch, roll, slew)
         if values.ndim == 1:
             return np.array(found, dtype=np.float64)
         channels = np.empty((*values.shape[:-1], len(found)))
@@ -85,25 +93,25 @@ class Channels:
         return channels
 
     @cached_property
-    def _house(self) -> tuple[int | None, int | None, int | None]:
+    def house(self) -> tuple[int | None, int | None, int | None]:
         """Numbers of the signals of pitch, roll, and slew rate or angle."""
         at = self._where.get
         slew = at((Kind.SLEW_RATE, 0), at((Kind.SLEW_ANGLE, 0)))
         return at((Kind.PITCH, 0)), at((Kind.ROLL, 0)), slew
 
     @cached_property
-    def _base(self) -> tuple[int, ...]:
+    def base(self) -> tuple[int, ...]:
         """Numbers of the signals of the base's inertial sensor."""
         return tuple(self._where[kind, 0] for kind in INERTIAL) if self.inertial else ()
 
     @cached_property
-    def _turned(self) -> tuple[tuple[int | None, int | None], ...]:
+    def turned(self) -> tuple[tuple[int | None, int | None], ...]:
         """For each joint the numbers of the signals of its encoder and of its link's inclinometer."""
         at, joints = self._where.get, range(self.machine.size)
         return tuple((at((Kind.JOINT_ANGLE, j)), at((Kind.LINK_INCLINATION, j))) for j in joints)
 
     @cached_property
-    def _pushed(self) -> tuple[tuple[int | None, int | None, int | None], ...]:
+    def pushed(self) -> tuple[tuple[int | None, int | None, int | None], ...]:
         """For each cylinder the numbers of the signals of its force pin, head and rod side."""
         kinds, cylinders = (Kind.FORCE_PIN, Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), range(len(self.machine.cylinders))
         pin, head, rod = ([self._where.get((kind, c)) for c in cylinders] for kind in kinds)
@@ -116,7 +124,7 @@ class Channels:
         """Joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths."""
         theta: list[Array | float] = []
         inner = pitch  # inclination of the next link inwards
-        for j, (encoder, inclined) in enumerate(self._turned):
+        for j, (encoder, inclined) in enumerate(self.turned):
             if encoder is not None:
                 angle = values[encoder]
             elif inclined is not None:
@@ -129,18 +137,19 @@ class Channels:
         return theta
 
     @cached_property
-    def _unwraps(self) -> bool:
+    def unwraps(self) -> bool:
+        """Whether an encoder's slew angle is among the channels."""
         return (Kind.SLEW_ANGLE, 0) in self._where
 
-    def follow(self, before: Array, channels: Array) -> Array:
+    def follow(self, before: Array, channels: "array[float]") -> "array[float]":
         """The channels (D,) with the slew angle unwrapped to lie within half a turn of the one in `before` (D,): an
         encoder that passes the end of its range has not turned back."""
-        if not self._unwraps:
+        if not self.unwraps:
             return channels
-        return np.append(channels[:-1], np.unwrap([before[-1], channels[-1]])[1])
+        return channels[:-1] + array("d", [np.unwrap([before[-1], channels[-1]])[1]])
 
     def _force(self, values: Signals, c: int) -> Array | float:
-        pin, head, rod = self._pushed[c]
+        pin, head, rod = self.pushed[c]
         if pin is not None:
             return values[pin]
         if head is None:

@@ -10,6 +10,7 @@ from typing import TextIO
 Tell = Callable[[str], None]
 
 
+BLOCK = 1 << 16  # characters of a recording that are read at once; chosen
 LONGEST = 1_000_000  # characters of a line of a recording: many times the longest header; chosen
 LARGEST = 10_000_000  # bytes of a file of settings: a thousand times the shipped ones; chosen
 
@@ -44,6 +45,21 @@ def lines_of(path: Path, file: TextIO) -> Iterator[str]:
         if not text:
             return
         yield text
+
+
+def blocks_of(path: Path, file: TextIO) -> Iterator[str]:
+    """Whole lines of a text recording, some thousand at once; raises RecordingError for one that is none."""
+    rest, number = "", 1
+    while text := file.read(BLOCK):
+        whole, newline, rest = (rest + text).rpartition("\n")
+        if len(rest) > LONGEST:
+            number += whole.count("\n") + 1
+            raise RecordingError(f"{path}, line {number}: longer than {LONGEST} characters: no recording")
+        if newline:
+            number += whole.count("\n") + 1
+            yield whole + newline
+    if rest:
+        yield rest
 
 
 def check_ordinary(path: Path) -> None:

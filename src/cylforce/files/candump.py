@@ -5,10 +5,12 @@ written as an empty SYNC frame, which protocol analysers accept.
 """
 
 import re
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Event, Frame, Tick
+from cylforce.signals.quick import new
 
 HEAD, TICK, SENT = "cylforce", "tick", "sent"  # pseudo-channels; can-utils takes no more than 15 characters
 _TICK_ID = 0x080
@@ -18,6 +20,10 @@ _LINE = re.compile(
     r"#(?:R([0-8]?)|((?:[\dA-Fa-f]{2}){0,8}))(?:_[\dA-Fa-f])?(?: +[RT])?\s*",
     re.ASCII,
 )
+_OURS = re.compile(  # as `line` writes frames with identifiers of 11 bits
+    r"^\((\d{10})\.(\d{6})\) (\S+) ([\dA-F]{3})#((?:[\dA-F]{2}){0,8})\n", re.ASCII | re.MULTILINE
+)
+_STANDARD = {f"{can_id:03X}": can_id for can_id in range(0x1000)}
 _NEWER = re.compile(  # CAN FD; CAN XL
     r"\(\d+\.\d+\) +\S+ +[\dA-Fa-f]{3,8}"
     r"(?:##[\dA-Fa-f]|#[\dA-Fa-f]{2}:[\dA-Fa-f]{2}:[\dA-Fa-f]{8}#)[\dA-Fa-f]*(?: +[RT])?\s*",
@@ -44,15 +50,10 @@ class Line(NamedTuple):
 
 def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
     """The line of a frame. Of a remote frame only the length is written: it has no data."""
-    seconds, micros = divmod(t_us, 1_000_000)
+    time = str(t_us)  # divided as text: arithmetic with so large numbers takes longer than all else here
+    time = time if len(time) > 15 else time.zfill(16)
     text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
-    return f"{_begin(seconds)}{micros:06d}{_named(channel, can_id)}{text}\n"
-
-
-@lru_cache(maxsize=16)
-def _begin(seconds: int) -> str:
-    """Of all lines of a second."""
-    return f"({seconds:010d}."
+    return f"({time[:-6]}.{time[-6:]}{_named(channel, can_id)}{text}\n"
 
 
 @lru_cache(maxsize=4096)
@@ -73,7 +74,8 @@ def event_line(event: Event | Sent, channel: str) -> str:
     """The line of an event or of a frame that we sent; `channel` is the bus."""
     if isinstance(event, Tick):
         return line(TICK, event.t_us, _TICK_ID, b"")
-    return line(SENT if isinstance(event, Sent) else channel, event.t_us, event.can_id, event.data)
+    t_us, can_id, data = event
+    return line(SENT if isinstance(event, Sent) else channel, t_us, can_id, data)
 
 
 Parts = tuple[str, int, int, bytes]  # of a `Line`
@@ -103,9 +105,29 @@ def parts(text: str) -> Parts | None:
     return channel, t_us, can_id | REMOTE, bytes(int(remote or 0))
 
 
+def parts_of(block: str) -> list[Parts] | None:
+    """The parts of all lines of a block at once, in half the time; None if a line is not as ours are."""
+    found = _OURS.findall(block)
+    if len(found) != block.count("\n") or not block.endswith("\n"):
+        return None
+    return [
+        (channel, int(s + micros), _STANDARD[name], bytes.fromhex(data)) for s, micros, channel, name, data in found
+    ]
+
+
 def is_newer_frame(text: str) -> bool:
     """Whether a line is a CAN FD or CAN XL frame, which no sensor of ours sends."""
     return _NEWER.fullmatch(text) is not None
+
+
+def own_events(lines: Iterable[Parts]) -> Iterator[Event | Sent]:
+    """What the lines of our own log stand for, without its head."""
+    for said in lines:
+        channel = said[0]
+        if channel == TICK:
+            yield new(Tick, said[1:2])
+        elif channel != HEAD:
+            yield new(Sent, said[1:]) if channel == SENT else new(Frame, said[1:])
 
 
 def own_event(said: Parts) -> Event | Sent:

@@ -1,4 +1,4 @@
-"""A program's state as JSON and back, without loss: tuples, numbers, enumerations, arrays.
+"""A program's state as JSON and back, without loss: tuples, numbers, enumerations, arrays, bytes.
 
 A log that continues an earlier one begins with the state of the service at that moment, so that a replay of it alone
 gives the same bytes as the service gave."""
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, JsonValue, TypeAdapter
 
 T = TypeVar("T")
+BYTES = "bytes"  # in place of a type of elements
 
 
 class PackedArray(BaseModel):
@@ -36,6 +37,9 @@ def packed(value: object) -> JsonValue:
     if isinstance(value, array):
         whole = _packed_array(np.frombuffer(value, value.typecode))
         return whole.model_copy(update={"plain": True}).model_dump(mode="json")
+    if isinstance(value, bytes):
+        data = b64encode(value).decode("ascii")
+        return PackedArray(dtype=BYTES, shape=(len(value),), by_columns=False, data=data).model_dump(mode="json")
     if isinstance(value, tuple):
         return [packed(part) for part in value]
     if isinstance(value, float):
@@ -60,7 +64,9 @@ def _with_arrays(value: JsonValue) -> object:
     return _array(PackedArray.model_validate(value)) if isinstance(value, dict) else value
 
 
-def _array(said: PackedArray) -> "NDArray[np.generic] | array[float]":
+def _array(said: PackedArray) -> "NDArray[np.generic] | array[float] | bytes":
+    if said.dtype == BYTES:
+        return b64decode(said.data)
     order: Literal["C", "F"] = "F" if said.by_columns else "C"
     flat = np.frombuffer(b64decode(said.data), np.dtype(said.dtype))
     if said.plain:

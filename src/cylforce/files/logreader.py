@@ -1,11 +1,12 @@
 """Recordings of a bus, read as events: our own logs and candump's, .blf and .asc."""
 
 from collections.abc import Iterator
+from io import StringIO
 from itertools import starmap
 from pathlib import Path
 
-from cylforce.files.atomic import RecordingError, Tell, check_ordinary, lines_of, warn
-from cylforce.files.candump import HEAD, Line, Parts, Sent, is_newer_frame, own_event, parts
+from cylforce.files.atomic import RecordingError, Tell, blocks_of, check_ordinary, warn
+from cylforce.files.candump import Line, Parts, Sent, is_newer_frame, own_events, parts, parts_of
 from cylforce.files.logfile import Header, header_from
 from cylforce.signals.events import Event, Frame, Tick
 
@@ -34,7 +35,7 @@ def read_events(
     """
     header = log_header(path)
     if header is not None:
-        return header, (own_event(said) for said in _candump(path, tell, ours=True) if said[0] != HEAD)
+        return header, own_events(_candump(path, tell, ours=True))
     said = _one_channel(path, _lines(path, tell), channel)
     frames = (Frame(s.t_us, s.can_id, s.data) for s in said)
     return None, with_ticks((_as_event(f, own) for f in frames), period_us, tell)
@@ -101,19 +102,26 @@ def _but(seen: set[str]) -> str:
 
 
 def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Parts]:
-    skipped = 0
+    skipped = number = 0
     try:
         with path.open(encoding="latin-1", newline="\n") as file:
-            for number, text in enumerate(lines_of(path, file), 1):
-                said = parts(text)
-                if not text.endswith("\n") and (ours or said is None):
-                    tell(f"{path}: line {number}, the last, is cut off and was left out")
-                elif said is not None:
-                    yield said
-                elif is_newer_frame(text):
-                    skipped += 1
-                elif text[0] not in "#\r\n":
-                    raise RecordingError(f"{path}, line {number}: is no frame of candump text: {text[:60]!r}")
+            for block in blocks_of(path, file):
+                whole = parts_of(block)
+                if whole is not None:
+                    number += len(whole)
+                    yield from whole
+                    continue
+                for text in StringIO(block):
+                    number += 1
+                    said = parts(text)
+                    if not text.endswith("\n") and (ours or said is None):
+                        tell(f"{path}: line {number}, the last, is cut off and was left out")
+                    elif said is not None:
+                        yield said
+                    elif is_newer_frame(text):
+                        skipped += 1
+                    elif text[0] not in "#\r\n":
+                        raise RecordingError(f"{path}, line {number}: is no frame of candump text: {text[:60]!r}")
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     if skipped:

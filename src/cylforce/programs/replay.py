@@ -26,6 +26,7 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Reason, Status
 from cylforce.signals.events import Event
 
+OK, INVALID = Status.OK, Status.INVALID
 QUALITIES = (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values())
 
 
@@ -109,15 +110,14 @@ def replay(core: Core, events: Iterable[Event | Sent], state: State, take: Take)
         if isinstance(event, Sent):
             if event.can_id in ours:
                 compared += 1
-                number = ours[event.can_id]
-                different += [*last.due([number])] != [(number, event.data)]
+                different += last.data(ours[event.can_id]) != event.data
             continue
         state, out = step(core, state, event)
         if out.estimate is not None:
             last = out
             take(out.estimate)
             booking = out.estimate.booking
-            if booking is not None:
+            if booking is not None and not (bookings and booking is bookings[-1]):
                 same = bool(bookings) and bookings[-1].number == booking.number
                 bookings[len(bookings) - same :] = [booking]
     return Played(bookings, compared, different, state)
@@ -179,20 +179,22 @@ class Totals:
 
     def take(self, estimate: Estimate) -> None:
         """One more estimate."""
-        self.begun_us = estimate.t_us if self.begun_us is None else self.begun_us
+        if self.begun_us is None:
+            self.begun_us = estimate.t_us
         self.steps += 1
-        self.weights_ok += estimate.gross.status is Status.OK
-        self.forces_ok += estimate.force.magnitude.status is Status.OK
+        self.weights_ok += estimate.gross.status is OK
+        self.forces_ok += estimate.force.magnitude.status is OK
         self.weigh(estimate.gross)
 
     def weigh(self, weight: Quantity) -> None:
         """One more weight [kg]."""
-        if weight.status is Status.INVALID:
-            self._reasons[weight.reason] += 1
+        value, error, status, reason = weight
+        if status is INVALID:
+            self._reasons[reason] += 1
             return
-        self._known = min(self._known, weight.standard_error)
-        if weight.value >= max(SMALLEST * self._rated, 3.0 * weight.standard_error):
-            self._load = min(self._load, weight.standard_error)
+        self._known = min(self._known, error)
+        if error < self._load and value >= max(SMALLEST * self._rated, 3.0 * error):
+            self._load = error
 
     def unbooked(self) -> str:
         """Why none of the weights became a booking, with the cure."""

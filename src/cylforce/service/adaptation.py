@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from cylforce.estimation.drift import drift_spread, kinds
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
 from cylforce.estimation.recursive import Root
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
+from cylforce.service.pipeline import Unexplained
 from cylforce.signals.estimate import Array
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
@@ -110,23 +112,22 @@ class Adapter:
         """Columns (R, D) of the adapted parameters."""
         return np.asarray(rows.columns[..., self.model.changing])
 
-    def step(self, drift: Drift, rows: Rows, torque: Array, variance: Array) -> Drift:
-        """The drift after one instant with residual `torque` (R,) [N m], from which the drift so far is already
-        subtracted, and `variance` (R,) [N^2 m^2], infinite unless the bucket is known to be empty and in the air.
+    def step(self, drift: Drift, left: Unexplained, usable: Numbers) -> Drift:
+        """The drift after one instant with an empty bucket in the air: what the drift so far has `left`, and which rows
+        (R,) are `usable`.
 
         Rows at very low speed are not used: break-away friction would appear there as a pressure zero and, with the
         opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty shows only the sum
         of both, so that such an error would remain."""
-        columns, variance = rows.columns.ravel(), np.asarray(variance, dtype=np.float64)
-        number = self.kernel.certain(self._plan, columns, variance)
+        number = self.kernel.certain(self._plan, left.rows, usable)
         if not number:
             return drift._replace(following=False)
         if drift.waited + 1 < EVERY:
             return drift._replace(waited=drift.waited + 1, following=True)
         d, n = drift.values.size, drift.root.right.size
         new = ZERO * (n * n + n + d + d * d + 3)
-        begun = (drift.root.factor.ravel(), drift.root.right, drift.values, drift.scale, drift.mass)
-        self.kernel.follow(self._plan, number, columns, np.ascontiguousarray(torque), variance, *begun, new)
+        begun = (drift.root.factor, drift.root.right, drift.values, drift.scale, drift.mass)
+        self.kernel.follow(self._plan, number, *left, *begun, new)
         whole, end = np.frombuffer(new), n * n + n
         root = Root(whole[: n * n].reshape(n, n), whole[n * n : end])
         covariance = whole[end + d : -3].reshape(d, d)

@@ -1,18 +1,19 @@
 """Frames to samples: the last value of every signal, its age, and the reason when it is not usable."""
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import inf, nan
-from typing import Any
+from struct import Struct
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.inputs import NEVER, SIGNAL
 from cylforce.estimation.kernel.making import counts, numbers
-from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.installation import Service
 from cylforce.service.senders.inputs import QUIET_US, REASONS, Channel, Inputs, LastHeartbeat, PdoRate
@@ -21,6 +22,7 @@ from cylforce.signals.codec import Decoder, decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import new
 
 # rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
 FASTEST = {
@@ -30,6 +32,14 @@ FASTEST = {
     Kind.PITCH: 3.0,
     Kind.ROLL: 3.0,
 }
+
+
+class FrameOrder(NamedTuple):
+    """Frames in an order of identifiers: what the kernel takes of each, PDO and 0; sizes of the data; layout of all."""
+
+    sorts: Counts
+    sizes: list[int]
+    layout: Struct
 
 
 @dataclass(frozen=True)
@@ -75,6 +85,7 @@ class Assembler:
         first = np.cumsum([0, *(len(decoder.slots) for decoder in found)]).tolist()
         noisy = [self._noisy(k) for k in range(len(machine.signals))]
         whole = [first, [s.signal for s in slots], [s.item for s in slots], noisy, watcher.senders]
+        whole.append([len(decoder.missing) for decoder in found])
         fields = [[getattr(s, name) for s in slots] for name in ("scale", "offset", "low", "high")]
         limits = [1e6 * health.hold_s, QUIET_US, health.frozen_samples, health.good_frames]
         senders, late = [watcher.periods_us, watcher.patience_us], [1.5e6 * s.period_s for s in machine.signals]
@@ -102,19 +113,50 @@ class Assembler:
         parts = [*empty * sizes[0], *PdoRate() * sizes[1], *LastHeartbeat() * sizes[2], 0, 0, 0, NEVER, NEVER]
         return Inputs(numbers(parts), sizes)
 
-    def receive(self, inputs: Inputs, frame: Frame, moving: Numbers) -> Inputs:
-        """The state after a frame: length and range are checked, unknown identifiers are counted. `moving`, per signal:
+    def receive(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
+        """The state after frames: length and range are checked, unknown identifiers are counted. `moving`, per signal:
         not 0 where the machine moves so that an equal value from this sensor means that it is frozen."""
-        t_us, can_id, data = frame
-        found = self._mapped.get(can_id)
-        if found is None:
-            return self._unknown(inputs, frame)
-        place, size, unpack = found
-        kept, length = inputs.kept[:], len(data)
-        raw = array("d", unpack(data)) if length >= size else ZERO
-        sort = 0 if length == size else 1 if length > size else -1
-        self._kernel.receive(self._plan, kept, t_us, place, sort, raw, moving)
-        return Inputs(kept, inputs.sizes)
+        if not frames:
+            return inputs
+        times, ids, parts = zip(*frames, strict=True)
+        order = self._orders(ids)
+        if order is None or [*map(len, parts)] != order.sizes:
+            return self._one_by_one(inputs, frames, moving)
+        raw = order.layout.unpack(b"".join(parts))
+        return self._judged(inputs, order.sorts, times, raw, moving)
+
+    def _one_by_one(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
+        """The same of frames among which are unknown ones, or some of another length."""
+        for frame in frames:
+            t_us, can_id, data = frame
+            found = self._mapped.get(can_id)
+            if found is None:
+                inputs = self._unknown(inputs, frame)
+                continue
+            place, size, unpack = found
+            sorts = array("q", (place, (len(data) > size) - (len(data) < size)))
+            inputs = self._judged(inputs, sorts, (t_us,), unpack(data) if len(data) >= size else (), moving)
+        return inputs
+
+    @cached_property
+    def _orders(self) -> Callable[[tuple[int, ...]], "FrameOrder | None"]:
+        """How frames with these identifiers are read: those of a tick come in an order that hardly changes."""
+        return lru_cache(maxsize=64)(self._order)
+
+    def _order(self, ids: tuple[int, ...]) -> "FrameOrder | None":
+        if not set(ids) <= set(self._mapped):
+            return None
+        found, layouts = [self._mapped[can_id] for can_id in ids], [self.decoders[can_id].struct for can_id in ids]
+        whole = Struct("<" + "".join(layout.format.removeprefix("<") for layout in layouts))
+        return FrameOrder(counts(x for place, *_ in found for x in (place, 0)), [size for _, size, _ in found], whole)
+
+    def _judged(
+        self, inputs: Inputs, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers
+    ) -> Inputs:
+        """The state after frames of sensors, as the kernel takes them."""
+        kept = inputs.kept[:]
+        self._kernel.receive(self._plan, kept, sorts, len(sorts) // 2, array("d", times), array("d", raw), moving)
+        return new(Inputs, (kept, inputs.sizes))
 
     def _unknown(self, inputs: Inputs, frame: Frame) -> Inputs:
         found = self.supervisor.received(inputs, frame)
@@ -151,7 +193,7 @@ class Assembler:
         found = ZERO * (2 * size + 1)
         bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
         reasons = tuple([REASONS[x] for x in found[size:-1]]) if bad else self._fine
-        return Sample(t_us, np.frombuffer(found, count=size), reasons, REASONS[found[-1]])
+        return new(Sample, (t_us, np.frombuffer(found, count=size), reasons, REASONS[found[-1]]))
 
     @cached_property
     def _fine(self) -> tuple[Reason, ...]:

@@ -64,9 +64,6 @@ class Beside(NamedTuple):
     slopes: Array | None = None
 
 
-NOTHING_BESIDE = Beside()
-
-
 class Missed(NamedTuple):
     """A load that was lifted and will not be booked: how many there were, its mass [kg], and whether the measurement
     was interrupted; else the empty bucket was not seen clearly enough before the next load."""

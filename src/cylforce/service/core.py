@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from cylforce.estimation.kernel.making import counts
+from cylforce.estimation.kernel.restricted import Counts
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
 from cylforce.mechanics.machine import FORCE_KINDS
@@ -19,7 +21,6 @@ from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.weighing import Weigher
 from cylforce.signals.estimate import Reason, no_estimate
-from cylforce.signals.kinds import Kind
 
 TICK_SLACK = 0.5  # periods by which a tick may be early or late
 
@@ -51,7 +52,7 @@ class Core:
     @cached_property
     def pipeline(self) -> Pipeline:
         """Samples to rows."""
-        return Pipeline(self.model)
+        return Pipeline(self.model, self.service.health.max_tilt)
 
     @cached_property
     def weigher(self) -> Weigher:
@@ -95,14 +96,9 @@ class Core:
         return encoders(self.service.publication)
 
     @cached_property
-    def tilts(self) -> tuple[int, ...]:
-        """Numbers of the signals that measure the tilt of the chassis."""
-        return tuple(k for k, s in enumerate(self.service.machine.signals) if s.kind in (Kind.PITCH, Kind.ROLL))
-
-    @cached_property
-    def moved_by(self) -> tuple[int | None, ...]:
-        """Per signal the number of the cylinder whose motion changes it; None: that of any cylinder."""
-        return tuple(s.index if s.kind in FORCE_KINDS else None for s in self.service.machine.signals)
+    def moved_by(self) -> Counts:
+        """Per signal the number of the cylinder whose motion changes it; -1: that of any cylinder."""
+        return counts(s.index if s.kind in FORCE_KINDS else -1 for s in self.service.machine.signals)
 
     @cached_property
     def adapts(self) -> bool:
@@ -154,6 +150,7 @@ class Core:
         suspicion = state.watch.suspicion if state.watch.suspicion.latched else begun.watch.suspicion
         return begun._replace(
             inputs=state.inputs,
+            frames=state.frames,
             weighing=begun.weighing._replace(books=books),
             estimate=nothing,
             watch=begun.watch._replace(suspicion=suspicion),

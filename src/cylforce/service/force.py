@@ -3,13 +3,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import atan2, hypot, sqrt
 
 import numpy as np
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Tares
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array, Force, Quantity, Reason, Status, invalid
+from cylforce.signals.quick import new
 from cylforce.signals.units import STANDARD_GRAVITY
 
 BLIND = 0.3  # times the rated force: a component with a larger standard error is INVALID; chosen
@@ -45,30 +46,24 @@ class ForceSensor:
     def _poor(self) -> float:
         return POOR * self.rated_force
 
-    @cached_property
-    def _certain_scale(self) -> float:
-        """Variance of the scale."""
-        return self.tares.scale_error**2
-
-    def force(self, x: float, z: float, xx: float, xz: float, zz: float, contact: bool) -> Force:
-        """The published force for x, z [N] with covariance xx, xz, zz [N^2] without that of the scale. A component
-        whose standard error exceeds BLIND is INVALID; there is no direction unless the force is larger than CLEAR
-        standard errors across it, nor without `contact`; NO_CONTACT is then the reason."""
-        scale = self._certain_scale
-        xx, xz, zz = xx + scale * (x * x), xz + scale * (x * z), zz + scale * (z * z)
-        size = hypot(x, z)
-        cos, sin = (x / size, z / size) if size > 0.0 else (1.0, 0.0)
-        along_error = sqrt(abs(cos * cos * xx + 2.0 * cos * sin * xz + sin * sin * zz))
-        across_error = sqrt(abs(sin * sin * xx - 2.0 * cos * sin * xz + cos * cos * zz))
-        certain = size > CLEAR * across_error
-        along_error = along_error if certain else hypot(along_error, across_error)
-        fine = Reason.NONE if contact else Reason.NO_CONTACT
-        return Force(
-            self._bounded(x, sqrt(xx), fine),
-            self._bounded(z, sqrt(zz), fine),
-            self._bounded(size, along_error, fine),
-            self._direction(certain, contact, atan2(z, x), across_error / (size + 1e-9)),
-            (xx, xz, zz),
+    def force(self, shown: Numbers, contact: bool) -> Force:
+        """The published force of what the kernel shows of it (`pushed.publish`). A component whose standard error
+        exceeds BLIND is INVALID; there is no direction unless the force is larger than CLEAR standard errors across
+        it, nor without `contact`; NO_CONTACT is then the reason."""
+        x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, worst, largest = shown
+        fine = NONE if contact else WITHOUT
+        if worst <= self._poor and largest <= self.rated_force and self.tares.identified:
+            parts = [new(Quantity, (*pair, OK, fine)) for pair in ((x, x_error), (z, z_error), (size, along))]
+            return new(Force, (*parts, self._direction(certain > 0.0, contact, angle, across), (xx, xz, zz)))
+        return new(
+            Force,
+            (
+                self._bounded(x, x_error, fine),
+                self._bounded(z, z_error, fine),
+                self._bounded(size, along, fine),
+                self._direction(certain > 0.0, contact, angle, across),
+                (xx, xz, zz),
+            ),
         )
 
     def _direction(self, certain: bool, contact: bool, angle: float, error: float) -> Quantity:
@@ -88,10 +83,12 @@ class ForceSensor:
     def _quantity(self, value: float, error: float, fine: Reason) -> Quantity:
         """The value with its status; where that is OK, the reason is `fine`."""
         if not self.tares.identified:
-            return Quantity(value, error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
+            return new(Quantity, (value, error, DEGRADED, Reason.NOT_IDENTIFIED))
         if error > self._poor:
-            return Quantity(value, error, Status.DEGRADED, Reason.UNCERTAIN)
-        return Quantity(value, error, Status.OK, fine)
+            return new(Quantity, (value, error, DEGRADED, Reason.UNCERTAIN))
+        return new(Quantity, (value, error, OK, fine))
 
 
+# a member of an enumeration takes longer to look up than a name
+OK, DEGRADED, NONE, WITHOUT = Status.OK, Status.DEGRADED, Reason.NONE, Reason.NO_CONTACT
 UNCERTAIN, NO_CONTACT = invalid(Reason.UNCERTAIN), invalid(Reason.NO_CONTACT)

@@ -1,5 +1,7 @@
 """The load in the bucket at each step of a recording, by the weighing of the service."""
 
+from array import array
+
 import numpy as np
 
 from cylforce.estimation.model import Model, Tares
@@ -20,7 +22,7 @@ def hanging(model: Model, tares: Tares, values: Array) -> Array:
     hanging = np.zeros(len(usable))
     for k, good in enumerate(usable):
         left = residual(model, tares, Rows(rows.columns[k], rows.torque[k]), nothing)
-        state, _ = weigher.step(state, left, good, k)
+        state, _ = weigher.step(state, weigher.of_arrays(left), array("d", good), k)
         if state.lift.taken > enough and not state.lift.refused:
             hanging[k] = state.lift.values[0]
     return hanging

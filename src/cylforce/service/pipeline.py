@@ -4,7 +4,7 @@ recording. The arithmetic is the kernel's (estimation/kernel/README.md)."""
 from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import prod
+from math import inf, isfinite, prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,50 +14,82 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
-from cylforce.signals.estimate import Array
+from cylforce.estimation.residual import Residual
+from cylforce.signals.estimate import Array, Reason
+from cylforce.signals.quick import new
+
+
+class Sizes(NamedTuple):
+    """D channels, R rows, K columns, C cylinders."""
+
+    d: int
+    r: int
+    k: int
+    c: int
 
 
 class Pipe(NamedTuple):
-    """State of the filters: last channels `raw` (D,), last three outputs `smooth` (3, D) of their low-pass, number of
-    `steps`; `waiting` (R,): steps for which each row is not used, because its filters still contain an unusable lever;
-    cylinder `speed` (C,) [m/s]; all of them and the state of every filter as the kernel keeps it, `kept`."""
+    """State of the filters: number of `steps`, and the state of every filter as the kernel keeps it (`kept`)."""
 
-    raw: Array
-    smooth: Array
     steps: int
-    waiting: Array
-    speed: Array
     kept: Numbers
+    sizes: Sizes
+
+    @property
+    def raw(self) -> Array:
+        """Last channels (D,)."""
+        return self._part(0, self.sizes.d)
+
+    @property
+    def smooth(self) -> Array:
+        """Last three outputs (3, D) of their low-pass."""
+        return self._part(3 * self.sizes.d, 3 * self.sizes.d).reshape(3, -1)
+
+    @property
+    def waiting(self) -> Array:
+        """Steps (R,) for which each row is not used, because its filters still contain an unusable lever."""
+        d, r, k, _ = self.sizes
+        return self._part(6 * d + 3 * r * (k + 1), r)
+
+    def _part(self, begin: int, size: int) -> Array:
+        return np.frombuffer(self.kept, count=size, offset=8 * begin)
 
 
 class Instant(NamedTuple):
-    """What the kernel knows of this instant, all rows of a step (`kernel/rows.py`) as it keeps them; numbers R of rows,
-    K of columns, C of cylinders; cylinder `speed` (C,) [m/s]; position `place` [m] of the tool from the first pin and
-    its `velocity` [m/s], as x + i z."""
+    """What the kernel knows of this instant, all rows of a step (`kernel/rows.py`) as it keeps them; position `place`
+    [m] of the tool from the first pin and its `velocity` [m/s], as x + i z; `usable` (R,) rows: 1, else 0; `speed` (C,)
+    of the cylinders [m/s]."""
 
     kept: Numbers
-    sizes: tuple[int, int, int]
-    speed: Array
+    sizes: Sizes
     place: complex
     velocity: complex
+    usable: Numbers
+    speed: Numbers
+
+    @property
+    def slow(self) -> Rows:
+        """Columns (R, K) and torques (R,) for the weighing."""
+        _, r, k, _ = self.sizes
+        return Rows(self._part(0, (r, k)), self._part(r * k, (r,)))
 
     @property
     def rows(self) -> Rows:
-        """Columns (R, K) and torques (R,)."""
-        r, k, _ = self.sizes
+        """Those of the instant."""
+        _, r, k, _ = self.sizes
         begin = r * k + r
         return Rows(self._part(begin, (r, k)), self._part(begin + r * k, (r,)))
 
     @property
     def change(self) -> Array:
         """Time derivative (R, K) of the columns of inertia [1/s]."""
-        r, k, _ = self.sizes
+        _, r, k, _ = self.sizes
         return self._part(2 * (r * k + r), (r, k))
 
     @property
     def reversing(self) -> Array:
         """1 where a cylinder (C,) is about to turn round, else 0."""
-        r, k, c = self.sizes
+        _, r, k, c = self.sizes
         return self._part(3 * r * k + 2 * r, (c,))
 
     def _part(self, begin: int, shape: tuple[int, ...]) -> Array:
@@ -69,6 +101,7 @@ class Pipeline:
     """The filters of a model, step by step."""
 
     model: Model
+    most_tilted: float = inf  # rad, of the chassis
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
@@ -76,65 +109,98 @@ class Pipeline:
         return making.plan(self.model, self.kernel.KernelPlan)
 
     @cached_property
+    def _sensors(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return making.sensors(self.model, self.kernel.KernelSensors, self.most_tilted)
+
+    def read(self, values: Array) -> Numbers | Reason:
+        """Joint angles, cylinder forces and attitude (D,) of a sample (S,); or why it is not usable."""
+        channels = ZERO * self._numbers.d
+        for joint, cylinder, signal in self.model.channels.by_length:
+            channels[joint] = float(self.model.machine.joint_angle(cylinder, values[signal]))
+        if self.kernel.sense(self._sensors, values, channels):
+            return Reason.TILT
+        return channels if isfinite(sum(channels)) else Reason.END_STOP
+
+    @cached_property
     def _sizes(self) -> tuple[int, int]:
         """Numbers of a state and of the rows of a step."""
         return self.kernel.state_size(self._plan), self.kernel.rows_size(self._plan)
 
     @cached_property
-    def _places(self) -> "_Places":
+    def _numbers(self) -> Sizes:
         machine = self.model.machine
         channels = machine.size + len(machine.cylinders) + (6 if self.model.channels.inertial else 3)
         columns = len(self.model.filtered.regressor.names)
-        return _Places(channels, len(machine.rows), columns, len(machine.cylinders))
+        return Sizes(channels, len(machine.rows), columns, len(machine.cylinders))
 
-    def begin(self, channels: Array) -> Pipe:
+    def begin(self, channels: Numbers) -> Pipe:
         """The state after the first channels (D,) at the start or after a gap, settled at them."""
-        state, smooth = self.model.channels.smooth.step(self.model.channels.smooth.steady(channels), channels)
+        first, low_pass = np.asarray(channels), self.model.channels.smooth
+        state, smooth = low_pass.step(low_pass.steady(first), first)
         kept = np.zeros(self._sizes[0])
-        kept[: 6 * len(channels)] = np.concatenate([channels, *state, smooth, smooth, smooth])
-        return self._places.state(array("d", kept.tobytes()), 0)
+        kept[: 6 * len(channels)] = np.concatenate([first, *state, smooth, smooth, smooth])
+        return Pipe(0, array("d", kept.tobytes()), self._numbers)
 
-    def advance(self, pipe: Pipe, channels: Array, periods: int) -> tuple[Pipe, Rows, Instant]:
-        """The state, the rows and those of the instant `periods` >= 1 steps later, at `channels` (D,); missing steps
-        are filled by linear interpolation."""
-        first, here = pipe.raw, self.model.channels.follow(pipe.raw, channels)
-        for k in range(1, periods):
-            pipe, *_ = self.advance(pipe, first + (here - first) * (k / periods), 1)
-        state, rows = self._sizes
-        new, out = ZERO * state, ZERO * rows
+    def advance(self, pipe: Pipe, channels: Numbers, periods: int) -> tuple[Pipe, Instant]:
+        """The state and the rows `periods` >= 1 steps later, at `channels` (D,); missing steps are filled by linear
+        interpolation."""
+        here = self.model.channels.follow(pipe.raw, channels) if self.model.channels.unwraps else channels
+        if periods > 1:
+            pipe = self._filled(pipe, here, periods)
+        size, rows = self._sizes
+        state, out = ZERO * size, ZERO * rows
         old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
-        self.kernel.advance(self._plan, old, array("d", here.tobytes()), new, out, pipe.steps == 0)
-        return self._places.state(new, pipe.steps + 1), *self._places.rows(out, new)
+        self.kernel.advance(self._plan, old, here, state, out, pipe.steps == 0)
+        return new(Pipe, (pipe.steps + 1, state, self._numbers)), self._instant(out)
+
+    def _filled(self, pipe: Pipe, here: Numbers, periods: int) -> Pipe:
+        """The state one step before `here`."""
+        first = pipe.raw
+        for k in range(1, periods):
+            between = first + (np.asarray(here) - first) * (k / periods)
+            pipe, _ = self.advance(pipe, array("d", between.tobytes()), 1)
+        return pipe
+
+    def _instant(self, out: Numbers) -> Instant:
+        sizes = self._numbers
+        end = len(out) - sizes.c
+        begin = end - sizes.r
+        x, z, forwards, upwards = out[begin - 4 : begin]
+        now = (complex(x, z), complex(forwards, upwards), out[begin:end], out[end:])
+        return new(Instant, (out, sizes, *now))
 
 
-class _Places(NamedTuple):
-    """Where the kernel's results stand: D channels, R rows, K columns, C cylinders."""
+class Unexplained(NamedTuple):
+    """One instant of R measured joints: its `rows`, of which the first are columns (R, K), then torques (R,); what is
+    left of them, `kept`: torque (R,) [N m], its variance without friction at rest, that of friction at rest
+    [N^2 m^2], the columns (R, D) of the drift (`weighed.explain`); `wider` (R,): what the variance is wider by, for
+    those who ask for it [N^2 m^2]."""
 
-    d: int
-    r: int
-    k: int
-    c: int
+    rows: Numbers
+    kept: Numbers
+    wider: Numbers
 
-    def state(self, kept: Numbers, steps: int) -> Pipe:
-        """The parts of a state."""
-        whole, d = np.frombuffer(kept), self.d
-        waiting = 6 * d + 3 * self.r * (self.k + 1)
-        speed = waiting + self.r
-        return Pipe(
-            whole[:d],
-            whole[3 * d : 6 * d].reshape(3, d),
-            steps,
-            whole[waiting:speed],
-            whole[speed : speed + self.c],
-            kept,
-        )
+    @property
+    def torque(self) -> Numbers:
+        """The torque (R,) [N m]."""
+        return self.kept[: len(self.wider)]
 
-    def rows(self, out: Numbers, kept: Numbers) -> tuple[Rows, Instant]:
-        """The rows of the weighing and those of the instant."""
-        size = self.r * self.k
-        whole = np.frombuffer(out, count=size + self.r)
-        begin = 8 * (6 * self.d + 3 * size + 4 * self.r)
-        speed = np.frombuffer(kept, count=self.c, offset=begin)
-        x, z, forwards, upwards = out[-4:]
-        now = Instant(out, (self.r, self.k, self.c), speed, complex(x, z), complex(forwards, upwards))
-        return Rows(whole[:size].reshape(self.r, self.k), whole[size:]), now
+    @property
+    def variance(self) -> Numbers:
+        """Its variance (R,) [N^2 m^2]."""
+        size = len(self.wider)
+        return self.kept[size : 2 * size]
+
+    @property
+    def rest(self) -> Numbers:
+        """The variance of friction at rest (R,) [N^2 m^2]."""
+        size = len(self.wider)
+        return self.kept[2 * size : 3 * size]
+
+
+def unexplained(left: Residual, columns: int, drifts: int) -> Unexplained:
+    """The same of arrays, the columns filled up with zeros to so many; friction and zeros do not drift."""
+    rows, own = np.zeros((len(left.torque), columns)), left.columns.shape[1]
+    rows[:, :own] = left.columns
+    kept = np.concatenate([left.torque, left.variance, left.rest, np.zeros(len(rows) * drifts)])
+    return Unexplained(array("d", rows.tobytes()), array("d", kept.tobytes()), ZERO * len(rows))

@@ -1,6 +1,6 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import nan, pi, sin, sqrt, tan
@@ -26,6 +26,8 @@ PAYLOAD_QUALITY, FORCE_QUALITY = "payload_quality", "force_quality"
 FORCES = FORCE_X, FORCE_Z, MAGNITUDE, DIRECTION
 SOIL = SOIL_X, SOIL_Z, SOIL_MAGNITUDE, SOIL_DIRECTION = "soil_x", "soil_z", "soil_magnitude", "soil_direction"
 SOIL_X_ERROR, SOIL_Z_ERROR = "soil_x_standard_error", "soil_z_standard_error"
+OF_FORCE = {"force": FORCES, "soil": SOIL}
+PARTS = ("x", "z", "magnitude", "direction")
 QUALITY = {name: f"{name}_quality" for name in (*FORCES, *SOIL)}
 EVENT_COUNT, EVENT_KIND, EVENT_CONFIDENCE = "event_count", "event_kind", "event_confidence"
 EVENT_X, EVENT_Z, EVENT_AGE = "event_x", "event_z", "event_age"
@@ -149,7 +151,7 @@ Value = Callable[[Estimate], float]
 def _force_values(names: tuple[str, ...], errors: tuple[str, ...], force: str) -> dict[str, Value]:
     """Components of a force, their qualities, and standard errors: at least one step of the published integer, so that
     none is ever sent as zero."""
-    parts = [_component(f"{force}.{part}") for part in ("x", "z", "magnitude", "direction")]
+    parts = [_component(f"{force}.{part}") for part in PARTS]
     found: dict[str, Value] = {}
     for name, part in zip(names, parts, strict=True):
         found |= {name: part.value, QUALITY[name]: part.quality}
@@ -204,20 +206,35 @@ def quality(q: Quantity) -> int:
 
 
 class Encoder(NamedTuple):
-    """A TPDO of ours as it is encoded: its number, its layout, and what gives each field's value."""
+    """A TPDO of ours as it is encoded: its number, its layout, and what gives the values of its fields."""
 
     number: int
     layout: Layout
-    values: tuple[Value, ...]
+    values: Callable[[Estimate], Sequence[float]]
 
     def data(self, estimate: Estimate) -> bytes:
         """Its bytes for an estimate."""
-        return packed(self.layout, [value(estimate) for value in self.values])
+        return packed(self.layout, self.values(estimate))
 
 
 def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
     """The encoders of all TPDOs of a table."""
-    return tuple(Encoder(p.number, layout(p), tuple(VALUES[str(f.signal)] for f in p.fields)) for p in table)
+    return tuple(Encoder(p.number, layout(p), _values([str(f.signal) for f in p.fields])) for p in table)
+
+
+def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
+    """What gives the values of these names: a force's in one look."""
+    paths = {
+        name: f"{of}.{part}.value" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)
+    }
+    if set(names) <= set(paths):
+        return attrgetter(*(paths[name] for name in names))
+    of_quality = {QUALITY[name]: path.removesuffix(".value") for name, path in paths.items()}
+    if set(names) <= set(of_quality):
+        quantities = attrgetter(*(of_quality[name] for name in names))
+        return lambda estimate: [quality(each) for each in quantities(estimate)]
+    values = [VALUES[name] for name in names]
+    return lambda estimate: [value(estimate) for value in values]
 
 
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:

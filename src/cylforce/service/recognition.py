@@ -15,9 +15,10 @@ from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual, correlated, load_spread
+from cylforce.estimation.residual import correlated, load_spread
+from cylforce.service.pipeline import Unexplained
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import new
 
 BLOCK_SECONDS = 2.0
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion
@@ -89,14 +90,13 @@ class Recognizer:
         """The measurement stopped: the running block starts anew."""
         return state._replace(gram=ZERO * self._size**2, rows=0, steps=0)
 
-    def step(self, state: Recognition, rows: Rows, left: Residual, usable: Array) -> Recognition:
+    def step(self, state: Recognition, left: Unexplained, usable: Numbers) -> Recognition:
         """Take one instant in; `usable` (R,) rows."""
         gram = state.gram[:]
-        good = np.asarray(usable, dtype=np.float64)
-        parts = (rows.columns.ravel(), left.torque, left.variance, left.rest, good)
-        telling = self.kernel.gather(self._solver, *parts, self._spread, self._memory, gram)
+        parts = (left.rows, left.kept, usable)
+        telling = self.kernel.gather(self._solver, *parts, self._spread, ZERO, 0, self._memory, gram)
         more, steps = gram if telling else state.gram, state.steps + 1
-        state = Recognition(more, state.rows + telling, steps, *state[3:])
+        state = new(Recognition, (more, state.rows + telling, steps, *state[3:]))
         if steps < self._block:
             return state
         moved = state.rows >= IN_MOTION * state.steps * len(usable)

@@ -31,7 +31,7 @@ def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iter
     last_us: int | None = None
     for event in events:
         if isinstance(event, Frame):
-            inputs = assembler.receive(inputs, event, still)
+            inputs = assembler.receive(inputs, (event,), still)
             continue
         for _ in range(0 if last_us is None else skipped(event.t_us - last_us, period_us)):
             yield missing

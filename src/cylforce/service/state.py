@@ -18,6 +18,7 @@ from cylforce.service.recognition import Recognition
 from cylforce.service.senders.inputs import Inputs
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Booking, Estimate
+from cylforce.signals.events import Frame
 
 
 class Scale(NamedTuple):
@@ -56,7 +57,8 @@ class State(NamedTuple):
     it should change (1) because the machine moves; whose machine it is; contact with the ground; whether the sensors
     agree; the truck that is being loaded; the working cycle so far, and the one that the last booking ended; whether
     NMT has stopped our node; the name of the tool; the torque that the empty machine does not explain, of each
-    measured joint [N m] (none: not measured); how the base moves."""
+    measured joint [N m] (none: not measured); how the base moves; frames that are judged at the next tick, all at
+    once."""
 
     inputs: Inputs
     pipe: Pipe | None
@@ -76,6 +78,7 @@ class State(NamedTuple):
     tool: str = STANDARD
     unexplained: tuple[float, ...] = ()
     rocking: Rocking = STILL
+    frames: tuple[Frame, ...] = ()
 
     @property
     def memory(self) -> Memory:
@@ -97,6 +100,13 @@ class Output(NamedTuple):
     def frames(self) -> tuple[tuple[int, bytes], ...]:
         """(Number, data) of all PDOs, sent as they are."""
         return tuple(self.due([each.number for each in self.table]))
+
+    def data(self, number: int) -> bytes | None:
+        """The bytes of one of them; None where there is no estimate."""
+        for each in self.table if self.estimate is not None else ():
+            if each.number == number:
+                return each.data(self.estimate) if self.estimate is not None else None
+        return None
 
     def due(self, numbers: Collection[int]) -> Iterator[tuple[int, bytes]]:
         """Those of these numbers, each when it is asked for: what is not sent is not encoded."""

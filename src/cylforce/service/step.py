@@ -1,15 +1,10 @@
 """The whole service as one pure function of events: step(state, event) -> (state, output)."""
 
-from array import array
-from collections.abc import Iterator
 from functools import partial
-from math import hypot, isfinite
-
-import numpy as np
+from math import hypot
 
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import Beside, unseen
@@ -17,7 +12,7 @@ from cylforce.service.contact.interaction import Forces
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
-from cylforce.service.pipeline import Pipe
+from cylforce.service.pipeline import Unexplained
 from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.plausibility.unnoticed import Unnoticed
@@ -25,7 +20,6 @@ from cylforce.service.publication import GROSS
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
-    Array,
     Booking,
     Estimate,
     Load,
@@ -43,24 +37,35 @@ from cylforce.signals.estimate import (
     within,
 )
 from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.quick import new
 
-__all__ = ["Core", "step"]
+__all__ = ["Core", "judged", "step"]
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
-_new = tuple.__new__  # of all fields in their order: `_make` takes as long again, and this happens for every frame
+MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
+
+DOUBTED, REJECTED = Level.DOUBTED, Level.REJECTED
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
     if isinstance(event, Tick):
         state = _tick(core.fitted[state.tool], state, event.t_us)
-        return state, Output(None, state.estimate, core.encoders)
+        return state, new(Output, (None, state.estimate, core.encoders, ""))
     if event.can_id not in core.assembler.decoders:
         obeyed = _obey(core, state, event)
         if obeyed is not None:
             return obeyed
-    return _new(State, (core.assembler.receive(state.inputs, event, state.moving), *state[1:])), NOTHING
+    frames = (*state.frames, event)
+    state = new(State, state[:-1] + (frames,))  # noqa: RUF005 - copied twice, not four times: this is for every frame
+    return state if len(state.frames) < MOST_FRAMES else judged(core, state), NOTHING
+
+
+def judged(core: Core, state: State) -> State:
+    """The state with the frames that have come since the last tick judged."""
+    inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
+    return state._replace(inputs=inputs, frames=())
 
 
 def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None:
@@ -73,6 +78,7 @@ def _obey(core: Core, state: State, frame: Frame) -> tuple[State, Output] | None
         return _commanded(core, state, command)
     booted = commands.booted(frame)
     if booted is not None:
+        state = judged(core, state)
         return state._replace(inputs=core.assembler.restart(state.inputs, booted)), NOTHING
     return None
 
@@ -106,7 +112,7 @@ def _with_tool(core: Core, state: State, number: int) -> tuple[State, Output]:
     ruling = commands.fitted(number, core.service.tools, state.tool)
     if ruling.verdict or ruling.tool == state.tool:
         return state, Output(ruling.verdict, words=ruling.words)
-    other = core.fitted[ruling.tool]
+    state, other = judged(core, state), core.fitted[ruling.tool]
     weighing = other.weigher.begin()._replace(books=unseen(state.weighing.books))
     known = other.recognizer.begin()
     state = state._replace(weighing=weighing, recognition=known, scale=Scale(), tool=ruling.tool)
@@ -116,7 +122,9 @@ def _with_tool(core: Core, state: State, number: int) -> tuple[State, Output]:
 def _tick(core: Core, state: State, t_us: int) -> State:
     """The state after a tick: sample, channels, filtered rows, load and force; or an estimate with the reason why there
     are none."""
-    sample = core.assembler.sample(state.inputs, t_us)
+    inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
+    state = new(State, (inputs, *state[1:-1], ()))
+    sample = core.assembler.sample(inputs, t_us)
     if sample.late is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
         return state._replace(estimate=held_estimate(state.estimate, t_us, sample.late))
     channels = _channels(core, sample)
@@ -126,44 +134,35 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if state.pipe is None or not TICK_SLACK < periods < core.longest_step:
         reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
         return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
-    pipe, rows, instant = core.pipeline.advance(state.pipe, channels, round(periods))
-    moving = _moving(core, pipe)
+    pipe, instant = core.pipeline.advance(state.pipe, channels, round(periods))
+    usable, moving = instant.usable, _moving(core, instant.speed)
     if pipe.steps <= core.model.settle_steps:
         nothing = _nothing(state, t_us, Reason.STARTING)
         return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
-    usable = np.equal(pipe.waiting, 0.0).astype(np.float64)
-    plain, drifting = core.weigher.left(rows, state.drift)
+    plain = core.weigher.left(instant.kept, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
-    weigh = partial(core.weigher.step, state.weighing, left, usable, t_us, state.drift, drifting)
-    lifted = weigh(curled=_curled(core, channels), beside=_beside(core, state, channels))
+    parts, beside = (state.weighing, left, usable, t_us, state.drift), partial(_beside, core, state, channels)
+    lifted = core.weigher.step(*parts, curled=_curled(core, channels), beside=beside)
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
     (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
     told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
-    seen = Samples(sample.values, pipe, rows, instant, usable, left.torque, forces, *told)
+    seen = new(Samples, (sample.values, pipe, instant, left.torque, forces, *told))
     watch, weighing = _watched(core, state, seen, weighing)
-    now = state._replace(
-        pipe=pipe,
-        sampled_us=t_us,
-        moving=moving,
-        weighing=weighing,
-        drift=_drift(core, state.drift, watch, load, rows, left, usable),
-        recognition=core.recognizer.step(state.recognition, rows, plain, usable),
-        interaction=interaction,
-        watch=watch,
-        rocking=rocking,
-        unexplained=tuple(left.torque.tolist()),
-    )
-    return _booked(now, _estimate(core, now, load, forces, t_us), state.weighing.books.booking)
+    drift = _drift(core, state.drift, watch, load, left, usable)
+    known = core.recognizer.step(state.recognition, plain, usable)
+    moved = (inputs, pipe, weighing, drift, state.scale, t_us, state.estimate, moving, known, interaction, watch)
+    after = new(State, (*moved, *state[11:16], tuple(left.torque), rocking, ()))
+    return _booked(after, _estimate(core, after, load, forces, t_us), state.weighing.books.booking)
 
 
-def _beside(core: Core, state: State, channels: Array) -> Beside:
+def _beside(core: Core, state: State, channels: Numbers) -> Beside:
     """What a weight is to remember: the tool's angle to the house, and what errors of signals would do to it."""
-    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size].tolist())
-    return Beside(tilt, state.watch.unnoticed.slopes)
+    tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size])
+    return new(Beside, (tilt, state.watch.unnoticed.slopes))
 
 
-def _curled(core: Core, channels: Array) -> bool:
+def _curled(core: Core, channels: Numbers) -> bool:
     """Whether the bucket is curled as far as the machine file wants it for a booking."""
     machine = core.service.machine
     return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
@@ -183,15 +182,9 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
 
-def _channels(core: Core, sample: Sample) -> Array | Reason:
+def _channels(core: Core, sample: Sample) -> Numbers | Reason:
     """Joint angles, cylinder forces and attitude (D,) of a sample; or the reason why it is not usable."""
-    worst = max(sample.reasons, default=Reason.NONE)
-    if worst is not Reason.NONE:
-        return worst
-    if _tilted(core, sample):
-        return Reason.TILT
-    channels = core.model.channels.read(sample.values)
-    return channels if isfinite(sum(channels.tolist())) else Reason.END_STOP
+    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.values)
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
@@ -230,21 +223,21 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     return watch, weighing if books is weighing.books else weighing._replace(books=books)
 
 
-def _drift(core: Core, drift: Drift, watch: Watch, load: Load, rows: Rows, left: Residual, usable: Array) -> Drift:
+def _drift(core: Core, drift: Drift, watch: Watch, load: Load, left: Unexplained, usable: Numbers) -> Drift:
     """The drift of friction and zeros after this instant; it changes only while the bucket is known to be empty and
     the sensors agree."""
     if not core.adapts or not watch.suspicion.follows:
         return drift
     if not core.weigher.is_empty(load):
         return core.adapter.loaded(drift)
-    return core.adapter.step(drift, rows, left.torque, np.where(usable, left.variance, np.inf))
+    return core.adapter.step(drift, left, usable)
 
 
 def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -> Estimate:
     """The published estimate: load, load less zero (gross), less tare (net), and forces. OK becomes DEGRADED for
     LONG_FRAME_US after a frame longer than its mapping, while another machine is seen, and of a force while something
     seems to touch the tool that is swung; gross and net are INVALID outside their declared range."""
-    if state.watch.suspicion.level is Level.REJECTED:
+    if state.watch.suspicion.level is REJECTED:
         reason = Reason.NOT_THIS_MACHINE if state.recognition.another else Reason.SENSORS_DISAGREE
         nothing = invalid_force(reason)
         load, forces = invalid_load(reason), Forces(nothing, nothing)
@@ -256,44 +249,42 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
-    load = Load(_with_unnoticed(load.mass, state.watch.unnoticed), load.centre_x, load.centre_z)
+    load = new(Load, (_with_unnoticed(load.mass, state.watch.unnoticed), *load[1:]))
     gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
     net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
     events = state.interaction.contact.events
-    return Estimate(t_us, load, gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+    parts = (gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
+    return new(Estimate, (t_us, load, *parts))
 
 
 def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed) -> Quantity:
     """The mass [kg] with what errors of signals add to its standard error."""
-    return Quantity(mass.value, hypot(mass.standard_error, unnoticed.mass), mass.status, mass.reason)
+    return new(Quantity, (mass.value, hypot(mass.standard_error, unnoticed.mass), *mass[2:]))
 
 
 def _less_sure(forces: Forces, reason: Reason) -> Forces:
     return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
 
 
-def _moving(core: Core, pipe: Pipe) -> Numbers:
+def _moving(core: Core, speed: Numbers) -> Numbers:
     """Per signal whether it should change (1), so that a repeated value means a frozen sensor: a pressure while its own
     cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
-    moves = [1.0 if abs(speed) > MOVING else 0.0 for speed in pipe.speed.tolist()]
-    shaken = max(moves)
-    return array("d", [shaken if c is None else moves[c] for c in core.moved_by])
+    found, by = ZERO * len(core.moved_by), core.moved_by
+    core.pipeline.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
+    return found
 
 
-def _tilted(core: Core, sample: Sample) -> bool:
-    limit = core.service.health.max_tilt
-    return any(abs(sample.values[k]) > limit for k in core.tilts)
-
-
-def _doubts(core: Core, state: State, t_us: int) -> Iterator[Reason]:
+def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
     """Why nothing that is published now is OK."""
+    found = list[Reason]()
     if state.recognition.another and core.tares.identified:
-        yield Reason.NOT_THIS_MACHINE
+        found.append(Reason.NOT_THIS_MACHINE)
     if state.weighing.tool.off is not None:
-        yield Reason.OTHER_TOOL
-    if state.watch.unsure or state.watch.suspicion.level is Level.DOUBTED:
-        yield Reason.SENSORS_DISAGREE
+        found.append(Reason.OTHER_TOOL)
+    if state.watch.suspicion.level is DOUBTED or state.watch.unsure:
+        found.append(Reason.SENSORS_DISAGREE)
     if abs(t_us - state.inputs.long_us) < LONG_FRAME_US:
-        yield Reason.LONG_FRAME
+        found.append(Reason.LONG_FRAME)
     if state.inputs.spoofed(t_us):
-        yield Reason.OWN_IDENTIFIER
+        found.append(Reason.OWN_IDENTIFIER)
+    return found

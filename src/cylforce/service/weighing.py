@@ -1,6 +1,7 @@
 """Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
 tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
@@ -11,10 +12,8 @@ import numpy as np
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, Limits, solver
-from cylforce.estimation.kernel.weighed import GRAM
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import forget, known, solution, update
-from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import (
     GOOD_ENOUGH,
     MIN_SECONDS,
@@ -25,11 +24,13 @@ from cylforce.estimation.residual import (
     load_spread,
 )
 from cylforce.service.adaptation import Adapter, Drift
-from cylforce.service.booking import NOTHING_BESIDE, Beside, Books, Weighed, noted, parted, spilled, unseen
+from cylforce.service.booking import Beside, Books, Weighed, noted, parted, spilled, unseen
 from cylforce.service.loading.lift import Lift, Weight, kept
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
+from cylforce.service.pipeline import Unexplained, unexplained
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
-from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
+from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
+from cylforce.signals.quick import new
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
@@ -40,9 +41,10 @@ EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
 FORGET_SECONDS = 30.0  # s after which old samples of a lift have faded to 1/e; chosen
 REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
-LATER_S = (
-    0.3  # s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
-)
+# s for which a lift must go on before a weight of it is booked: as long as it takes to end one (PATIENCE_S)
+LATER_S = 0.3
+
+NO_LOAD = invalid(Reason.NOT_A_LOAD)
 
 
 class Weighing(NamedTuple):
@@ -125,31 +127,28 @@ class Weigher:
     def step(
         self,
         state: Weighing,
-        left: Residual,
-        usable: Array,
+        left: Unexplained,
+        usable: Numbers,
         t_us: int,
         drift: Drift | None = None,
-        drifting: Array | None = None,
         *,
         curled: bool = True,
-        beside: Beside = NOTHING_BESIDE,
+        beside: Callable[[], Beside] = Beside,
     ) -> tuple[Weighing, Load]:
-        """The state and the load (before zero and tare) after one instant: residual `left`, `usable` (R,) rows, time
-        [us]; the `drift`, which is already subtracted from the residual, and its columns `drifting` (R, D). Without
-        them friction and zeros are those of the tares. A load is noted for booking while the bucket is `curled`; with
-        what is `beside` it."""
+        """The state and the load (before zero and tare) after one instant: what is `left`, `usable` (R,) rows, time
+        [us]; the `drift`, which is already subtracted from what is left. Without it friction and zeros are those of
+        the tares. A load is noted for booking while the bucket is `curled`, with what is then `beside` it."""
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
-        columns = np.zeros((len(left.torque), len(drift.values))) if drifting is None else drifting
-        lift = self._advance(state.lift, left, usable, drift, columns)
+        lift, (concluded, found) = self._advance(state.lift, left, usable, drift)
         books = state.books
         if lift.refused > self._patience:
             lift, books = self._again, parted(books)  # the candidate remains until the bucket is seen empty
         elif not lift.taken and state.lift.taken:
             books = spilled(books)
-        weight = self._conclude(lift, drift)
-        state = Weighing(lift, books, t_us, state.tool)
+        weight = self._weight(found) if lift.kept is concluded else self._conclude(lift, drift)
+        state = new(Weighing, (lift, books, t_us, state.tool))
         load = self._judge(lift, weight)
         if not curled and weight.mass >= SMALLEST * self.model.machine.rated_payload:
             return state, Load(*(degraded(q, Reason.NOT_CURLED) for q in load))
@@ -159,30 +158,45 @@ class Weigher:
         """Whether the bucket is known to be empty and in the air: a load without a value is no empty bucket."""
         return abs(load.mass.value) < EMPTY * self.model.machine.rated_payload
 
-    def left(self, rows: Rows, drift: Drift) -> tuple[Residual, Array]:
-        """The torque that tares and drift do not explain, and the columns (R, D) of the drift."""
-        r = len(rows.torque)
-        found = ZERO * ((3 + drift.values.size) * r)
-        torque = np.ascontiguousarray(rows.torque)
-        self.kernel.explain(self._solver, rows.columns.ravel(), torque, drift.values, found)
-        whole = np.frombuffer(found)
-        own = rows.columns[:, : len(self.model.parameters)]
-        return Residual(whole[:r], whole[r : 2 * r], whole[2 * r : 3 * r], own), whole[3 * r :].reshape(r, -1)
+    def left(self, rows: Numbers, drift: Drift) -> Unexplained:
+        """The torque that tares and drift do not explain of the rows of an instant."""
+        nothing = self._fresh.rested
+        found = ZERO * ((3 + len(drift.values)) * len(nothing))
+        self.kernel.explain(self._solver, rows, drift.values, found)
+        return new(Unexplained, (rows, found, nothing))
 
-    def _advance(self, lift: Lift, left: Residual, usable: Array, drift: Drift, drifting: Array) -> Lift:
-        own, changing, rows = left.columns.ravel(), drifting.ravel(), len(left.torque)
-        work, good = ZERO * (8 * rows), np.asarray(usable, dtype=np.float64)
-        seen = (own, left.torque, left.variance, left.rest, good, lift.kept, lift.rested)
-        fits = self.kernel.gate(self._solver, *seen, drift.values, drift.covariance.ravel(), changing, work)
+    def of_arrays(self, left: Residual) -> Unexplained:
+        """What is left of an instant of a recording, without drift."""
+        return unexplained(left, len(self.model.filtered.regressor.names), len(self._still.values))
+
+    def _advance(
+        self, lift: Lift, left: Unexplained, usable: Numbers, drift: Drift
+    ) -> tuple[Lift, tuple[Numbers, Numbers]]:
+        """The lift after one instant; numbers of a lift, and what the kernel concludes from these."""
+        rows, work, found = len(usable), ZERO * (8 * len(usable)), ZERO * self._concluded
+        seen = (*left, usable, lift.rested, drift.values, drift.covariance, work)
+        if lift.taken < self._long:
+            numbers = lift.kept[:]
+            fits = self.kernel.weigh_load(self._solver, *seen, numbers, found)
+        else:
+            fits = self.kernel.gate(self._solver, *seen, lift.kept)
+            numbers = self._faded(lift, work) if fits else lift.kept
+            if fits:
+                self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
+            self.kernel.conclude(self._solver, numbers, drift.values, drift.covariance, found)
         if not fits:
-            return lift._replace(refused=lift.refused + 1)
+            return lift._replace(kept=numbers, refused=lift.refused + 1), (numbers, found)
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
-            return self._fresh._replace(taken=lift.taken + 1, rested=rested)
-        new = self._faded(lift, work)
-        self.kernel.take(self._solver, own, work, changing, new)
+            return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)
         moving = lift.moving + (fits > 1)
-        return self._watched(Lift(new, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed), drift)
+        lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed))
+        return self._watched(lift, drift), (numbers, found)
+
+    @cached_property
+    def _concluded(self) -> int:
+        """How many numbers the kernel concludes from a lift."""
+        return 7 + len(self.model.parameters) + len(self._still.values)
 
     def _watched(self, lift: Lift, drift: Drift) -> Lift:
         """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
@@ -201,8 +215,6 @@ class Weigher:
     def _faded(self, lift: Lift, work: Numbers) -> Numbers:
         """The numbers of the lift before it takes in the rows of `work`: in long lifts a small share of the
         old information in their directions is forgotten. The estimate and its dependence on the tares do not change."""
-        if lift.taken < self._long:
-            return lift.kept[:]
         rows = np.frombuffer(work).reshape(8, -1)
         columns = rows[:4].reshape(-1, 4)[rows[6] > 0.0]
         if not len(columns):
@@ -219,10 +231,14 @@ class Weigher:
 
     def _conclude(self, lift: Lift, drift: Drift) -> Weight:
         """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
-        found = ZERO * (7 + (len(lift.kept) - GRAM) // 4)
-        self.kernel.conclude(self._solver, lift.kept, drift.values, drift.covariance.ravel(), found)
+        found = ZERO * self._concluded
+        self.kernel.conclude(self._solver, lift.kept, drift.values, drift.covariance, found)
+        return self._weight(found)
+
+    def _weight(self, found: Numbers) -> Weight:
+        """The same of what the kernel has concluded."""
         mass, wrong, x, z, error_x, error_z, drifted = found[:7]
-        return Weight(mass, wrong, complex(x, z), (error_x, error_z), drifted)
+        return new(Weight, (mass, wrong, complex(x, z), (error_x, error_z), drifted))
 
     def _plausible(self, weight: Weight) -> bool:
         """Whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass near
@@ -238,11 +254,12 @@ class Weigher:
         if doubt is not None:
             return invalid_load(doubt)
         status, reason = self._trust(lift, weight)
-        mass = Quantity(weight.mass, weight.standard_error, status, reason)
+        mass = new(Quantity, (weight.mass, weight.standard_error, status, reason))
         if weight.mass < SMALLEST * self.model.machine.rated_payload:
-            return Load(mass, invalid(Reason.NOT_A_LOAD), invalid(Reason.NOT_A_LOAD))
+            return new(Load, (mass, NO_LOAD, NO_LOAD))
         (x, z), (error_x, error_z) = (weight.centre.real, weight.centre.imag), weight.centre_error
-        return Load(mass, Quantity(x, error_x, status, reason), Quantity(z, error_z, status, reason))
+        centre = [new(Quantity, (value, error, status, reason)) for value, error in ((x, error_x), (z, error_z))]
+        return new(Load, (mass, *centre))
 
     def _trust(self, lift: Lift, weight: Weight) -> tuple[Status, Reason]:
         if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:
@@ -272,13 +289,12 @@ class Weigher:
         impossible = not plausible and (weight.mass < 0.0 or not certain)
         return checked(check, weight.mass, limit, empty=plausible and not certain, impossible=impossible)
 
-    def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift, beside: Beside) -> Weighing:
+    def _note(self, state: Weighing, weight: Weight, t_us: int, drift: Drift, beside: Callable[[], Beside]) -> Weighing:
         """The state with what is to be booked, looked at every LATER_S of a lift."""
         if state.lift.taken % self._looks[1]:
             return state
         state = state._replace(tool=self._checked(state.tool, state.lift, weight))
         if self._doubt(state.lift, weight) is not None:
             return state
-        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift)
-        seen = seen._replace(tilt=beside.tilt, slopes=beside.slopes)
+        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift)._replace(**beside()._asdict())
         return state._replace(books=noted(state.books, seen, rated, t_us, self.tares, drift))

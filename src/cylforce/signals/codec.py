@@ -76,7 +76,7 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
 
 class Raw(NamedTuple):
     """How a field becomes a number on the bus: range and step of its SI values, range of the integers that carry a
-    value (None for a float), and what means "no value"."""
+    value (None for a float), and what means "no value"; whether each value in range has such an integer (`fits`)."""
 
     low: float
     high: float
@@ -84,29 +84,46 @@ class Raw(NamedTuple):
     offset: float
     integers: tuple[int, int] | None
     missing: int | float
+    fits: bool
 
 
 class Layout(NamedTuple):
-    """A PDO's `struct` and fields, for encoding."""
+    """A PDO's `struct` and fields, for encoding; `whole`: of integers all of which fit, for each the range of its SI
+    values, step, offset and what means "no value"."""
 
     struct: Struct
     fields: tuple[Raw, ...]
+    whole: tuple[tuple[float, float, float, float, float], ...] = ()
 
 
 @cache
 def layout(pdo: Pdo) -> Layout:
     """How a PDO is encoded."""
-    return Layout(_struct(pdo), tuple(map(_raw_field, pdo.fields)))
+    fields = tuple(map(_raw_field, pdo.fields))
+    whole = tuple((f.low, f.high, f.scale, f.offset, f.missing) for f in fields if f.fits)
+    return Layout(_struct(pdo), fields, whole if len(whole) == len(fields) else ())
 
 
 def _raw_field(f: Field) -> Raw:
-    return Raw(f.low, f.high, f.scale, f.offset, _RAW_RANGES.get(f.code), not_available(f.code))
+    integers = _RAW_RANGES.get(f.code)
+    ends = [(end - f.offset) / f.scale for end in (f.low, f.high)]
+    fits = integers is not None and all(isfinite(end) and integers[0] <= end <= integers[1] for end in ends)
+    return Raw(f.low, f.high, f.scale, f.offset, integers, not_available(f.code), fits)
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
     """Data from the SI values of all fields, in their order."""
-    raws = []
-    for (low, high, scale, offset, integers, missing), value in zip(of.fields, values, strict=True):
+    if of.whole:
+        pairs = zip(of.whole, values, strict=True)
+        raws = [round((v - off) / scale) if low <= v <= high else none for (low, high, scale, off, none), v in pairs]
+        return of.struct.pack(*raws)
+    return of.struct.pack(*_raws(of, values))
+
+
+def _raws(of: Layout, values: Sequence[float]) -> list[float]:
+    """What is sent of each value, where a field's range may be wider than its integers, or it is no integer."""
+    raws = list[float]()
+    for (low, high, scale, offset, integers, missing, _), value in zip(of.fields, values, strict=True):
         if not low <= value <= high or not isfinite(value):
             raws.append(missing)
         elif integers is None:
@@ -114,7 +131,7 @@ def packed(of: Layout, values: Sequence[float]) -> bytes:
         else:
             raw = round((value - offset) / scale)
             raws.append(raw if integers[0] <= raw <= integers[1] else missing)
-    return of.struct.pack(*raws)
+    return raws
 
 
 def _raw_range(code: str) -> tuple[int, int]:

@@ -3,13 +3,14 @@ withheld."""
 
 from collections.abc import Callable
 from enum import IntEnum
-from math import isfinite
+from math import isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.signals.contact import ContactEvent
+from cylforce.signals.quick import new
 
 Array = NDArray[np.float64]
 
@@ -82,12 +83,12 @@ class Quantity(NamedTuple):
 
 def invalid(reason: Reason) -> Quantity:
     """A quantity without a value, with the reason."""
-    return Quantity(float("nan"), float("nan"), Status.INVALID, reason)
+    return new(Quantity, (nan, nan, Status.INVALID, reason))
 
 
 def less(q: Quantity, by: float) -> Quantity:
     """The quantity with its value less `by`."""
-    return Quantity(q.value - by, q.standard_error, q.status, q.reason) if by else q
+    return new(Quantity, (q.value - by, q.standard_error, q.status, q.reason)) if by else q
 
 
 def degraded(q: Quantity, reason: Reason) -> Quantity:
@@ -122,8 +123,8 @@ class Force(NamedTuple):
 
 def invalid_force(reason: Reason) -> Force:
     """A force without a value, with the reason."""
-    nan = float("nan")
-    return Force(invalid(reason), invalid(reason), invalid(reason), invalid(reason), (nan, nan, nan))
+    nothing = invalid(reason)
+    return Force(nothing, nothing, nothing, nothing, (nan, nan, nan))
 
 
 class Booking(NamedTuple):

@@ -8,7 +8,17 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from cylforce.estimation.kernel import followed, inputs, plan, pushed, recognised, rows, solver, weighed
+from cylforce.estimation.kernel import (
+    followed,
+    heard,
+    inputs,
+    plan,
+    pushed,
+    recognised,
+    rows,
+    solver,
+    weighed,
+)
 from cylforce.estimation.kernel.solving import listed
 
 PARTS = (
@@ -22,6 +32,7 @@ PARTS = (
     "pushed.py",
     "recognised.py",
     "followed.py",
+    "heard.py",
 )
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
@@ -29,6 +40,8 @@ INTERPRETED: Any = SimpleNamespace(
     receive=inputs.receive,
     usable=inputs.usable,
     leapt=inputs.leapt,
+    KernelSensors=listed(plan.KernelSensors),
+    sense=plan.sense,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
     KernelDrift=listed(followed.KernelDrift),
@@ -39,16 +52,26 @@ INTERPRETED: Any = SimpleNamespace(
         function.__name__: listed(function)
         for function in (
             rows.slips,
+            rows.moves,
             weighed.explain,
             weighed.gate,
             weighed.take,
             weighed.conclude,
             pushed.push,
-            pushed.soil,
+            pushed.show,
+            weighed.weigh_load,
+            weighed.without_load,
             pushed.learn,
             recognised.gather,
             followed.certain,
             followed.follow,
+            recognised.turn_force,
+            recognised.notice,
+            heard.suspicious,
+            heard.smooth_pressures,
+            heard.group,
+            heard.compare,
+            heard.listen,
         )
     },
 )

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Any
 
-from cylforce.estimation.kernel.pushed import invert
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
+from cylforce.estimation.kernel.solver import invert
 
-INFINITE: Number = 1e300  # N^2 m^2: a variance from which on a row is not used
 FORGETTING: Number = 1e-6  # times the largest: directions below it are not forgotten; as in `recursive`
 
 
@@ -64,9 +63,9 @@ class KernelDrift:
         self.square, self.inverse = as_numbers(numbers[8]), as_numbers(numbers[9])
 
 
-def certain(a: KernelDrift, columns: Numbers, variance: Numbers) -> Count:
-    """How many of the rows, columns (R, K) with `variance` (R,), infinite: not usable, tell something of the drift: the
-    direction of friction is known."""
+def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
+    """How many of the rows, columns (R, K), that are `usable` (R,) tell something of the drift: the direction of
+    friction is known."""
     number = 0
     for r in range(a.r):
         o, unknown, lever = r * a.k, 0.0, 0.0
@@ -74,7 +73,7 @@ def certain(a: KernelDrift, columns: Numbers, variance: Numbers) -> Count:
             unknown += columns[o + a.at_rest[i]]
         for i in range(a.coulombs):
             lever += abs(columns[o + a.coulomb[i]])
-        if variance[r] < INFINITE and unknown / max(lever + unknown, 1e-12) < a.certain:
+        if usable[r] != 0.0 and unknown / max(lever + unknown, 1e-12) < a.certain:
             a.good[number] = r
             number += 1
     return number
@@ -84,8 +83,8 @@ def follow(
     a: KernelDrift,
     number: Count,
     columns: Numbers,
-    torque: Numbers,
-    variance: Numbers,
+    left: Numbers,
+    wider: Numbers,
     factor: Numbers,
     right: Numbers,
     values: Numbers,
@@ -93,7 +92,8 @@ def follow(
     mass: Number,
     new: Numbers,
 ) -> None:
-    """With the `number` rows that `certain` found, `torque` (R,) left by the drift so far: of the information `factor`
+    """With the `number` rows that `certain` found, what the drift so far has `left` of them (`weighed.explain`), what
+    the variance is `wider` by (R,): of the information `factor`
     (N, N) and `right` (N,), the drift `values` (D,), `scale` (2,) and `mass` [kg]: `new`: these after it, with the
     covariance (D, D) of the drift before `scale`."""
     n, d = a.n, a.n - 4
@@ -109,10 +109,10 @@ def follow(
             a.each[j] = a.square[i * n + j]
         rotate_row(a, new, a.inverse[i])
     for m in range(number):
-        r, observed = a.good[m], torque[a.good[m]]
+        r, observed = a.good[m], left[a.good[m]]
         for i in range(d):
             observed += a.rows[m * n + 4 + i] * values[i]
-        weight = 1.0 / sqrt(a.memory * variance[r])
+        weight = 1.0 / sqrt(a.memory * (left[a.r + r] + wider[r]))
         for i in range(n):
             a.each[i] = a.rows[m * n + i] * weight
         rotate_row(a, new, observed * weight)

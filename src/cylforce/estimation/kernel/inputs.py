@@ -35,7 +35,7 @@ TWO_PRODUCERS: Number = 30.0
 
 @record
 class KernelInputs:
-    """S signals in P PDOs. Of PDO i the slots `first`[i] up to `first`[i + 1]: signal and item of the frame; scale,
+    """S signals in P PDOs. PDO i has `items`[i], and the slots `first`[i] up to `first`[i + 1]: signal and item; scale,
     offset, range [SI], and what means "no value" (NaN: nothing does); the PDO's node, shortest period and patience
     [us]. Of each signal the fastest change [SI/s], period [s], noise [SI], age from which on it is late [us], whether
     equal values mean that it is frozen. `hold`, `quiet` [us]; `frozen`, `needed`: numbers of values."""
@@ -47,6 +47,7 @@ class KernelInputs:
     item: Counts
     noisy: Counts
     node: Counts
+    items: Counts
     scale: Numbers
     offset: Numbers
     low: Numbers
@@ -69,7 +70,7 @@ class KernelInputs:
         self.arrays = (counts, numbers)
         self.s, self.p = len(counts[3]), len(counts[4])
         self.first, self.signal, self.item = as_counts(counts[0]), as_counts(counts[1]), as_counts(counts[2])
-        self.noisy, self.node = as_counts(counts[3]), as_counts(counts[4])
+        self.noisy, self.node, self.items = as_counts(counts[3]), as_counts(counts[4]), as_counts(counts[5])
         self.scale, self.offset = as_numbers(numbers[0]), as_numbers(numbers[1])
         self.low, self.high, self.missing = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
         self.period, self.patience = as_numbers(numbers[5]), as_numbers(numbers[6])
@@ -79,17 +80,30 @@ class KernelInputs:
 
 
 def receive(
-    p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, moving: Numbers
+    p: KernelInputs, state: Numbers, sorts: Counts, number: Count, times: Numbers, raw: Numbers, moving: Numbers
 ) -> None:
-    """The `state` before a frame of a PDO becomes that after it: `sort` -1, 0, 1: too short, as mapped, too long; `raw`
-    values of its items; `moving` (S,): not 0 where an equal value means that the sensor is frozen."""
+    """The `state` before a `number` of frames becomes that after them: `sorts` of each its PDO, then -1, 0, 1: too
+    short, as mapped, too long; `times` [us]; `raw`: of each the values of all its items, none if it is too short;
+    `moving` (S,): not 0 where an equal value means that the sensor is frozen."""
+    at = 0
+    for k in range(number):
+        pdo, sort = sorts[2 * k], sorts[2 * k + 1]
+        take_frame(p, state, times[k], pdo, sort, raw, at, moving)
+        at += 0 if sort < 0 else p.items[pdo]
+
+
+@inner
+def take_frame(
+    p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, at: Count, moving: Numbers
+) -> None:
+    """The state after one frame, whose items begin at `at`."""
     paced(p, state, t_us, pdo)
     for i in range(p.first[pdo], p.first[pdo + 1]):
         o = SIGNAL * p.signal[i]
         if sort < 0:
             state[o + 3], state[o + 4] = SHORT, 0.0
         else:
-            judge(p, state, t_us, i, raw[p.item[i]], moving[p.signal[i]])
+            judge(p, state, t_us, i, raw[at + p.item[i]], moving[p.signal[i]])
     if sort != 0:
         frames = SIGNAL * p.s + SENDER * p.p + SENDER * nodes(p)
         state[frames + (1 if sort < 0 else 2)] += 1.0

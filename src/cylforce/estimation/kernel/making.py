@@ -97,6 +97,20 @@ def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Number
     return sizes, physics, [counts(x) for x in whole], [numbers(x) for x in parts]
 
 
+def sensors(model: Model, kind: Any, most: float) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+    """The kernel's form (`kind`: class `KernelSensors`) of which signals give the channels; a chassis tilted by more
+    than `most` [rad] is not used."""
+    machine, read = model.machine, model.channels
+    of_house = [*read.base, *read.house]
+    sizes = [machine.size, len(machine.cylinders), machine.size + len(machine.cylinders) + len(of_house)]
+    tilts = [k for k, s in enumerate(machine.signals) if s.kind in (Kind.PITCH, Kind.ROLL)]
+    whole = [
+        [-1 if k is None else k for k in each] for each in ([*sum(read.turned, ())], [*sum(read.pushed, ())], of_house)
+    ]
+    areas = [x for c in machine.cylinders for x in (c.area_head, c.area_rod, c.rod_pressure)]
+    return kind(counts([*sizes, len(tilts)]), most, [counts(x) for x in (*whole, tilts)], [numbers(areas)])
+
+
 class _Table:
     """Where the columns of a model's effects stand."""
 

@@ -1,10 +1,10 @@
 """The force at the tool at one instant, and its errors: `service.contact.noise` and `service.force`, in plain
 numbers."""
 
-from math import sqrt
+from math import atan2, sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
-from cylforce.estimation.kernel.solver import KernelSolver
+from cylforce.estimation.kernel.solver import KernelSolver, backward, factor, forward, invert
 from cylforce.estimation.kernel.weighed import loaded, quadratic
 
 
@@ -30,7 +30,7 @@ def push(
     lever = reversing + s.c
     own_columns(s, rows, now)
     leave(s, rows, now, drift, found)
-    loaded(s, s.own, s.other)
+    loaded(s, s.own, s.p, s.other)
     for i in range(4 * s.r):
         found[gains + 2 * s.r + i] = s.other[i]
     be_late(s, rows, 2 * now, load, unrest, new)
@@ -182,60 +182,6 @@ def gain(s: KernelSolver, tools: Numbers, o: Count, found: Numbers) -> None:
 
 
 @inner
-def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
-    """Cholesky's factor in the place of the lower triangle of a matrix, of the usable rows alone."""
-    for i in range(size):
-        for j in range(i + 1):
-            if usable[i] != 0.0 and usable[j] != 0.0:
-                total = matrix[i * size + j]
-                for k in range(j):
-                    if usable[k] != 0.0:
-                        total -= matrix[i * size + k] * matrix[j * size + k]
-                matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
-
-
-@inner
-def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
-    for i in range(size):
-        total = x[o + i]
-        for k in range(i):
-            total -= matrix[i * size + k] * x[o + k] if usable[k] != 0.0 else 0.0
-        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
-
-
-@inner
-def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """x <- L'^-1 x of the usable rows."""
-    for i in range(size - 1, -1, -1):
-        total = x[o + i]
-        for k in range(i + 1, size):
-            total -= matrix[k * size + i] * x[o + k] if usable[k] != 0.0 else 0.0
-        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
-
-
-@inner
-def invert(matrix: Numbers, size: Count, into: Numbers, o: Count) -> None:
-    """The inverse of a positive definite matrix whose lower triangle is given, to the place `o` of `into`."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i * size + j]
-            for k in range(j):
-                total -= matrix[i * size + k] * matrix[j * size + k]
-            matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
-    for column in range(size):
-        for i in range(size):
-            total = 1.0 if i == column else 0.0
-            for k in range(i):
-                total -= matrix[i * size + k] * into[o + k * size + column]
-            into[o + i * size + column] = total / matrix[i * size + i]
-        for i in range(size - 1, -1, -1):
-            total = into[o + i * size + column]
-            for k in range(i + 1, size):
-                total -= matrix[k * size + i] * into[o + k * size + column]
-            into[o + i * size + column] = total / matrix[i * size + i]
-
-
 def soil(s: KernelSolver, found: Numbers, load: Numbers, covariance: Numbers, into: Numbers) -> None:
     """Force without the load, (4,) with covariance (4, 4), and its covariance: `into` (2,) and (2, 2)."""
     gains = 2 * s.r + 6
@@ -255,6 +201,53 @@ def soil(s: KernelSolver, found: Numbers, load: Numbers, covariance: Numbers, in
                 for q in range(4):
                     total += seen[4 * i + k] * covariance[4 * k + q] * seen[4 * j + q]
             into[2 + 2 * i + j] = total
+
+
+def show(
+    s: KernelSolver,
+    found: Numbers,
+    load: Numbers,
+    covariance: Numbers,
+    loaded_tool: Count,
+    clear: Number,
+    resultant: Numbers,
+    ground: Numbers,
+) -> None:
+    """What is published of the `found` force: the `resultant` of all that acts on the tool, and of it that of the
+    `ground`, less the load (4,) with covariance (4, 4), where there is one (`loaded_tool`), else less the mass that
+    explains most of it. Each: x, z, size [N], direction [rad], their standard errors - that of the direction per unit
+    of the size -, covariance xx, xz, zz with that of the scale, whether the direction is certain: the size is `clear`
+    standard errors across it; the largest of the first three errors, and of their values."""
+    o, wide = 2 * s.r, 8 * s.r + 8
+    xx, xz, zz = found[wide], found[wide + 1], found[wide + 2]
+    publish(s, found[o], found[o + 1], found[o + 2] + xx, found[o + 3] + xz, found[o + 5] + zz, clear, resultant)
+    if loaded_tool != 0:
+        own = s.spread
+        soil(s, found, load, covariance, own)
+        publish(s, own[0], own[1], own[2] + xx, own[3] + xz, own[5] + zz, clear, ground)
+    else:
+        z = found[o + 1] + found[wide - 2]
+        publish(s, found[o], z, found[o + 2] + xx, found[o + 3] + xz, found[o + 5] + zz, clear, ground)
+
+
+@inner
+def publish(
+    s: KernelSolver, x: Number, z: Number, xx: Number, xz: Number, zz: Number, clear: Number, into: Numbers
+) -> None:
+    """A force as it is published, of x, z [N] with covariance xx, xz, zz [N^2] without that of the scale."""
+    scale = s.scale_error * s.scale_error
+    xx, xz, zz = xx + scale * (x * x), xz + scale * (x * z), zz + scale * (z * z)
+    size = sqrt(x * x + z * z)
+    t, u = (x / size, z / size) if size > 0.0 else (1.0, 0.0)
+    along = abs(t * t * xx + 2.0 * t * u * xz + u * u * zz)
+    across = abs(u * u * xx - 2.0 * t * u * xz + t * t * zz)
+    certain = 1.0 if size > clear * sqrt(across) else 0.0
+    into[0], into[1], into[2], into[3] = x, z, size, atan2(z, x)
+    into[4], into[5] = sqrt(xx), sqrt(zz)
+    into[6] = sqrt(along) if certain != 0.0 else sqrt(along + across)
+    into[7] = sqrt(across) / (size + 1e-9)
+    into[8], into[9], into[10], into[11] = xx, xz, zz, certain
+    into[12], into[13] = max(into[4], into[5], into[6]), size
 
 
 def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest: Numbers) -> None:

@@ -25,8 +25,8 @@ def state_size(p: KernelPlan) -> Count:
 def rows_size(p: KernelPlan) -> Count:
     """Numbers of the rows of a step: columns (R, K) and torques (R) for the weighing, the same of this instant; rate of
     change of the columns (R, K); for each cylinder whether it reverses (C); levers (C, R); place and velocity of the
-    tool (4)."""
-    return 3 * p.r * p.k + 2 * p.r + p.c + p.c * p.r + 4
+    tool (4); which rows are usable (R); speed of the cylinders (C)."""
+    return 3 * p.r * p.k + 3 * p.r + 2 * p.c + p.c * p.r + 4
 
 
 def advance(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
@@ -35,7 +35,7 @@ def advance(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbe
     smooth(p, old, here, new)
     columns(p)
     weighing_rows(p, old, new, out, first)
-    wait(p, old, new)
+    wait(p, old, new, out)
     instant_forces(p, old, here, new, out, first)
     instant_columns(p, old, new, out, first)
     tool(p, out)
@@ -100,16 +100,18 @@ def low_passes(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
 
 
 @inner
-def wait(p: KernelPlan, old: Numbers, new: Numbers) -> None:
+def wait(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
     """Steps for which each row is not used yet, and the cylinders' speed."""
     s = 6 * p.d + 3 * p.r * p.k + 3 * p.r
+    o = 3 * p.r * p.k + 2 * p.r + p.c + p.c * p.r + 4
     for r in range(p.r):
         new[s + r] = old[s + r] - 1.0 if old[s + r] > 1.0 else 0.0
         for c in range(p.c):
             if p.acting[r * p.c + c] and not p.good[c]:
                 new[s + r] = p.waits
+        out[o + r] = 1.0 if new[s + r] == 0.0 else 0.0
     for c in range(p.c):
-        new[s + p.r + c] = p.speed[c]
+        new[s + p.r + c], out[o + p.r + c] = p.speed[c], p.speed[c]
 
 
 @inner
@@ -185,6 +187,20 @@ def slips(
                     p.torque[p.row[j]] = left
                 else:
                     out[p.row[j] * size + s - 1] = (left - p.torque[p.row[j]]) / by
+
+
+def moves(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
+    """`found`, for each of the `signals`: 1 where the cylinder `by` which it changes is faster than `least`; -1: any of
+    them."""
+    shaken = 0.0
+    for c in range(size):
+        if abs(speed[c]) > least:
+            shaken = 1.0
+    for k in range(signals):
+        if by[k] < 0:
+            found[k] = shaken
+        else:
+            found[k] = 1.0 if abs(speed[by[k]]) > least else 0.0
 
 
 @inner

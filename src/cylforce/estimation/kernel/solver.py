@@ -1,10 +1,11 @@
 """What the kernel knows of identified parameters: for the torque that they leave, the load and the force at the tool;
-`solving.py` makes it."""
+`solving.py` makes it. And triangles of symmetric matrices, by which it solves."""
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import Any
 
-from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, record
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
 
 
 @record
@@ -78,3 +79,58 @@ class KernelSolver:
         self.square, self.other = as_numbers(numbers[8]), as_numbers(numbers[9])
         self.some = as_numbers(numbers[10])
         self.loads, self.dry_size = len(numbers[0]), len(numbers[4])
+
+
+@inner
+def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
+    """Cholesky's factor in the place of the lower triangle of a matrix, of the usable rows alone."""
+    for i in range(size):
+        for j in range(i + 1):
+            if usable[i] != 0.0 and usable[j] != 0.0:
+                total = matrix[i * size + j]
+                for k in range(j):
+                    if usable[k] != 0.0:
+                        total -= matrix[i * size + k] * matrix[j * size + k]
+                matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
+
+
+@inner
+def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
+    """x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
+    for i in range(size):
+        total = x[o + i]
+        for k in range(i):
+            total -= matrix[i * size + k] * x[o + k] if usable[k] != 0.0 else 0.0
+        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+
+
+@inner
+def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
+    """x <- L'^-1 x of the usable rows."""
+    for i in range(size - 1, -1, -1):
+        total = x[o + i]
+        for k in range(i + 1, size):
+            total -= matrix[k * size + i] * x[o + k] if usable[k] != 0.0 else 0.0
+        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+
+
+@inner
+def invert(matrix: Numbers, size: Count, into: Numbers, o: Count) -> None:
+    """The inverse of a positive definite matrix whose lower triangle is given, to the place `o` of `into`."""
+    for i in range(size):
+        for j in range(i + 1):
+            total = matrix[i * size + j]
+            for k in range(j):
+                total -= matrix[i * size + k] * matrix[j * size + k]
+            matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
+    for column in range(size):
+        for i in range(size):
+            total = 1.0 if i == column else 0.0
+            for k in range(i):
+                total -= matrix[i * size + k] * into[o + k * size + column]
+            into[o + i * size + column] = total / matrix[i * size + i]
+        for i in range(size - 1, -1, -1):
+            total = into[o + i * size + column]
+            for k in range(i + 1, size):
+                total -= matrix[k * size + i] * into[o + k * size + column]
+            into[o + i * size + column] = total / matrix[i * size + i]

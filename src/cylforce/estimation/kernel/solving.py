@@ -52,7 +52,9 @@ def solver(
     parts = [model.load[tuple(places.T)], tares.values, tares.covariance, errors, dry]
     parts.append(np.zeros((tools, tools)) if prior is None else prior)
     most = max(rows, 4)
-    room = [4 * most, rows * size + 2 * tools * most, most * most, max(size, drifts + 5, 4 * most), size + drifts]
+    signals = cylinders + model.machine.size
+    longest = max(size, drifts + 5 + signals, 4 * most)
+    room = [4 * most, rows * size + 2 * tools * most, most * most, longest, size + drifts]
     parts += [np.zeros(each) for each in room]
     return kernel.KernelSolver(
         counts(sizes),
@@ -84,5 +86,5 @@ def listed(function: Callable[..., Any]) -> Callable[..., Any]:
 def plain(values: Any) -> Any:  # noqa: ANN401 - an argument of the kernel
     """NumPy's array as a list; a list of the kernel's own arrays as lists."""
     if isinstance(values, np.ndarray):
-        return values.tolist()
+        return values.ravel().tolist()
     return [each.tolist() for each in values] if isinstance(values, list) else values

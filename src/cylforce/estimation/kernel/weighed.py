@@ -13,17 +13,17 @@ COVARIANCE: Count = 24
 GRAM: Count = 40
 
 
-def explain(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, found: Numbers) -> None:
-    """Of rows (R, K) with `torque` (R,), the values of the drift (D,): `found` (3 + D, R) is the torque left, its
-    variance, that of friction at rest, and the columns of the drift (R, D)."""
+def explain(s: KernelSolver, rows: Numbers, drift: Numbers, found: Numbers) -> None:
+    """Of `rows`, columns (R, K), then torques (R,), and the values of the drift (D,): `found` (3 + D, R) is the torque
+    left, its variance, that of friction at rest, and the columns of the drift (R, D)."""
     values, changing = s.values, s.changing
     for r in range(s.r):
         o = r * s.k
-        left = torque[r]
+        left = rows[s.r * s.k + r]
         for i in range(s.p):
-            left -= columns[o + i] * values[i]
+            left -= rows[o + i] * values[i]
         for i in range(s.d):
-            x = columns[o + changing[i]]
+            x = rows[o + changing[i]]
             found[3 * s.r + r * s.d + i] = x
             left -= x * drift[i]
         left *= s.scale
@@ -31,7 +31,7 @@ def explain(s: KernelSolver, columns: Numbers, torque: Numbers, drift: Numbers, 
         found[s.r + r] = s.row_error[r] * s.row_error[r] + (s.relative * left) * (s.relative * left)
         rest = 0.0
         for c in range(s.dry_size):
-            rest += columns[o + s.at_rest + c] * s.dry[c]
+            rest += rows[o + s.at_rest + c] * s.dry[c]
         found[2 * s.r + r] = rest * rest
 
 
@@ -53,13 +53,13 @@ def quadratic(s: KernelSolver, matrix: Numbers, begin: Count, size: Count, x: Nu
 
 
 @inner
-def loaded(s: KernelSolver, columns: Numbers, into: Numbers) -> None:
-    """Columns (R, 4) of a load, from those of the tares (R, P)."""
+def loaded(s: KernelSolver, columns: Numbers, size: Count, into: Numbers) -> None:
+    """Columns (R, 4) of a load, from rows of `size` that begin with those of the tares."""
     for r in range(s.r):
         for i in range(4):
             into[4 * r + i] = 0.0
         for i in range(s.loads):
-            into[4 * r + s.load_at[2 * i + 1]] += columns[r * s.p + s.load_at[2 * i]] * s.load[i]
+            into[4 * r + s.load_at[2 * i + 1]] += columns[r * size + s.load_at[2 * i]] * s.load[i]
 
 
 @inner
@@ -80,34 +80,32 @@ def shift(s: KernelSolver, lift: Numbers, drift: Numbers) -> None:
 
 def gate(
     s: KernelSolver,
-    columns: Numbers,
-    torques: Numbers,
-    variances: Numbers,
-    rests: Numbers,
+    rows: Numbers,
+    left: Numbers,
+    wider: Numbers,
     usable: Numbers,
-    lift: Numbers,
     rested: Numbers,
     known: Numbers,
     unsure: Numbers,
-    drifting: Numbers,
     work: Numbers,
+    lift: Numbers,
 ) -> Count:
-    """Whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves. Columns (R, P), torque, variance,
-    friction at rest (R,), `usable` rows; the numbers of the lift, its steps at rest `rested` (R,); of the drift values
-    `known`, covariance `unsure`, columns `drifting` (R, D). `work` (8, R): columns of the load (R, 4), torque with
-    the drift, variance, rows to be taken in, new steps at rest."""
-    loaded(s, columns, work)
+    """Whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves. Its `rows` and what is `left` of
+    them (`explain`), what the variance is `wider` by (R,), `usable` rows (R,); the numbers of the lift, its steps at
+    rest `rested` (R,); of the drift values `known`, covariance `unsure`. `work` (8, R): columns of the load (R, 4),
+    torque with the drift, variance, rows to be taken in, new steps at rest."""
+    loaded(s, rows, s.k, work)
     shift(s, lift, known)
     total, number, moving = 0.0, 0, 0
     for r in range(s.r):
-        torque, variance, rest = torques[r], variances[r], rests[r]
+        torque, variance, rest, drifting = left[r], left[s.r + r] + wider[r], left[2 * s.r + r], 3 * s.r + r * s.d
         by, expected = 0.0, 0.0
         for i in range(s.d):
-            by += drifting[r * s.d + i] * known[i]
+            by += left[drifting + i] * known[i]
         for i in range(4):
             expected += work[4 * r + i] * s.spread[i]
         doubt = quadratic(s, lift, COVARIANCE, 4, work, 4 * r)
-        doubt += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, drifting, r * s.d), s.drifted * variance)
+        doubt += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, left, drifting), s.drifted * variance)
         doubt += variance + s.break_away * s.break_away * rest
         still = rest > variance
         steps = rested[r] + 1.0 if still else 0.0
@@ -125,12 +123,12 @@ def gate(
 
 def take(
     s: KernelSolver,
-    columns: Numbers,
+    rows: Numbers,
+    left: Numbers,
     work: Numbers,
-    drifting: Numbers,
     lift: Numbers,
 ) -> None:
-    """The numbers of a lift become those with an instant that fits: `work` of `gate`."""
+    """The numbers of a lift become those with an instant that fits: `rows`, `left` and `work` of `gate`."""
     size = s.p + s.d
     for r in range(s.r):
         if work[6 * s.r + r] != 0.0:
@@ -140,10 +138,46 @@ def take(
                 s.spread[i] = work[4 * r + i] * weight
                 each = work[4 * r + i] / variance
                 if each != 0.0:
-                    add(lift, GRAM + i * size, each, columns, r * s.p, s.p)
-                    add(lift, GRAM + i * size + s.p, each, drifting, r * s.d, s.d)
+                    add(lift, GRAM + i * size, each, rows, r * s.k, s.p)
+                    add(lift, GRAM + i * size + s.p, each, left, 3 * s.r + r * s.d, s.d)
             rotate(s, lift, work[4 * s.r + r] * weight)
     solve_triangle(s, lift)
+
+
+def weigh_load(
+    s: KernelSolver,
+    rows: Numbers,
+    left: Numbers,
+    wider: Numbers,
+    usable: Numbers,
+    rested: Numbers,
+    known: Numbers,
+    unsure: Numbers,
+    work: Numbers,
+    lift: Numbers,
+    found: Numbers,
+) -> Count:
+    """All three: whether an instant fits the lift, whose numbers become those with it, and what is concluded."""
+    fits = gate(s, rows, left, wider, usable, rested, known, unsure, work, lift)
+    if fits != 0:
+        take(s, rows, left, work, lift)
+    conclude(s, lift, known, unsure, found)
+    return fits
+
+
+def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, over: Numbers, values: Numbers) -> None:
+    """Of an instant (`explain`) the torque `over` (R,) that the load of a lift does not explain either; parameters
+    `values` (P,) of machine and load together."""
+    loaded(s, rows, s.k, s.other)
+    for r in range(s.r):
+        total = 0.0
+        for i in range(4):
+            total += s.other[4 * r + i] * lift[VALUES + i]
+        over[r] = left[r] - total
+    for i in range(s.p):
+        values[i] = s.values[i]
+    for i in range(s.loads):
+        values[s.load_at[2 * i]] += s.load[i] * lift[VALUES + s.load_at[2 * i + 1]]
 
 
 @inner

@@ -73,7 +73,7 @@ class Collector(Station[None]):
         if booted is not None:
             self._inputs = self._assembler.restart(self._inputs, booted)
             return None
-        self._inputs = self._assembler.receive(self._inputs, frame, self._still)
+        self._inputs = self._assembler.receive(self._inputs, (frame,), self._still)
         return NOT_NOW if commands.read(frame, self.service.node_id) else None
 
     def ticked(self, tick: Tick) -> None:

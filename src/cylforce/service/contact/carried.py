@@ -1,5 +1,6 @@
 """The load that the force of the soil does not contain: as the weighing knows it."""
 
+from array import array
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from cylforce.estimation.residual import load_spread
 from cylforce.mechanics.machine import Machine
 from cylforce.service.loading.lift import Lift
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import new
 
 FILLING_S = 5.0  # s of contact in which a bucket can be filled or emptied; chosen
 
@@ -47,12 +49,13 @@ class Carrier:
     def step(self, state: KnownLoad, lift: Lift | None, touching: bool, dt: float) -> KnownLoad:
         """The state after one instant of `dt` [s]: the `lift` where a load hangs."""
         if lift is not None and not touching:
-            return KnownLoad(lift.kept[VALUES:COVARIANCE], lift.kept[COVARIANCE:GRAM], 0.0, True)
-        return KnownLoad(state.values, state.covariance, state.filling + dt * touching, False)
+            return new(KnownLoad, (lift.kept[VALUES:COVARIANCE], lift.kept[COVARIANCE:GRAM], 0.0, True))
+        return new(KnownLoad, (state.values, state.covariance, state.filling + dt * touching, False))
 
     def covariance(self, state: KnownLoad) -> Numbers:
         """Covariance (4, 4) of the load: as weighed, and a bucket that fills while it is in contact."""
         if not state.filling:
             return state.covariance
         filled = min(state.filling / FILLING_S, 1.0) * self._full
-        return numbers(np.frombuffer(state.covariance) + np.multiply.outer(filled, filled).ravel())
+        wider = np.frombuffer(state.covariance) + np.multiply.outer(filled, filled).ravel()
+        return array("d", wider.tobytes())

@@ -11,6 +11,7 @@ from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service.contact.noise import Solved
 from cylforce.service.contact.slope import NO_COURSE, Course, kink
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
+from cylforce.signals.quick import new
 
 # Fitted on machines of another generator (`tools/accuracy events --foreign`), see tools/studies/README.md.
 BEGINS = 100.0  # f' C^-1 f at which contact begins: 10 standard errors; empty motion reached 85 in 75 minutes
@@ -69,12 +70,12 @@ class Watcher:
         recent = state.recent[2:] + array("d", (hypot(seen.x, seen.z), state.recent[-1] + went))
         since = min(state.since_stiff + dt, AGAIN_S)
         if not state.touching:
-            state = Touch(False, state.away, 0.0, 0.0, since, recent, state.course, state.number, state.events)
+            state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, *state[6:]))
             begins = seen.clearness > BEGINS and hypot(seen.x, seen.z + seen.weight) > SMALLEST * self.rated_force
             return self._begun(state, now, seen.clearness) if begins else state
         away = state.away + dt if seen.clearness < ENDS else 0.0
         seconds, path = state.seconds + dt, state.path + went
-        state = Touch(True, away, seconds, path, since, recent, state.course, state.number, state.events)
+        state = new(Touch, (True, away, seconds, path, since, recent, *state[6:]))
         if away >= ENDING_S:
             return self._ended(state, now, seen.clearness)
         return self._slope(self._stiff(state, now, seen), now)

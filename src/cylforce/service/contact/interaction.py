@@ -1,7 +1,6 @@
 """From the rows of an instant to the two forces and the events: resultant of all that acts on the tool, and that of the
 soil, which is the resultant less the load in the bucket."""
 
-from array import array
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from cylforce.service.force import ForceSensor
 from cylforce.service.pipeline import Instant
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
+from cylforce.signals.quick import new
 from cylforce.signals.units import STANDARD_GRAVITY
 
 STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
@@ -75,7 +75,7 @@ class Interactor:
         state: Interaction,
         instant: Instant,
         drift: Array,
-        usable: Array,
+        usable: Numbers,
         weighed: tuple[Weighing, Load],
         t_us: int,
         unnoticed: Array,
@@ -83,7 +83,7 @@ class Interactor:
         """The state and the forces after one instant: its rows, the adapted friction and zeros `drift` (D,),
         `usable` (R,) rows, weighing and load of the same step, time [us], torques (R, H) [N m] by probable errors of
         signals."""
-        if not any(usable.tolist()):
+        if not any(usable):
             nothing = invalid_force(Reason.DEAD_POINT)
             return state._replace(contact=self._watcher.interrupt(state.contact)), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
@@ -91,31 +91,31 @@ class Interactor:
         contact = self._watcher.step(state.contact, t_us, solved, instant.place, instant.velocity)
         if carried.known and not contact.touching:
             unrest = self._noise.learn(unrest, solved, carried.values, self._moving(usable, instant))
-        return Interaction(unrest, carried, contact), self._forces(solved, carried, contact.touching)
+        return new(Interaction, (unrest, carried, contact)), self._forces(solved, carried, contact.touching)
 
     def _forces(self, solved: Solved, carried: KnownLoad, touching: bool) -> Forces:
         """Both forces, wider by errors of signals. The resultant is that of no contact while nothing touches the tool
         or hangs in it. That of the soil is the resultant less the load; in the air with a load that is not known yet:
         less the mass that explains most of it."""
-        x, z, xx, xz, zz, weight = solved[:6]
-        wider_xx, wider_xz, wider_zz = solved.wider
-        hanging = carried.values[0] if carried.known else weight / STANDARD_GRAVITY
+        hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
-        resultant = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, acts)
-        if carried.known or touching:
-            x, z, xx, xz, _, zz = self._noise.soil(solved, carried.values, self._carrier.covariance(carried))
-        else:
-            z += weight
-        soil = self._sensor.force(x, z, xx + wider_xx, xz + wider_xz, zz + wider_zz, touching)
-        return Forces(resultant, soil)
+        load = (carried.values, self._carrier.covariance(carried))
+        resultant, soil = self._noise.show(solved, *load, carried.known or touching)
+        return new(Forces, (self._sensor.force(resultant, acts), self._sensor.force(soil, touching)))
 
     def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
         known = load.mass.status is not Status.INVALID
         lift = weighing.lift if known else None
         return self._carrier.step(state.carried, lift, state.contact.touching, self._watcher.dt)
 
-    def _moving(self, usable: Array, instant: Instant) -> Numbers:
+    @cached_property
+    def _acting(self) -> tuple[tuple[int, ...], ...]:
+        return tuple(tuple(acting) for acting in self.model.acting)
+
+    def _moving(self, usable: Numbers, instant: Instant) -> Numbers:
         """The usable rows (R,) whose cylinders move: 1, else 0."""
-        fast = [abs(speed) > STILL for speed in instant.speed.tolist()]
-        moves = [max([fast[c] for c in acting]) for acting in self.model.acting]
-        return array("d", [good and moving for good, moving in zip(usable.tolist(), moves, strict=True)])
+        speed, found = instant.speed, usable[:]
+        for row, acting in enumerate(self._acting):
+            if all([abs(speed[c]) <= STILL for c in acting]):  # noqa: C419 - a list is quicker than a generator
+                found[row] = 0.0
+        return found

@@ -13,9 +13,10 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.service.contact.hanging_mass import HEAVIEST
-from cylforce.service.force import prior
+from cylforce.service.force import CLEAR, prior
 from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import new
 from cylforce.signals.units import STANDARD_GRAVITY
 
 # The figures below are measured on machines of another generator: see tools/studies/README.md.
@@ -24,6 +25,8 @@ LATE_S = 0.034  # s: the torque of inertia is wrong by this time's change of it
 FADING_S = 0.045  # s in which such an error fades, the delay of the measured speed
 LEARNING_S = 20.0  # s of motion in the air in which the learned variance follows; chosen
 LARGEST = 9.0  # normalised square above which a sample teaches no more than this, so that a blow is not noise; chosen
+
+SHOWN = 14  # numbers of a force, see `pushed.publish`
 
 
 class Unrest(NamedTuple):
@@ -35,8 +38,7 @@ class Unrest(NamedTuple):
 
 class Solved(NamedTuple):
     """Force `x`, `z` [N] with covariance `xx`, `xz`, `zz` [N^2]; the weight [N] of the mass in the bucket that explains
-    most of it; how clear the rest is, f' C^-1 f; `wider`: what errors of signals add to xx, xz, zz; `kept`: what the
-    kernel asks for again."""
+    most of it; how clear the rest is, f' C^-1 f; `kept`: what the kernel asks for again."""
 
     x: float
     z: float
@@ -45,7 +47,6 @@ class Solved(NamedTuple):
     zz: float
     weight: float
     clearness: float
-    wider: tuple[float, float, float]
     kept: Numbers
 
 
@@ -85,27 +86,28 @@ class Noise:
         return Unrest(ZERO * self._size + state.kept[self._size :])
 
     def solve(
-        self, state: Unrest, instant: Instant, usable: Array, load: Numbers, drift: Array, unnoticed: Array
+        self, state: Unrest, instant: Instant, usable: Numbers, load: Numbers, drift: Array, unnoticed: Array
     ) -> tuple[Unrest, Solved]:
         """The state, and the force that explains the torque of the rows marked in `usable` (R,), after one instant with
         a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros; torques
         `unnoticed` (R, H) [N m] by probable errors of signals."""
         r = self._rows
-        new, found = ZERO * len(state.kept), ZERO * (8 * r + 11)
-        wrong, size = np.ascontiguousarray(unnoticed).ravel(), unnoticed.shape[1]
-        self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, new, found)
+        after, found = ZERO * len(state.kept), ZERO * (8 * r + 11)
+        wrong, size = unnoticed, unnoticed.shape[1]
+        self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, after, found)
         x, z, xx, xz, _, zz = found[2 * r : 2 * r + 6]
-        weight, clearness, *wider = found[-5:]
-        return Unrest(new), Solved(x, z, xx, xz, zz, weight, clearness, (wider[0], wider[1], wider[2]), found)
+        seen = (x, z, xx, xz, zz, found[-5], found[-4], found)
+        return Unrest(after), new(Solved, seen)
 
     def learn(self, state: Unrest, solved: Solved, load: Numbers, good: Numbers) -> Unrest:
         """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""
-        new = state.kept[:]
-        self.kernel.learn(self._solver, solved.kept, good, load, new)
-        return Unrest(new)
+        after = state.kept[:]
+        self.kernel.learn(self._solver, solved.kept, good, load, after)
+        return Unrest(after)
 
-    def soil(self, solved: Solved, load: Numbers, covariance: Numbers) -> Numbers:
-        """Force (2,) [N] less that of a load (4,) with covariance (4, 4), and its covariance (2, 2)."""
-        found = ZERO * 6
-        self.kernel.soil(self._solver, solved.kept, load, covariance, found)
-        return found
+    def show(self, solved: Solved, load: Numbers, covariance: Numbers, loaded: bool) -> tuple[Numbers, Numbers]:
+        """What is published of the resultant, and of the force of the soil: less a load (4,) with covariance (4, 4) if
+        one is in the bucket (`loaded`), else less the mass that explains most of it (`pushed.publish`)."""
+        resultant, soil = ZERO * SHOWN, ZERO * SHOWN
+        self.kernel.show(self._solver, solved.kept, load, covariance, loaded, CLEAR, resultant, soil)
+        return resultant, soil

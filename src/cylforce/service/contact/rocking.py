@@ -1,18 +1,22 @@
 """A base that rocks or brakes, and no inertial sensor on it: noticed in the tilt's own motion, and in what the torques
 have in common. It does not correct the weight; it widens the error of every row (mechanics/README.md, section 3)."""
 
-from dataclasses import dataclass
+from array import array
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import cos, sin
-from typing import NamedTuple
+from operator import add
+from typing import Any, NamedTuple
 
-import numpy as np
-
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import MIN_SECONDS, Residual
+from cylforce.estimation.residual import MIN_SECONDS
 from cylforce.service.loading.lift import Lift
-from cylforce.signals.estimate import Array
+from cylforce.service.pipeline import Unexplained
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import new
 
 MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
 # s after which is looked again, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth
@@ -24,10 +28,14 @@ FITS = 9.0  # mean squared remainder in standard errors (3 squared), above which
 WIDEST = 2.0  # m/s^2, standard error of an acceleration before anything is seen: tyres slide at 5; chosen
 
 
+NONE = array("d")
+
+
 class Rocking(NamedTuple):
     """State: variances of the first pin's acceleration forwards and upwards [m^2/s^4] as the torques tell it, and
     variance of the base's angular acceleration [rad^2/s^4] as the tilt tells it; the last mean pitches [rad], newest
-    last, and of the running mean the sum and the number; what is added to the variance of each row (R,) [N^2 m^2]."""
+    last, and of the running mean the sum and the number; what is added to the variance of each row (R,) [N^2 m^2],
+    none: nothing."""
 
     forward: float = 0.0
     upward: float = 0.0
@@ -35,7 +43,7 @@ class Rocking(NamedTuple):
     pitches: tuple[float, ...] = ()
     total: float = 0.0
     number: int = 0
-    wider: Array | float = 0.0
+    wider: Numbers = NONE
 
     def interrupted(self) -> "Rocking":
         """After a gap in the samples."""
@@ -51,10 +59,15 @@ class Rocker:
 
     model: Model
     tares: Tares
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
     def _lag(self) -> int:
         return max(round(LAG_SECONDS * self.model.filters.rate_hz), 1)
+
+    @cached_property
+    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return solver(self.model, self.tares, self.kernel)
 
     @cached_property
     def _share(self) -> float:
@@ -67,31 +80,32 @@ class Rocker:
         return 6.0 * error**2 / self._lag / (self._lag / self.model.filters.rate_hz) ** 4
 
     def step(
-        self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array
-    ) -> tuple[Rocking, Residual]:
-        """The state, and the residual with wider variances, after one instant: `channels` (D,), the present `lift`
+        self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers
+    ) -> tuple[Rocking, Unexplained]:
+        """The state, and what is left with wider variances, after one instant: `channels` (D,), the present `lift`
         before it, `usable` (R,) rows. Looked at every LAG_SECONDS; what a load leaves of the torques is asked once the
         lift is settled."""
         if self.model.channels.inertial:
             return state, left
         forward, upward, turning, pitches, total, number, wider = state
-        state = Rocking(forward, upward, turning, pitches, total + float(channels[-3]), number + 1, wider)
+        state = new(Rocking, (forward, upward, turning, pitches, total + channels[-3], number + 1, wider))
         if state.number >= self._lag:
             state = self._looked(state, left, channels, lift, usable)
-        return state, Residual(left.torque, left.variance + state.wider, left.rest, left.columns)
+        return state, new(Unexplained, (*left[:2], state.wider)) if state.wider else left
 
-    def _looked(self, state: Rocking, left: Residual, channels: Array, lift: Lift, usable: Array) -> Rocking:
+    def _looked(self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers) -> Rocking:
         state = self._tilted(state)
-        levers = self._levers(channels.tolist(), lift.values)
+        over, values = ZERO * len(usable), ZERO * len(self.model.parameters)
+        self.kernel.without_load(self._solver, left.rows, left.kept, lift.kept, over, values)
+        levers = self._levers(channels, values)
         swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
         settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
-        if settled and all(usable.tolist()):
-            variances = (left.variance + left.rest).tolist()
+        if settled and all(usable):
+            variances = list(map(add, left.variance, left.rest))
             wider = [variance + swings * (a * a + b * b) for variance, (a, b) in zip(variances, levers, strict=True)]
-            over = left.torque - (left.columns @ self.model.load) @ lift.values
-            state = self._accelerated(state, over.tolist(), wider, levers)
+            state = self._accelerated(state, over, wider, levers)
         forward, upward = max(state.forward, swings), max(state.upward, swings)
-        return state._replace(wider=np.array([a * a * forward + b * b * upward for a, b in levers]))
+        return state._replace(wider=array("d", [a * a * forward + b * b * upward for a, b in levers]))
 
     def _tilted(self, state: Rocking) -> Rocking:
         """With one mean pitch more."""
@@ -103,11 +117,11 @@ class Rocker:
         turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
         return state._replace(turning=state.turning + self._share * (turn**2 - state.turning))
 
-    def _levers(self, channels: list[float], load: Array) -> list[tuple[float, float]]:
+    def _levers(self, channels: Numbers, values: Numbers) -> list[tuple[float, float]]:
         """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
-        first moment about each joint, sum over the links beyond of (X + i Z) exp(i q)."""
+        first moment about each joint, of the parameters `values` (P,), sum over the links beyond of (X + i Z)
+        exp(i q)."""
         size, angle = self.model.machine.size, channels[-3]
-        values = (self.tares.values + self.model.load @ load)[: 3 * size].tolist()
         own = []
         for j in range(size):
             angle += channels[j]
@@ -120,7 +134,7 @@ class Rocker:
         return [found[j] for j in self.model.machine.rows]
 
     def _accelerated(
-        self, state: Rocking, over: list[float], variances: list[float], levers: list[tuple[float, float]]
+        self, state: Rocking, over: Numbers, variances: list[float], levers: list[tuple[float, float]]
     ) -> Rocking:
         """With the acceleration that explains best what the load leaves, `over` (R,) [N m], its own variance
         subtracted. What is no load at all, as contact or a dump, is not asked, by the variance without what is found

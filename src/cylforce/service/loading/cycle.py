@@ -4,6 +4,7 @@ of the soil."""
 from typing import NamedTuple
 
 from cylforce.signals.estimate import Estimate, Reason, Status
+from cylforce.signals.quick import new
 
 
 class Cycle(NamedTuple):
@@ -33,9 +34,9 @@ def advanced(cycle: Cycle, estimate: Estimate) -> Cycle:
     begun = cycle.begun_us or estimate.t_us
     force = estimate.soil.magnitude
     if force.status is Status.INVALID or force.reason is Reason.NO_CONTACT:
-        return Cycle(begun, cycle.contact_us, cycle.peak, estimate.t_us)
+        return new(Cycle, (begun, cycle.contact_us, cycle.peak, estimate.t_us))
     contact = cycle.contact_us + (estimate.t_us - (cycle.seen_us or estimate.t_us))
-    return Cycle(begun, contact, max(cycle.peak, force.value), estimate.t_us)
+    return new(Cycle, (begun, contact, max(cycle.peak, force.value), estimate.t_us))
 
 
 def ended(cycle: Cycle) -> LastBucket:

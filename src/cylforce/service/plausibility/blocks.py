@@ -6,6 +6,7 @@ block's own, and everyday changes of friction and pressure zeros, can explain. F
 torque per unit of a constant error of it. What is left is then a parabola in the size of that error; its three numbers,
 and the load's mass, are all that is kept of a block."""
 
+from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -15,11 +16,11 @@ import numpy as np
 from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.making import counts
-from cylforce.estimation.kernel.solving import ZERO
+from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import EXPECTED, Model, Tares
-from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import correlated, load_spread, residual
+from cylforce.estimation.residual import correlated, load_spread
 from cylforce.service.adaptation import Drift
+from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -132,34 +133,35 @@ class Gatherer:
         """The state after an interruption of the measurement: the running block starts anew."""
         return self.begin()._replace(load=state.load, errors=state.errors)
 
-    def step(
-        self, state: Gathering, rows: Rows, usable: Array, channels: Array, drift: Drift
-    ) -> tuple[Gathering, Block | None]:
-        """One sample: rows, `usable` (R,), `channels` (D,) about which they are, drift so far. With the block's last
-        sample the block, unless the machine hardly moved. Of the drift only friction is believed: a zero that drifts
-        may be a fault."""
-        forces = rows.columns[:, self._zeros] * self._per_bar
+    def step(self, state: Gathering, instant: Instant, channels: Array, drift: Drift) -> tuple[Gathering, Block | None]:
+        """One sample: an instant, the `channels` (D,) about which its slow rows are, drift so far. With the block's
+        last sample the block, unless the machine hardly moved. Of the drift only friction is believed: a zero that
+        drifts may be a fault."""
+        forces = instant.slow.columns[:, self._zeros] * self._per_bar
         errors = self.tares.scale * np.concatenate([forces, self._angles(channels, state.load)], axis=1)
-        each = self._columns(rows, usable, drift, errors)
-        gram, many = state.gram + each.T @ each, state.rows + len(each)
+        gram, telling = self._with_rows(state.gram, instant, drift, errors)
+        many = state.rows + telling
         state = state._replace(gram=gram, errors=errors, rows=many, samples=state.samples + 1)
         if state.samples < SAMPLES:
             return state, None
-        if state.rows < IN_MOTION * SAMPLES * len(usable):
+        if state.rows < IN_MOTION * SAMPLES * len(errors):
             return self.interrupt(state), None
         return self._ended(state)
 
-    def _columns(self, rows: Rows, usable: Array, drift: Drift, errors: Array) -> Array:
-        """Rows of the block from one sample, in units of their standard errors; none that is not in motion."""
-        changing = rows.columns[:, self.model.changing]
-        adapted = changing[:, : self._frictions] @ drift.values[: self._frictions]
-        left = residual(self.model, self.tares, rows, adapted)
-        telling = np.logical_and(usable, left.rest < left.variance)
-        own = left.columns
-        unsure = ((own @ self.tares.covariance) * own).sum(axis=1)
-        changes = changing * self._everyday(drift)
-        each = np.concatenate([own @ self.model.load, changes, errors, left.torque[:, None]], axis=1)
-        return np.asarray((each / np.sqrt(left.variance + left.rest + unsure)[:, None])[telling])
+    def _with_rows(self, gram: Array, instant: Instant, drift: Drift, errors: Array) -> tuple[Array, int]:
+        """The gram with the rows of one sample, in units of their standard errors; how many these are: none that is not
+        in motion."""
+        kernel, frictions, size = self.kernel, self._frictions, len(errors)
+        adapted = drift.values.copy()
+        adapted[frictions:] = 0.0
+        left, new = ZERO * ((3 + len(adapted)) * size), array("d", gram.tobytes())
+        kernel.explain(self._solver, instant.kept, adapted, left)
+        parts = (instant.kept, left, instant.usable, self._everyday(drift), errors, self.size, 1.0)
+        return np.frombuffer(new).reshape(gram.shape), kernel.gather(self._solver, *parts, new)
+
+    @cached_property
+    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return solver(self.model, self.tares, self.kernel)
 
     def _angles(self, channels: Array, load: Array) -> Array:
         """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what gravity of tares
@@ -185,11 +187,10 @@ class Gatherer:
     def swung(self, channels: Array, force: complex) -> Array:
         """Torque (R, H) [N m] that a unit of each error seems to take from a `force` x + i z [N] at the tool, at
         `channels` (D,): an angle that is read too large turns all that is beyond its joint."""
-        machine = self.model.machine
-        arms = machine.arms * np.exp(1j * (channels[: machine.size].cumsum() + channels[-3]))
-        beyond = arms[::-1].cumsum()[::-1]  # from each pin to the tool
-        outer = beyond[np.maximum.outer(machine.rows, np.array(self.turned, dtype=np.int64))]
-        return np.concatenate([np.zeros((len(outer), len(self.pressed))), -(outer.conj() * force).real], axis=1)
+        rows, turned, forces = len(self.model.machine.rows), counts(self.turned), len(self.pressed)
+        found = ZERO * (rows * self.size)
+        self.kernel.turn_force(self._plan, channels, force.real, force.imag, turned, len(turned), forces, found)
+        return np.frombuffer(found).reshape(rows, self.size)
 
     def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
         gram, known = state.gram / self.memory, len(self.prior)

@@ -2,21 +2,25 @@
 that does not, apart from white noise, is stuck; one that falls to nothing at once is that of a burst hose; one that
 stays below vacuum is off."""
 
-from dataclasses import dataclass
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.heard import GROUP, GROUPS
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
-from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back, white
+from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
+from cylforce.signals.quick import new
 
-GROUP = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
-GROUPS = 16  # of motion of the cylinder that are compared
-EACH_WAY = 4  # of them at least in either direction
 MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen: far above the noise of a speed
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
 # change. A constant with white noise exceeds it once in fifty times; machines in order are at 4 and more.
@@ -27,11 +31,12 @@ CHANGES = 56.118 / (GROUPS - 1)
 # Median variance within groups over that of their white noise, from second differences: above this, oil oscillates.
 # F distribution with 24 and 12.1 degrees of freedom, exceeded by 2 % of single groups of white noise
 COLOURED = 3.1795
-TINY = 1.0  # Pa^2: noise is not less than a pascal
 FALL_STEPS = 5  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order a pressure dips for one step
 FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
 NOTHING = 1e5  # Pa: what is left then, a sensor's error of zero; return lines have 2 bar and more
 VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of zero shows less
+
+NONE = array("d")
 
 
 def pressures(machine: Machine) -> list[int]:
@@ -40,13 +45,14 @@ def pressures(machine: Machine) -> list[int]:
 
 
 class Changes(NamedTuple):
-    """State, of P pressures: the last `readings`, each (P,), of which `fresh` are those of the running group; of the
-    last groups in motion means, variances, ways and white noise (variances) (4, GROUPS, P), 0 where there was none yet;
+    """State, of P pressures: the last `readings` (T, P), one after the other, of which `fresh` are those of the running
+    group; of the last groups in motion means, variances, ways and white noise (variances) (4, GROUPS, P), 0 where there
+    was none yet;
     which pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise."""
 
-    readings: tuple[tuple[float, ...], ...]
+    readings: Numbers
     fresh: int
-    groups: Array
+    groups: Numbers
     constant: NDArray[np.bool_]
     burst: NDArray[np.bool_]
     below: NDArray[np.bool_]
@@ -58,6 +64,7 @@ class Watching:
     """The pressures of one machine."""
 
     machine: Machine
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
     def signals(self) -> list[int]:
@@ -72,44 +79,58 @@ class Watching:
         """Nothing was seen."""
         size = len(self.signals)
         no = np.zeros(size, dtype=bool)
-        return Changes((), 0, np.zeros((4, GROUPS, size)), no, no, no, begun(size))
+        return Changes(NONE, 0, ZERO * (4 * GROUPS * size), no, no, no, begun(size))
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
-        return state._replace(readings=(), fresh=0)
+        return state._replace(readings=NONE, fresh=0)
 
-    def step(self, state: Changes, values: Array, speed: Array) -> Changes:
-        """One step: all signals (S,), speed (C,) [m/s] of the cylinders."""
+    def now(self, values: Array) -> Numbers:
+        """The pressures (P,) among all signals (S,)."""
         each = values.tolist()
-        now = tuple([each[k] for k in self.signals])
-        state = Changes((*state.readings, now), state.fresh + 1, *state[2:])
-        if min(now, default=NOTHING) < NOTHING and len(state.readings) > 2 * FALL_STEPS:
-            most = np.array(state.readings[-FALL_STEPS:]).max(axis=0)
-            fallen = (most < NOTHING) & (np.array(state.readings[-1 - 2 * FALL_STEPS]) > FALLS)
-            below = state.below | (most < VACUUM)
-            state = state._replace(burst=state.burst | (fallen & ~below), below=below)
-        return self._grouped(state, speed[self._cylinders]) if state.fresh == GROUP else state
+        return array("d", [each[k] for k in self.signals])
 
-    def _grouped(self, state: Changes, way: Array) -> Changes:
-        """With the group that has ended, of the pressures whose cylinders move, `way` (P,) [m/s]."""
-        group, moved = np.array(state.readings[-GROUP:]), np.abs(way) > MOVES
-        state = state._replace(readings=state.readings[-2 * FALL_STEPS :], fresh=0)
+    def step(self, state: Changes, now: Numbers, speed: Sequence[float]) -> Changes:
+        """One step: the pressures (P,) `now`, speed (C,) [m/s] of the cylinders."""
+        readings, fresh = state.readings + now, state.fresh + 1
+        state = new(Changes, (readings, fresh, *state[2:]))
+        if min(now, default=NOTHING) < NOTHING:
+            state = self._fallen(state)
+        return self._grouped(state, speed) if fresh == GROUP else state
+
+    def _fallen(self, state: Changes) -> Changes:
+        """With the pressures that fell to nothing at once, and those below vacuum."""
+        last = np.frombuffer(state.readings).reshape(-1, len(self.signals))
+        if len(last) <= 2 * FALL_STEPS:
+            return state
+        most = last[-FALL_STEPS:].max(axis=0)
+        fallen = (most < NOTHING) & (last[-1 - 2 * FALL_STEPS] > FALLS)
+        below = state.below | (most < VACUUM)
+        return state._replace(burst=state.burst | (fallen & ~below), below=below)
+
+    def _grouped(self, state: Changes, speed: Sequence[float]) -> Changes:
+        """With the group that has ended, of the pressures whose cylinders move, at `speed` (C,) [m/s]."""
+        readings, size = state.readings, len(self.signals)
+        state = state._replace(readings=readings[-2 * FALL_STEPS * size :], fresh=0)
+        way = array("d", [speed[c] for c in self._cylinders])
+        moved = np.array([abs(each) > MOVES for each in way])
         if not moved.any():
             return state
-        middle = group.sum(axis=0) / GROUP
-        new = np.empty_like(state.groups)
-        new[:, :-1], new[0, -1], new[2, -1] = state.groups[:, 1:], middle, np.sign(way)
-        new[1, -1] = ((group - middle) ** 2).sum(axis=0) / (GROUP - 1)
-        new[3, -1] = white(group)
-        groups = np.where(moved, new, state.groups)
-        state = state._replace(groups=groups, noises=listened(state.noises, group, groups[:2], moved))
-        forwards, backwards = (groups[2] > 0.0).sum(axis=0), (groups[2] < 0.0).sum(axis=0)
-        judged = (np.minimum(forwards, backwards) >= EACH_WAY) & (forwards + backwards == GROUPS)
-        if not judged.any():
-            return state
-        noise, whitest = np.sort(groups[[1, 3]], axis=1)[:, GROUPS // 2]
-        ratio = groups[0].var(axis=0, ddof=1) * GROUP / np.maximum(noise, TINY)
-        coloured = noise > COLOURED * np.maximum(whitest, TINY)
+        groups, begin = state.groups[:], len(readings) // size - GROUP
+        self.kernel.group(size, readings, begin, way, MOVES, groups)
+        group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
+        tables = np.frombuffer(groups).reshape(4, GROUPS, size)
+        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], moved))
+        ratios = ZERO * (2 * size)
+        return self._compared(state, ratios) if self.kernel.compare(size, groups, ZERO * GROUPS, ratios) else state
+
+    def _compared(self, state: Changes, ratios: Numbers) -> Changes:
+        """With what the groups' `ratios` (2, P) say, of their means and of their noise; -1: nothing yet."""
+        ratio, noise = np.reshape(ratios, (2, -1))
+        judged, coloured = ratio >= 0.0, noise > COLOURED
         still = (ratio <= np.where(state.constant, CHANGES, CONSTANT)) & ~coloured
-        noises = taken_back(state.noises, judged & ((ratio > CHANGES) | coloured), GROUPS)
-        return state._replace(constant=np.where(judged, still, state.constant), noises=noises)
+        constant = np.where(judged, still, state.constant)
+        if (constant == state.constant).all():
+            constant = state.constant
+        back = judged & ((ratio > CHANGES) | coloured)
+        return state._replace(constant=constant, noises=taken_back(state.noises, back, GROUPS))

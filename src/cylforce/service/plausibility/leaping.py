@@ -7,19 +7,24 @@ one was: curves through the first readings of one and the last ones of the other
 with a step leaves less. By how much: the log likelihood ratio, with the noise that is left, but at least the
 sensor's. Either must also be more probable than a blow, by which every pressure may step or do anything."""
 
-from dataclasses import dataclass
+from array import array
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import exp, log, pi, sqrt
-from operator import gt, sub
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
-from cylforce.service.plausibility.changing import pressures
+from cylforce.service.plausibility.changing import NONE, pressures
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
+from cylforce.signals.quick import new
 
 # Readings before and after a leap, and the degree of the curves. Chosen on foreign machines 1 to 5 (tools/faulting)
 BEFORE, AFTER, DEGREE = 10, 5, 3
@@ -33,10 +38,11 @@ Pairs = tuple[tuple[int, int], ...]
 
 
 class Leaps(NamedTuple):
-    """State, of P pressures: the last `readings`, each (P,) [Pa]; `steps` of the filters at the last one; the leap that
-    is doubted, the steps `since` which it is, and what seconds in the air said against it (`votes`)."""
+    """State, of P pressures: the last `readings` (T, P) [Pa], one after the other; `steps` of the filters at the last
+    one; the leap that is doubted, the steps `since` which it is, and what seconds in the air said against it
+    (`votes`)."""
 
-    readings: tuple[tuple[float, ...], ...] = ()
+    readings: Numbers = NONE
     steps: int = 0
     doubt: SensorDoubt = NOTHING_SUSPECTED
     since: int = 0
@@ -49,6 +55,7 @@ class Leaping:
 
     machine: Machine
     rate_hz: float
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @cached_property
     def signals(self) -> list[int]:
@@ -88,7 +95,8 @@ class Leaping:
         """Curves (W, DEGREE + 1) and, last, a step, orthonormal."""
         t = np.arange(BEFORE + AFTER) - (BEFORE + AFTER - 1) / 2.0
         powers = [t**k for k in range(DEGREE + 1)]
-        return np.asarray(np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))[0])
+        found, _ = np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))
+        return np.ascontiguousarray(found)
 
     @cached_property
     def _arbitrary(self) -> Array:
@@ -100,11 +108,11 @@ class Leaping:
         return np.stack([step, AFTER * (widths - 0.5)])
 
     @cached_property
-    def _gate(self) -> tuple[float, ...]:
+    def _gate(self) -> Numbers:
         """Change (P,) [Pa] within a reading below which nothing is looked for: half of the least leap that could be
         doubted, that of two signals."""
         least = sqrt(FREE * (exp(self.least / FREE) - 1.0)) / abs(float(self._curves[BEFORE:, -1].sum()))
-        return tuple((0.5 * least * np.sqrt(self._noise)).tolist())
+        return numbers(0.5 * least * np.sqrt(self._noise))
 
     def begin(self) -> Leaps:
         """Nothing was seen."""
@@ -112,9 +120,9 @@ class Leaping:
 
     def interrupt(self, state: Leaps) -> Leaps:
         """The measurement stopped, and the filters begin anew: what was read before says nothing of what follows."""
-        return state._replace(readings=(), steps=0, since=0)
+        return state._replace(readings=NONE, steps=0, since=0)
 
-    def step(self, state: Leaps, now: tuple[float, ...], steps: int) -> Leaps:
+    def step(self, state: Leaps, now: Numbers, steps: int) -> Leaps:
         """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
         filled by linear interpolation."""
         if steps % self._every or not now:
@@ -122,38 +130,33 @@ class Leaping:
         missing = (steps - state.steps) // self._every - 1
         if missing or not state.readings:
             state = self._filled(state, now, missing)
-        readings = (*state.readings[1 - BEFORE - AFTER :], now)
-        if len(readings) == BEFORE + AFTER and self._suspicious(readings):
-            doubt = self.leap(np.array(readings))
+        size = len(now)
+        readings = state.readings[(1 - BEFORE - AFTER) * size :] + now
+        enough = len(readings) == (BEFORE + AFTER) * size
+        if enough and self.kernel.suspicious(size, readings, BEFORE, self._gate):
+            doubt = self.leap(np.frombuffer(readings).reshape(-1, size))
             if doubt.level is not Level.FINE:
-                return Leaps((), steps, doubt, steps)
-        return Leaps(readings, steps, *state[2:])
+                return Leaps(NONE, steps, doubt, steps)
+        return new(Leaps, (readings, steps, *state[2:]))
 
-    def _filled(self, state: Leaps, now: tuple[float, ...], missing: int) -> Leaps:
+    def _filled(self, state: Leaps, now: Numbers, missing: int) -> Leaps:
         """The state with readings in place of some that are missing; after too many it begins anew."""
         if not 0 <= missing <= AFTER or not state.readings:
-            return state._replace(readings=())
-        before, filled = state.readings[-1], state
+            return state._replace(readings=NONE)
+        before, filled = state.readings[-len(now) :], state
         for k in range(1, missing + 1):
-            between = tuple([a + (b - a) * k / (missing + 1) for a, b in zip(before, now, strict=True)])
+            between = array("d", [a + (b - a) * k / (missing + 1) for a, b in zip(before, now, strict=True)])
             filled = self.step(filled, between, filled.steps + self._every)
         return filled
 
-    def _suspicious(self, readings: tuple[tuple[float, ...], ...]) -> bool:
-        """Whether a pressure changes by enough to be looked at, and by as much more than before and after."""
-        first, last, new, then = readings[BEFORE - 2 : BEFORE + 2]
-        if not any(map(gt, map(abs, map(sub, new, last)), self._gate)):
-            return False
-        rows = zip(first, last, new, then, self._gate, strict=True)
-        return any(abs(b - a) > least < abs(1.5 * (b - a) - 0.5 * (d - c)) for c, a, b, d, least in rows)
-
     def leap(self, readings: Array) -> SensorDoubt:
         """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
-        along = self._curves.T @ readings
-        own = (readings**2).sum(axis=0) - (along[:-1] ** 2).sum(axis=0)
-        plain, stepped = self._misfit(own, self._noise), self._misfit(own - along[-1] ** 2, self._noise)
-        if self._smooth(plain, stepped):
+        size = readings.shape[1]
+        misfit, (pairs, most) = ZERO * (2 * size), self._pairs
+        told = (DEGREE + 1, self._noise, float(FREE), self.least, pairs, len(self.exchanges), most)
+        if self.kernel.smooth_pressures(size, readings, BEFORE + AFTER, self._curves, *told, misfit):
             return NOTHING_SUSPECTED
+        along, (plain, stepped) = self._curves.T @ readings, np.frombuffer(misfit).reshape(2, size)
         blow = self._blow(plain, stepped)
         swapped = self._swapped(self._left(readings), plain, blow)
         if swapped:
@@ -166,12 +169,12 @@ class Leaping:
         size = float(along[-1, most] / self._curves[BEFORE:, -1].sum())
         return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[most],), size)
 
-    def _smooth(self, plain: Array, stepped: Array) -> bool:
-        """Whether no leap can be sure: it explains at most all that is left."""
-        if (plain - stepped).max() > self.least:
-            return False
-        most = plain.tolist()
-        return all(sum(2.0 * min(most[a], most[b]) for a, b in pairs) <= self.least for pairs in self.exchanges)
+    @cached_property
+    def _pairs(self) -> tuple[Counts, int]:
+        """The pairs of each exchange as the kernel takes them, and the most that one has."""
+        most = max(map(len, self.exchanges), default=0)
+        filled = [(*pairs, *[(-1, -1)] * (most - len(pairs))) for pairs in self.exchanges]
+        return counts(p for pairs in filled for pair in pairs for p in pair), most
 
     def _blow(self, plain: Array, stepped: Array) -> float:
         """Log likelihood [nats] that all pressures are hit: each is as likely to go on, to step, or to do anything."""

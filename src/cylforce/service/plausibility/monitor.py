@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Drift
@@ -31,6 +31,7 @@ from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
 from cylforce.service.weighing import LATER_S
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import new
 
 NEVER = -1  # in place of a sample
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 2.2
@@ -63,16 +64,13 @@ class Watch(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """What one step shows: all signals (S,), filters, rows, those of the instant, which rows are `usable` (R,), torque
-    `left` by the tares and the drift (R,) [N m], forces, the drift so far, gross weight [kg], samples `taken` of the
-    lift, signals that `leapt` and stayed there."""
+    """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
+    forces, the drift so far, gross weight [kg], samples `taken` of the lift, signals that `leapt` and stayed there."""
 
     values: Array
     pipe: Pipe
-    rows: Rows
     instant: Instant
-    usable: Array
-    left: Array
+    left: Numbers
     forces: Forces
     drift: Drift
     gross: Quantity
@@ -140,31 +138,31 @@ class Monitor:
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
-        changes = self._watching.step(state.changes, seen.values, seen.pipe.speed)
-        before = state.changes
-        leaps = self._leaping.step(state.leaps, changes.readings[-1], seen.pipe.steps)
+        now, before = self._watching.now(seen.values), state.changes
+        changes = self._watching.step(before, now, seen.instant.speed)
+        leaps = self._leaping.step(state.leaps, now, seen.pipe.steps)
         looked = seen.leapt != state.leapt or not (
             changes.constant is before.constant
             and changes.burst is before.burst
             and changes.below is before.below
-            and changes.noises is before.noises
+            and (changes.noises is before.noises or changes.noises.lost == before.noises.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        state = Watch(*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, state.lighter)
+        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, *state[11:]))
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
-        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
+        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, np.asarray(seen.left))
         middle = smooth.mean(axis=0)
-        gathering, block = self._gatherer.step(state.gathering, seen.rows, seen.usable, middle, seen.drift)
+        gathering, block = self._gatherer.step(state.gathering, seen.instant, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
         turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
-        told = (gathering, turned, seen.taken, seen.drift)
-        unnoticed = self._noticing.step(state.unnoticed, *told, hangs=bool(hangs))
+        now = (gathering, turned, seen.taken, seen.drift)
+        unnoticed = self._noticing.step(state.unnoticed, *now, hangs=bool(hangs))
         light, lighter = self._light(state, seen.gross, seen.taken)
         state = state._replace(gathering=gathering, driven=driven, light=light, lighter=lighter, unnoticed=unnoticed)
         if gathering.samples:

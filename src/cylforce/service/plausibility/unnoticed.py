@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import Probable
 from cylforce.service.plausibility.blocks import EVERY, LOAD, SAMPLES, Gatherer, Gathering
@@ -70,11 +72,14 @@ class Noticing:
         state = (self.interrupt(state) if taken < state.taken else state)._replace(taken=taken)
         if hangs and taken >= SAMPLES * EVERY:
             state = self._with(state, self.gatherer.less(gathering.last, drift))
-        rows = (state.lift + gathering.gram)[:LOAD] / self.gatherer.memory
-        mass = np.linalg.inv(rows[:, :LOAD] + np.diag(self.gatherer.prior[:LOAD]))[0]
-        slopes = mass @ rows[:, -1 - self.gatherer.size : -1]
+        of, slopes = self.gatherer, ZERO * self.gatherer.size
+        told = (len(state.lift), of.prior, of.memory, of.size, ZERO * (2 * LOAD * LOAD))
+        choice.chosen().notice(state.lift, gathering.gram, *told, slopes)
+        return self._wider(state, np.frombuffer(slopes), (gathering.errors + turned) * state.probable.sizes)
+
+    def _wider(self, state: Unnoticed, slopes: Array, torques: Array) -> Unnoticed:
+        """With what errors of signals do at the moment."""
         wrong = float(np.linalg.norm(slopes * state.probable.expected))
-        torques = (gathering.errors + turned) * state.probable.sizes
         return state._replace(slopes=slopes, torques=torques, mass=wrong)
 
     def _with(self, state: Unnoticed, block: Array) -> Unnoticed:

@@ -1,0 +1,228 @@
+"""What pressures say by themselves: `service.plausibility` `changing`, `quiet` and the first look of `leaping`, in
+plain numbers. Tables of groups are (G, P), of P pressures."""
+
+from math import log
+
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
+
+GROUP: Count = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
+GROUPS: Count = 16  # of motion of the cylinder that are compared
+EACH_WAY: Count = 4  # of them at least in either direction
+TINY: Number = 1.0  # Pa^2: noise is not less than a pascal
+NOISES: Count = 64  # groups whose noise is remembered, 16 s of motion
+LATEST: Count = 8  # of them, 2 s, in which it may be gone already
+KNOWN: Count = 24  # groups before them that must be known; chosen
+SECOND: Number = 6.0  # times the variance of white noise is that of its second differences
+CODES: Count = 2  # readings of no more values show the sensor's digits, not its noise
+
+
+def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:
+    """Whether one of the pressures `readings` (T, P) changes with the reading number `before` by more than its gate
+    (P,), and by as much more than with those around it."""
+    o = before * p
+    for i in range(p):
+        by = readings[o + i] - readings[o - p + i]
+        around = readings[o + p + i] - readings[o - 2 * p + i]
+        if abs(by) > gates[i] and gates[i] < abs(1.5 * by - 0.5 * around):
+            return 1
+    return 0
+
+
+def smooth_pressures(
+    p: Count,
+    readings: Numbers,
+    size: Count,
+    curves: Numbers,
+    bends: Count,
+    noise: Numbers,
+    free: Number,
+    least: Number,
+    pairs: Counts,
+    exchanges: Count,
+    most: Count,
+    misfit: Numbers,
+) -> Count:
+    """Whether no leap in `readings` (T, P) can be sure, as all that `curves` (T, bends + 1), of which the last is a
+    step, leave of them is less than the `least` log likelihood ratio. `misfit` (2, P): minus the log likelihood [nats]
+    of what the curves leave without and with the step, of a variance of its own, but at least the `noise` (P,), with
+    so many degrees of freedom; `pairs` (X, most, 2) of pressures that may be exchanged, -1: no more."""
+    sure, before = 0, 0.0
+    for i in range(p):
+        left = squares_of(readings, i, p, size, 0.0)
+        for k in range(bends + 1):
+            along = 0.0
+            for t in range(size):
+                along += curves[t * (bends + 1) + k] * readings[t * p + i]
+            before, left = left, left - along * along
+        misfit[i] = 0.5 * free * log(max(before / (free * noise[i]), 1.0))
+        misfit[p + i] = 0.5 * free * log(max(left / (free * noise[i]), 1.0))
+        if misfit[i] - misfit[p + i] > least:
+            sure = 1
+    for x in range(exchanges):
+        total = 0.0
+        for m in range(most):
+            a, b = pairs[2 * (x * most + m)], pairs[2 * (x * most + m) + 1]
+            if a >= 0:
+                total += 2.0 * min(misfit[a], misfit[b])
+        if total > least:
+            sure = 1
+    return 1 - sure
+
+
+def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
+    """Mean, variance, way and white noise (4, G, P) of the `groups` with that of the `readings` (T, P) from `begin` on,
+    of each pressure whose cylinder moves, `way` (P,)."""
+    size = GROUPS * p
+    for i in range(p):
+        if abs(way[i]) > moves:
+            for k in range(4):
+                for g in range(GROUPS - 1):
+                    groups[k * size + g * p + i] = groups[k * size + (g + 1) * p + i]
+            last = size - p + i
+            middle = mean_of(readings, begin * p + i, p, GROUP)
+            groups[last], groups[2 * size + last] = middle, 1.0 if way[i] > 0.0 else -1.0
+            groups[size + last] = squares_of(readings, begin * p + i, p, GROUP, middle) / (GROUP - 1)
+            groups[3 * size + last] = second_differences(p, readings, begin, GROUP, i)
+
+
+@inner
+def mean_of(x: Numbers, begin: Count, step: Count, size: Count) -> Number:
+    """Mean of every `step`th number."""
+    total = 0.0
+    for k in range(size):
+        total += x[begin + k * step]
+    return total / size
+
+
+@inner
+def squares_of(x: Numbers, begin: Count, step: Count, size: Count, middle: Number) -> Number:
+    """Sum of their squares about the middle."""
+    total = 0.0
+    for k in range(size):
+        total += (x[begin + k * step] - middle) * (x[begin + k * step] - middle)
+    return total
+
+
+@inner
+def in_order(x: Numbers, begin: Count, step: Count, size: Count, above: Number, place: Count, work: Numbers) -> Number:
+    """The number with that place, from 0 on, in the order of those that are larger than `above`."""
+    many = 0
+    for k in range(size):
+        each = x[begin + k * step]
+        if each > above:
+            at = min(many, place + 1)
+            while at > 0 and work[at - 1] > each:
+                work[at] = work[at - 1]
+                at -= 1
+            if at <= place:
+                work[at] = each
+            many = min(many + 1, place + 1)
+    return work[place]
+
+
+def compare(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
+    """Of each pressure with enough groups either way: variance (P,) of the groups' means over that expected from the
+    noise within them, else -1; and that noise over its white part (P,). How many these are. `work`: GROUPS numbers."""
+    size, number = GROUPS * p, 0
+    for i in range(p):
+        forwards, backwards = 0, 0
+        for g in range(GROUPS):
+            forwards += groups[2 * size + g * p + i] > 0.0
+            backwards += groups[2 * size + g * p + i] < 0.0
+        ratios[i], ratios[p + i] = -1.0, 0.0
+        if min(forwards, backwards) >= EACH_WAY and forwards + backwards == GROUPS:
+            noise = in_order(groups, size + i, p, GROUPS, -1.0, GROUPS // 2, work)
+            middle = mean_of(groups, i, p, GROUPS)
+            varied = squares_of(groups, i, p, GROUPS, middle) / (GROUPS - 1)
+            ratios[i] = varied * GROUP / max(noise, TINY)
+            white = in_order(groups, 3 * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
+            ratios[p + i] = noise / max(white, TINY)
+            number += 1
+    return number
+
+
+def listen(
+    p: Count,
+    readings: Numbers,
+    size: Count,
+    groups: Numbers,
+    number: Count,
+    moved: Numbers,
+    tenth: Number,
+    quiet: Numbers,
+    limits: Count,
+    work: Numbers,
+    state: Numbers,
+) -> None:
+    """Noise of pressures, after a group of `size` readings (T, P), of those that `moved` (P,): the `state` is the noise
+    that is known (NOISES, P), 0: not yet, and in how many groups it has been gone (P,). `groups` (2, G, P): means and
+    variances of a `number` of groups, with this one; `quiet`: the `limits` of `quiet.QUIET`. What is heard while noise
+    is gone is not remembered."""
+    for i in range(p):
+        if moved[i] != 0.0:
+            noise, since = second_differences(p, readings, 0, size, i), NOISES * p + i
+            gone = 1 if state[since] > 0.0 else 0
+            if gone == 0 and digits(p, readings, size, i) > CODES:
+                gone = less_than_known(p, groups, number, size, i, tenth, quiet, limits, work, state)
+            if gone:
+                state[since] += 1.0
+            elif noise > 0.0:
+                for k in range(NOISES - 1):
+                    state[k * p + i] = state[(k + 1) * p + i]
+                state[since - p] = noise
+
+
+@inner
+def second_differences(p: Count, x: Numbers, begin: Count, size: Count, i: Count) -> Number:
+    """Variance of white noise in readings from `begin` on, by second differences."""
+    total = 0.0
+    for k in range(begin, begin + size - 2):
+        a, b, c = x[k * p + i], x[(k + 1) * p + i], x[(k + 2) * p + i]
+        total += ((c - b) - (b - a)) * ((c - b) - (b - a))
+    return total / (SECOND * (size - 2))
+
+
+@inner
+def digits(p: Count, x: Numbers, size: Count, i: Count) -> Count:
+    """How many values there are among the readings."""
+    found = 0
+    for k in range(size):
+        new = 1
+        for j in range(k):
+            if x[j * p + i] == x[k * p + i]:
+                new = 0
+        found += new
+    return found
+
+
+@inner
+def less_than_known(
+    p: Count,
+    groups: Numbers,
+    number: Count,
+    size: Count,
+    i: Count,
+    tenth: Number,
+    quiet: Numbers,
+    limits: Count,
+    work: Numbers,
+    state: Numbers,
+) -> Count:
+    """Whether the last groups vary less than by the noise that is known of the time before them: all readings of the
+    last 1, 2, ... groups."""
+    many, count = 0, NOISES - LATEST
+    for k in range(count):
+        many += state[k * p + i] > 0.0
+    if many < KNOWN:
+        return 0
+    own = in_order(state, i, p, count, 0.0, many // 10, work) / tenth
+    squares, total, inside = 0.0, 0.0, 0.0
+    last = (number - 1) * p + i
+    for k in range(min(limits, number)):
+        o = last - k * p
+        middle = groups[o] - groups[last]
+        squares, total, inside = squares + middle * middle, total + middle, inside + groups[number * p + o]
+        apart = squares - total * total / (k + 1)
+        if ((size - 1) * inside + size * apart) / (size * (k + 1) - 1) < quiet[k] * own:
+            return 1
+    return 0
