@@ -121,7 +121,8 @@ class _Trusting:
     def begin(self) -> Watch:
         return self._state
 
-    def interrupt(self, state: Watch) -> Watch:
+    def interrupt(self, state: Watch, *, frozen: bool = False) -> Watch:
+        del frozen
         return state
 
     def step(self, state: Watch, *rest: object) -> Watch:

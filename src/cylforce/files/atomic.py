@@ -53,7 +53,7 @@ def blocks_of(path: Path, file: TextIO) -> Iterator[str]:
     while text := file.read(BLOCK):
         whole, newline, rest = (rest + text).rpartition("\n")
         if len(rest) > LONGEST:
-            number += whole.count("\n") + 1
+            number += whole.count("\n") + len(newline)
             raise RecordingError(f"{path}, line {number}: longer than {LONGEST} characters: no recording")
         if newline:
             number += whole.count("\n") + 1

@@ -62,13 +62,13 @@ class Sums:
         return np.asarray(np.sum(self.crossed[:, :, 0, -1], axis=0) / np.maximum(self.rows, 1.0))
 
     def common(self, noise: Scatter) -> tuple[Array, Array]:
-        """What noise in both adds to X' P y (K,): errors in variables; and how uncertain that is (K,), a variance, by
-        its samples. Where the sensors would make more noise than there is, all of it is theirs."""
+        """What noise in both adds to X' P y (K,): errors in variables; and how its samples differ (S, K), the products
+        of which add up to its covariance. No more of it than there is noise at all."""
         share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
         weight = np.concatenate([np.ones((len(share), 1)), -share], axis=1)
         weight /= np.maximum(noise.v**2, self.theirs)[:, None]
         each = np.einsum("rq,srqk->sk", weight, self.crossed[..., :-1], optimize=True)
-        return each.sum(axis=0), len(each) * np.var(each, axis=0) if len(each) else np.zeros(each.shape[1])
+        return each.sum(axis=0), each - np.sum(each, axis=0) / max(len(each), 1)
 
     def with_noise(self, lost: Array) -> "Sums":
         """The same with the energy of the sensors' noise (R, 1+SMOOTH), per row and per block along each polynomial,

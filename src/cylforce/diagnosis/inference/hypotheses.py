@@ -53,8 +53,8 @@ class Fitted(NamedTuple):
 
 class Marginal(NamedTuple):
     """A recording under a noise: its information (K, K), the covariance (K, K) and the sizes (K,) of the nuisances that
-    follow, the marginal score (K,) of sizes and how uncertain it is beyond the noise (K,), a variance, and the log
-    likelihood without any."""
+    follow, the marginal score (K,) of sizes and samples (S, K) of what is not known of it beyond the noise, whose
+    products add up to a covariance, and the log likelihood without any."""
 
     known: Array
     covariance: Array
@@ -124,6 +124,7 @@ class Inference:
         covariance = half.T @ half
         fitted = covariance @ score
         log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root))))
+        vague = vague - (vague @ covariance) @ known
         return Marginal(known, covariance, fitted, score - known @ fitted, vague, log - cost + self.sums.norm(noise))
 
     def _own(self, which: tuple[int, ...]) -> list[int]:
@@ -134,11 +135,13 @@ class Inference:
         own, taken = self._own(which), self._taken(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
         precision = np.where(certain > 0.0, certain, WIDE)
-        told, score = less_known(_positive(state.information(own)), state.score[own], state.vague[own])
-        covariance = _positive(np.linalg.inv(told + np.diag(precision))) if own else np.zeros((0, 0))
-        score = score - precision * taken
-        more = covariance @ score
-        gain = 0.5 * float(score @ more) - 0.5 * float(certain @ taken**2)
+        information = _positive(state.information(own)) + np.diag(precision)
+        vague = state.vague[:, own].T @ state.vague[:, own]
+        alone = _positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
+        covariance = alone + alone @ vague @ alone
+        score = state.score[own] - precision * taken
+        more = alone @ score
+        gain = 0.5 * float(score @ np.linalg.solve(information + vague, score)) - 0.5 * float(certain @ taken**2)
         return own, Fitted(more, taken + more, covariance, gain)
 
     def _taken(self, which: tuple[int, ...]) -> Array:
@@ -273,15 +276,6 @@ class Inference:
                 break
             beam = best
         return beam
-
-
-def less_known(information: Array, score: Array, vague: Array) -> tuple[Array, Array]:
-    """Information (M, M) and score (M,) of sizes whose score is uncertain by a variance `vague` (M,) beyond the
-    noise."""
-    if not np.any(vague):
-        return information, score
-    less = information @ np.linalg.pinv(information + np.diag(vague), hermitian=True)
-    return _positive(less @ information), np.asarray(less @ score)
 
 
 def _positive(matrix: Array) -> Array:

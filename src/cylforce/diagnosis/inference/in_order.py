@@ -9,11 +9,12 @@ import numpy as np
 
 from cylforce.diagnosis.columns.statistics import SMOOTH
 from cylforce.diagnosis.inference.discrepancy import Scatter, Sums, allowed, settled_noise, together
-from cylforce.diagnosis.inference.hypotheses import Inference, less_known
+from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.sizes import Terms
 from cylforce.diagnosis.numbers import RUN_TO_RUN, UNSEEN, UNSURE, USUALLY
 from cylforce.signals.estimate import Array
 
+LEAST = 1e-6  # information beside a prior of one: less is rounding
 FEWEST = 3  # references, from which on everyday differences are learnt
 TIMES = (1.0, 2.0, 4.0, 8.0)  # the stated differences: a factor of two is one standard deviation of what is stated
 
@@ -44,9 +45,7 @@ class InOrder:
         energies = np.zeros(len(shown.rows)), np.zeros((len(shown.rows), SMOOTH))
         for _ in range(6):
             told, (common, vague) = shown.information(noise), shown.common(noise)
-            known, score = less_known(told[:-1, :-1], told[:-1, -1] - common, vague)
-            covariance = np.asarray(np.linalg.inv(known + np.diag(precision)))
-            mean = covariance @ score
+            covariance, mean = _posterior(told[:-1, :-1], told[:-1, -1] - common, vague, precision)
             energies = shown.energies(np.append(-mean, 1.0), covariance)
             noise = _where_shown(settled_noise(shown, energies, None), shown.rows)
         level = np.where(shown.rows > 0.0, allowed(shown, *energies), noise.rho)
@@ -128,3 +127,18 @@ def _where_shown(noise: Scatter, rows: Array) -> Scatter:
     shown = rows > 0.0
     found = (np.where(shown, noise.rho, UNSEEN), np.where(shown, noise.v, 1.0))
     return Scatter(*found, np.where(shown, 1.0, UNSURE))
+
+
+def _posterior(information: Array, score: Array, vague: Array, precision: Array) -> tuple[Array, Array]:
+    """Covariance (K, K) and mean (K,) of sizes with a prior precision (K,), whose score is uncertain beyond the noise
+    by samples `vague` (S, K), V in all: it tells I (I + V)^-1 I of them. In units of the prior, by I's square root."""
+    unit = precision**-0.5
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    root = np.sqrt(np.maximum(values, 0.0))
+    back = np.where(values > LEAST, 1.0 / np.maximum(root, LEAST), 0.0)
+    unsure = (vague * unit) @ vectors * back
+    less = np.linalg.inv(np.eye(len(unit)) + unsure.T @ unsure)
+    known = vectors * root
+    covariance = np.linalg.inv(np.eye(len(unit)) + known @ less @ known.T)
+    mean = covariance @ (known @ (less @ (back * (vectors.T @ (score * unit)))))
+    return np.asarray(covariance * np.outer(unit, unit)), np.asarray(mean * unit)
