@@ -10,6 +10,7 @@ from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import Driving
+from cylforce.service.plausibility.monitor import UNSURE
 from cylforce.service.plausibility.offsets import VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
@@ -250,9 +251,9 @@ def test_what_is_suspected_is_stored_with_the_state(spoilt):
 
 def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_made(machine, monkeypatch):
     core, events, masses = machine
-    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 6.4, 6.4))
+    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 1.01 * UNSURE))
     begun = core.begin()
-    some = begun.watch.offset._replace(evidence=6.4, vote=6.4)
+    some = begun.watch.offset._replace(evidence=1.01 * UNSURE)
     state, estimates, _ = through(core, events, begun._replace(watch=begun.watch._replace(offset=some)))
     for shown in ({e.gross.status for e in estimates}, {e.force.x.status for e in estimates}):
         assert shown == {Status.DEGRADED, Status.INVALID}

@@ -34,6 +34,9 @@ from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new
 
 NEVER = -1  # in place of a sample
+UNSURE = (
+    6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
+)
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 2.2
 
 
@@ -58,9 +61,8 @@ class Watch(NamedTuple):
     @property
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
-        would be wrong; the force would be, too: one second in the air says so clearly. Or whether it will be known
-        soon."""
-        return self.offset.shown or self.suspicion.waits
+        would be wrong; the force would be, too. Or whether it will be known soon."""
+        return self.offset.evidence > UNSURE or self.suspicion.waits
 
 
 class Samples(NamedTuple):

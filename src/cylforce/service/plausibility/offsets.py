@@ -7,7 +7,6 @@ block has more than a share of what is needed: several must agree."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -30,17 +29,11 @@ LARGEST_BARS = 400.0  # beyond the range of any such sensor
 
 class Offset(NamedTuple):
     """The signal (its number in the gatherer) that is most likely off, by `size` [bar, rad], and the `evidence` for it:
-    twice the log likelihood ratio, as counted by votes; `vote`: the most that one block has."""
+    twice the log likelihood ratio, as counted by votes."""
 
     signal: int
     size: float
     evidence: float
-    vote: float = inf
-
-    @property
-    def shown(self) -> bool:
-        """Whether at least one block says so with all of its vote."""
-        return self.evidence >= self.vote
 
 
 NO_OFFSET = Offset(0, 0.0, 0.0)
@@ -57,11 +50,6 @@ class Voting:
         """Evidence from which on a signal is doubted or rejected: chi-squared with one degree of freedom."""
         tests = 3600.0 * self.gatherer.size
         return {level: NormalDist().inv_cdf(0.5 * rate / tests) ** 2 for level, rate in FALSE_PER_HOUR.items()}
-
-    @cached_property
-    def vote(self) -> float:
-        """The most that one block has."""
-        return self.limits[Level.REJECTED] / VOTES
 
     @cached_property
     def _largest(self) -> Array:
@@ -84,7 +72,8 @@ class Voting:
         x = sizes[:, None, :]
         harmless = HARMLESS * rated / np.maximum(np.abs(blocks.slope), 1e-9)
         as_is = np.minimum(cost(blocks, 0.0, rated), cost(blocks, np.clip(x, -harmless, harmless), rated))
-        votes = np.clip(as_is - cost(blocks, x, rated), -self.vote, self.vote)
+        most = self.limits[Level.REJECTED] / VOTES
+        votes = np.clip(as_is - cost(blocks, x, rated), -most, most)
         since = votes[:, ::-1].cumsum(axis=1).max(axis=1)  # (B, H)
         k, signal = np.unravel_index(int(since.argmax()), since.shape)
-        return Offset(int(signal), float(sizes[k, signal]), float(since[k, signal]), self.vote)
+        return Offset(int(signal), float(sizes[k, signal]), float(since[k, signal]))
