@@ -283,7 +283,7 @@ def test_the_signals_that_may_be_off_are_named(machine, number):
 
 def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_doubted(machine):
     core, *_ = machine
-    monitor, some = core.monitor, Offset(0, 5.0, 6.4, 6.4)
+    monitor, some = core.monitor, Offset(0, 5.0, 1.01 * UNSURE)
     watch = monitor.begin()._replace(offset=some)
     assert monitor.interrupt(watch).unsure
     assert not monitor.interrupt(watch, frozen=True).unsure
