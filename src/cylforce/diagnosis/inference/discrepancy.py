@@ -30,6 +30,18 @@ class Scatter(NamedTuple):
     unsure: float | Array = 1.0
     everyday: float = 1.0
 
+    @property
+    def share(self) -> Array:
+        """The discrepancy's share (R, SMOOTH) of the variance along each polynomial."""
+        smooth = self.rho[:, None] ** 2 * DECAY
+        return np.asarray(smooth / (self.v[:, None] ** 2 + smooth))
+
+    def weight(self, theirs: Array) -> Array:
+        """The weight (R, 1+SMOOTH) of products of noise, whole and along each polynomial. Where the sensors would make
+        more noise, `theirs` (R,) per row, than there is, all of it is theirs."""
+        own = np.concatenate([np.ones((len(self.rho), 1)), -self.share], axis=1)
+        return np.asarray(own / np.maximum(self.v**2, theirs)[:, None])
+
 
 @dataclass(frozen=True)
 class Sums:
@@ -50,8 +62,7 @@ class Sums:
 
     def by_joint(self, noise: Scatter) -> Array:
         """The same of each joint (R, K+1, K+1)."""
-        smooth = noise.rho[:, None] ** 2 * DECAY
-        share = smooth / (noise.v[:, None] ** 2 + smooth)
+        share = noise.share
         joints, size = self.whole.shape[:2]
         white = self.whole - (share[:, None] @ self.smooth.reshape(joints, SMOOTH, -1)).reshape(joints, size, size)
         return np.asarray(white / noise.v[:, None, None] ** 2)
@@ -64,10 +75,7 @@ class Sums:
     def common(self, noise: Scatter) -> tuple[Array, Array]:
         """What noise in both adds to X' P y (K,): errors in variables; and how its samples differ (S, K), the products
         of which add up to its covariance. No more of it than there is noise at all."""
-        share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
-        weight = np.concatenate([np.ones((len(share), 1)), -share], axis=1)
-        weight /= np.maximum(noise.v**2, self.theirs)[:, None]
-        each = np.einsum("rq,srqk->sk", weight, self.crossed[..., :-1], optimize=True)
+        each = np.einsum("rq,srqk->sk", noise.weight(self.theirs), self.crossed[..., :-1], optimize=True)
         return each.sum(axis=0), each - np.sum(each, axis=0) / max(len(each), 1)
 
     def with_noise(self, lost: Array) -> "Sums":
@@ -177,7 +185,7 @@ class Moments:
     def weighed(self, noise: Scatter) -> tuple[Array, Array, float]:
         """Of every block the product with all columns (B, I, K+1), the precision (B, I, I), and what the freedom
         costs."""
-        share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
+        share = noise.share
         scale = noise.v**-2.0
         across = np.einsum("brij,r->bij", self.across, scale, optimize=True)
         pulled = self.waves * (share * scale[:, None])[..., None]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.columns.statistics import Shared, blocked, polynomials, shared
 from cylforce.diagnosis.inference.asking import CLOCK, Asking, with_noise
-from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, moments
+from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter, moments
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.numbers import HAPPENS, HEAVY, STICKS
 from cylforce.diagnosis.recordings.lifts import FreeOfContact, Whitened, stretches
@@ -36,10 +36,7 @@ class Loads(Moments):
         """The same as of single blocks, of every stretch, without the noise that a load's columns share with what is
         left."""
         across, precision, _ = super().weighed(noise)
-        share = noise.rho[:, None] ** 2 * DECAY / (noise.v[:, None] ** 2 + noise.rho[:, None] ** 2 * DECAY)
-        weight = np.concatenate([np.ones((len(share), 1)), -share], axis=1)
-        weight /= np.maximum(noise.v**2, self.theirs)[:, None]
-        across[..., -1] -= np.einsum("rq,brqi->bi", weight, self.noise, optimize=True)
+        across[..., -1] -= np.einsum("rq,brqi->bi", noise.weight(self.theirs), self.noise, optimize=True)
         count, unit = int(self.stretch[-1]) + 1, np.eye(precision.shape[-1])
         each, within = np.zeros((count, *across.shape[1:])), np.zeros((count, *precision.shape[1:]))
         np.add.at(each, self.stretch, across)
