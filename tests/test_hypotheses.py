@@ -11,7 +11,16 @@ from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Asked, Belief, Happened, believed, calibrated
+from cylforce.diagnosis.inference.posterior import (
+    NOTHING,
+    UNKNOWN,
+    Asked,
+    Belief,
+    Happened,
+    Outcomes,
+    believed,
+    calibrated,
+)
 from cylforce.diagnosis.inference.search import settled
 from cylforce.diagnosis.inference.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.numbers import UNSEEN, UNSURE
@@ -261,3 +270,14 @@ def test_without_any_effect_there_is_nothing_to_calibrate():
 def test_intervals_are_wilsons():
     assert wilson(8, 10) == pytest.approx((0.490, 0.943), abs=1e-3)
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_likeliest_effect_stays_the_likeliest_whatever_cases_teach():
+    """Also where they teach that the first one is hardly ever the cause, and the others are."""
+    of = {("one", "a"): 0.98, ("two", "b"): 0.01, ("two", "c"): 0.005, NOTHING: 0.005, UNKNOWN: 0.0}
+    before = Belief(of, np.zeros(6))
+    never = Outcomes((0.0,) * 6, (1.0,) * 6, tuple((0.0,) * 6 + (w,) for w in (2.3, -5.8, 1.3, 2.3)), 0.001)
+    found = calibrated(before, never).of
+    effects = [found[key] for key in of if key not in (NOTHING, UNKNOWN)]
+    assert effects[0] == max(effects)
+    assert sum(found.values()) == pytest.approx(1.0)

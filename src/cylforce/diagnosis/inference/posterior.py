@@ -254,5 +254,7 @@ def calibrated(belief: Belief, by: Outcomes) -> Belief:
     alike = max(first - (first + other) * float(said[0]), 0.0)  # what the model itself gives to other effects
     flat = said[1:] ** by.tempered
     shares = other * flat / np.sum(flat) + alike * said[1:] / max(float(np.sum(said[1:])), LEAST)
+    if np.max(shares) > first - alike:  # the order stays
+        shares = np.minimum(np.full(len(shares), np.mean(shares)), first - alike)
     found = {NOTHING: none, effects[0]: first - alike, UNKNOWN: unknown}
     return belief._replace(of=found | dict(zip(effects[1:], shares.tolist(), strict=True)))
