@@ -1,14 +1,16 @@
 """Which weight is booked, and how well it is known; spills; weights of zero. The truth is drawn, not estimated."""
 
+from array import array
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cylforce.estimation.recursive import known, update
+from cylforce.estimation.recursive import known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled, unseen
-from cylforce.service.spill import change, information
+from cylforce.service.loading.lift import Lift, shortened
+from cylforce.service.spill import change, changed_at, information
 from weighing.score import class_y_b, inside
 
 RATED = 1500.0
@@ -174,9 +176,53 @@ def test_a_change_of_the_load_is_found_within_its_error():
         torque = columns @ (load * kilograms / 1000.0) + rng.normal(size=400)
         root, gram = update(root, columns, torque, np.ones(400)), gram + columns.T @ other
         marks.append(information(root, gram))
-    by, wrong = change(*marks, np.zeros((1, 1)))
+    parts = marks[0], marks[1] - marks[0]
+    by, wrong = change(*parts, np.zeros((1, 1)))
     assert abs(by + 40.0) < 4.0 * wrong < 4.0
-    assert change(*marks, np.array([[100.0]]))[1] > wrong
+    assert change(*parts, np.array([[100.0]]))[1] > wrong
+
+
+def hung(kilograms, seed=1, looks=8, rows=40):
+    """Information of a lift at each look, begun with what is known of nothing, and the rows of each look."""
+    rng, load = np.random.default_rng(seed), np.array([1.0, 0.7, 0.1, 0.5])
+    root, gram, parts = known(np.zeros(4), np.full(4, 3e3)), np.zeros((4, 1)), []
+    marks = [information(root, gram)]
+    for k in range(looks):
+        columns, other = rng.normal(size=(rows, 4)), rng.normal(size=(rows, 1))
+        torque = columns @ (load * kilograms[k]) + 10.0 * rng.normal(size=rows)
+        root, gram = update(root, columns, torque, np.full(rows, 100.0)), gram + 0.01 * columns.T @ other
+        marks.append(information(root, gram))
+        parts.append((columns, torque, other))
+    return np.array(marks), parts
+
+
+def test_the_moment_from_which_on_another_load_hangs_is_found():
+    """1000 kg fall to 900 kg during the fourth look; none is, of a load that stays, or changes by less than counts."""
+    nothing = np.zeros((1, 1))
+    falls, _ = hung([1000.0, 1000.0, 1000.0, 950.0, 900.0, 900.0, 900.0, 900.0])
+    assert changed_at(falls[:-1], falls[-1], nothing, 15.0) == 4
+    assert changed_at(falls[:3], falls[3], nothing, 15.0) is None
+    assert changed_at(falls[:-1], falls[-1], nothing, 150.0) is None
+    assert changed_at(falls[:-1], falls[-1], np.array([[1e6]]), 15.0) is None
+    assert not any(changed_at(m[:-1], m[-1], nothing, 15.0) for m, _ in (hung([1000.0] * 8, k) for k in range(20)))
+
+
+def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
+    """Estimate, sensitivity and counts are those of a lift that began there."""
+    marks, parts = hung([1000.0] * 4 + [900.0] * 4)
+    begun = Lift(array("d"), 0, 0, 0, array("d"), marks[:1], (0,), mixed=False)
+    whole = Lift(array("d"), 240, 0, 200, array("d"), marks[:-1], (0, 20, 40, 60, 80, 110, 140, 170), mixed=False)
+    found = shortened(whole, begun, 4, marks[-1], 30)
+    root, gram = known(np.zeros(4), np.full(4, 3e3)), np.zeros((4, 1))
+    for columns, torque, other in parts[4:]:
+        root, gram = update(root, columns, torque, np.full(40, 100.0)), gram + 0.01 * columns.T @ other
+    values, covariance = solution(root)
+    assert found.values == pytest.approx(values)
+    assert found.covariance == pytest.approx(covariance)
+    assert found.gram == pytest.approx(gram)
+    assert found.root.factor.T @ found.root.factor == pytest.approx(root.factor.T @ root.factor)
+    assert (found.taken, found.moving, found.moved) == (120, 120, (0, 30, 60, 90, 120))
+    assert found.marks[0] == pytest.approx(marks[0])
 
 
 def test_class_y_b_by_hand():

@@ -8,7 +8,7 @@ than one is; a booking after a swing without digging is a phantom. A booked weig
 import argparse
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -51,6 +51,16 @@ class Bucket(NamedTuple):
     why: str
 
 
+class Work(NamedTuple):
+    """`restarts`: share of the cycles in which the service is restarted; `shares` of the kinds of cycles."""
+
+    restarts: float = 0.1
+    shares: Mapping[str, float] = SHARES
+
+
+USUAL = Work()
+
+
 class Shift(NamedTuple):
     """What the service did: bookings as they ended, times [s] of the restarts, every state's time, told losses and
     status of the weight, for the reasons."""
@@ -61,9 +71,11 @@ class Shift(NamedTuple):
     weights: list[tuple[float, str]]
 
 
-def jobs_of(rng: np.random.Generator, count: int, rated: float) -> tuple[Job, ...]:
-    """A shift's cycles, drawn."""
-    kinds = rng.choice(list(SHARES), count, p=list(SHARES.values()))
+def jobs_of(
+    rng: np.random.Generator, count: int, rated: float, shares: Mapping[str, float] = SHARES
+) -> tuple[Job, ...]:
+    """A shift's cycles, drawn; `shares`: how many there are of each kind."""
+    kinds = rng.choice(list(shares), count, p=np.array(list(shares.values())) / sum(shares.values()))
     loads, stays = rated * rng.uniform(*LOADS, count), rated * CARRY_BACK * rng.beta(1.0, 2.0, count)
     pace = rng.uniform(*PACE, count)
     return tuple(Job(str(k), *map(float, rest)) for k, *rest in zip(kinds, loads, stays, pace, strict=True))
@@ -143,13 +155,13 @@ def _mostly(done: Shift, begin: float, end: float) -> str:
     return ", ".join(f"{reason} {100 * n / found.total():.0f} %" for reason, n in found.most_common(3))
 
 
-def shift_of(machine: Machine, core: Core, seed: int, count: int, restarts: float) -> list[Bucket]:
-    """One shift of a machine; `restarts`: share of the cycles in which the service is restarted."""
+def shift_of(machine: Machine, core: Core, seed: int, count: int, work: Work) -> list[Bucket]:
+    """One shift of a machine."""
     rng, rated = np.random.default_rng((machine.seed, seed)), core.service.machine.rated_payload
-    jobs, slew, jerk = jobs_of(rng, count, rated), float(rng.uniform(*SLEW)), JERK * (machine.seed % 2)
+    jobs, slew, jerk = jobs_of(rng, count, rated, work.shares), float(rng.uniform(*SLEW)), JERK * (machine.seed % 2)
     made = machine.run("shift", seed=seed, jobs=jobs, slew_rate=slew, jerk=jerk)
     notes = made.header["pieces"][0]["cycles"]  # type: ignore[index]
-    chosen = [n for n in notes if rng.random() < restarts]
+    chosen = [n for n in notes if rng.random() < work.restarts]
     begins = [n["free_s"][0] - 7.4 for n in chosen]
     at = sorted(int(100 * rng.uniform(b, n["empty_s"][1])) for b, n in zip(begins, chosen, strict=True))
     names = [signal.name for signal in core.service.machine.signals]
@@ -157,13 +169,13 @@ def shift_of(machine: Machine, core: Core, seed: int, count: int, restarts: floa
     return list(buckets(notes, worked(core, values, at), rated))
 
 
-def machine_of(seed: int, cycles: int, tell: Console, restarts: float = 0.1) -> list[Bucket]:
+def machine_of(seed: int, cycles: int, tell: Console, work: Work = USUAL) -> list[Bucket]:
     """All shifts of one machine."""
     machine, found = draw(seed, friction="foreign"), []
     with TemporaryDirectory() as folder:
         core = core_of(machine, Path(folder))
         for k in range(0, cycles, SHIFT):
-            found += shift_of(machine, core, 20 + k, min(SHIFT, cycles - k), restarts)
+            found += shift_of(machine, core, 20 + k, min(SHIFT, cycles - k), work)
             rated = core.service.machine.rated_payload
             tell.print(seed, scored(found, rated), *[_said(b) for b in found[k:] if _faulty(b, rated)], sep="\n  ")
     return found
@@ -204,11 +216,13 @@ def main() -> None:
     parser.add_argument("--cycles", type=int, default=100, help="of each machine")
     parser.add_argument("--seed", type=int, default=4400, help="of the first machine")
     parser.add_argument("--restarts", type=float, default=0.1, help="share of the cycles with a restart of the service")
+    parser.add_argument("--kinds", nargs="+", choices=tuple(SHARES), default=list(SHARES), help="of cycles: only these")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    work = Work(options.restarts, {kind: SHARES[kind] for kind in options.kinds})
     console, found, rated = Console(highlight=False, width=200), [], 1500.0
     for seed in range(options.seed, options.seed + options.machines):
-        found += [(seed, bucket) for bucket in machine_of(seed, options.cycles, console, options.restarts)]
+        found += [(seed, bucket) for bucket in machine_of(seed, options.cycles, console, work)]
         if options.json:
             options.json.write_text(json.dumps(figures(found, rated), indent=1) + "\n")
     console.print(table([bucket for _, bucket in found], rated))

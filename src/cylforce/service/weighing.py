@@ -25,10 +25,10 @@ from cylforce.estimation.residual import (
 )
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Beside, Books, Weighed, noted, parted, spilled, unseen
-from cylforce.service.loading.lift import Lift, Weight, kept
+from cylforce.service.loading.lift import Lift, Weight, kept, shortened
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.pipeline import Unexplained, unexplained
-from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
+from cylforce.service.spill import EVERY_S, KEPT, changed_at, information, side_by_side
 from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 from cylforce.signals.quick import new
 
@@ -101,8 +101,8 @@ class Weigher:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
-        rested, marks = ZERO * len(machine.rows), np.stack([information(root, nothing)] * 2)
-        return Lift(kept(root, *solution(root), nothing), 0, 0, 0, rested, marks, mixed=False)
+        rested, marks = ZERO * len(machine.rows), information(root, nothing)[None]
+        return Lift(kept(root, *solution(root), nothing), 0, 0, 0, rested, marks, (0,), mixed=False)
 
     @property
     def _again(self) -> Lift:
@@ -145,7 +145,7 @@ class Weigher:
         books = state.books
         if lift.refused > self._patience:
             lift, books = self._again, parted(books)  # the candidate remains until the bucket is seen empty
-        elif not lift.taken and state.lift.taken:
+        elif lift.taken < state.lift.taken:
             books = spilled(books)
         weight = self._weight(found) if lift.kept is concluded else self._conclude(lift, drift)
         state = new(Weighing, (lift, books, t_us, state.tool))
@@ -190,7 +190,7 @@ class Weigher:
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)
         moving = lift.moving + (fits > 1)
-        lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed))
+        lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, *lift[5:]))
         return self._watched(lift, drift), (numbers, found)
 
     @cached_property
@@ -199,18 +199,17 @@ class Weigher:
         return 7 + len(self.model.parameters) + len(self._still.values)
 
     def _watched(self, lift: Lift, drift: Drift) -> Lift:
-        """The lift itself, or a fresh one where a part of the load has fallen out or come in."""
-        every = self._looks[0]
-        if lift.taken % every or lift.taken > self._long:
+        """The lift itself, or where a part of the load has fallen out or come in, that since then."""
+        if lift.taken % self._looks[0] or lift.taken > self._long:
             return lift
-        if not lift.values[0] > SMALLEST * self.model.machine.rated_payload:
-            return lift
-        now = information(lift.root, lift.gram)
-        by, wrong = change(lift.marks[0], now, side_by_side(self.tares.covariance, drift.covariance))
-        enough = lift.taken >= 3 * every + self.model.settle_steps
-        if enough and abs(by) > max(CERTAIN * wrong, GOOD_ENOUGH * self.model.machine.rated_payload):
-            return self._again
-        return lift._replace(marks=np.stack([lift.marks[1], now]))
+        now, rated = information(lift.root, lift.gram), self.model.machine.rated_payload
+        if lift.values[0] > SMALLEST * rated:
+            covariance = side_by_side(self.tares.covariance, drift.covariance)
+            at = changed_at(lift.marks, now, covariance, GOOD_ENOUGH * rated)
+            if at is not None:
+                return shortened(lift, self._fresh, at, now, self._looks[0])
+        marks = np.concatenate([lift.marks[1 - KEPT :], now[None]])
+        return lift._replace(marks=marks, moved=(*lift.moved[1 - KEPT :], lift.moving))
 
     def _faded(self, lift: Lift, work: Numbers) -> Numbers:
         """The numbers of the lift before it takes in the rows of `work`: in long lifts a small share of the

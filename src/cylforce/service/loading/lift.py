@@ -7,15 +7,17 @@ import numpy as np
 from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
-from cylforce.estimation.recursive import Root
+from cylforce.estimation.recursive import Root, solution
+from cylforce.service.spill import informed
 from cylforce.signals.estimate import Array
 
 
 class Lift(NamedTuple):
     """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as the kernel
     keeps it (`kept`); numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
-    for which each row has been at rest; `marks` (2, 4, 5 + P + D): information about the load at the last two looks for
-    a spill; `mixed`: whether the filters still hold what was before the lift."""
+    for which each row has been at rest; `marks` (M, 4, 5 + P + D): information about the load at the last looks for a
+    spill, and `moved` (M,): how many samples were in motion then; `mixed`: whether the filters still hold what was
+    before the lift."""
 
     kept: Numbers
     taken: int
@@ -23,6 +25,7 @@ class Lift(NamedTuple):
     moving: int
     rested: Numbers
     marks: Array
+    moved: tuple[int, ...]
     mixed: bool
 
     @property
@@ -47,6 +50,17 @@ class Lift(NamedTuple):
 
     def _part(self, begin: int, end: int) -> Array:
         return np.frombuffer(self.kept)[begin:end]
+
+
+def shortened(lift: Lift, fresh: Lift, at: int, now: Array, every: int) -> Lift:
+    """A lift from its mark `at` on, where another load began to hang; `now` (4, 5 + P + D): its information; `every`:
+    samples between marks. `fresh`: a lift of which nothing is known yet."""
+    nothing, begun = fresh.marks[0], lift.moved[at]
+    told = np.concatenate([lift.marks[at:], now[None]]) - lift.marks[at] + nothing
+    root, gram = informed(told[-1])
+    moved = tuple(each - begun for each in (*lift.moved[at:], lift.moving))
+    numbers, taken = kept(root, *solution(root), gram), (len(told) - 1) * every
+    return lift._replace(kept=numbers, taken=taken, moving=moved[-1], marks=told, moved=moved)
 
 
 def kept(root: Root, values: Array, covariance: Array, gram: Array) -> Numbers:
