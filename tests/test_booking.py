@@ -9,7 +9,7 @@ import pytest
 from cylforce.estimation.recursive import known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled, unseen
-from cylforce.service.loading.lift import Lift, shortened
+from cylforce.service.loading.lift import Lift, Look, shortened
 from cylforce.service.spill import change, changed_at, information
 from weighing.score import class_y_b, inside
 
@@ -210,9 +210,10 @@ def test_the_moment_from_which_on_another_load_hangs_is_found():
 def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
     """Estimate, sensitivity and counts are those of a lift that began there."""
     marks, parts = hung([1000.0] * 4 + [900.0] * 4)
-    begun = Lift(array("d"), 0, 0, 0, array("d"), marks[:1], (0,), mixed=False)
-    whole = Lift(array("d"), 240, 0, 200, array("d"), marks[:-1], (0, 20, 40, 60, 80, 110, 140, 170), mixed=False)
-    found = shortened(whole, begun, 4, marks[-1], 30)
+    looks = tuple(Look(moving, -3.0 + moving / 200.0) for moving in (0, 20, 40, 60, 80, 110, 140, 170))
+    begun = Lift(array("d"), 0, 0, 0, array("d"), marks[:1], (Look(0, None),), mixed=False)
+    whole = Lift(array("d"), 240, 0, 200, array("d"), marks[:-1], looks, mixed=False)
+    found = shortened(whole, begun, 4, marks[-1], Look(200, -2.0), 30)
     root, gram = known(np.zeros(4), np.full(4, 3e3)), np.zeros((4, 1))
     for columns, torque, other in parts[4:]:
         root, gram = update(root, columns, torque, np.full(40, 100.0)), gram + 0.01 * columns.T @ other
@@ -221,7 +222,8 @@ def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
     assert found.covariance == pytest.approx(covariance)
     assert found.gram == pytest.approx(gram)
     assert found.root.factor.T @ found.root.factor == pytest.approx(root.factor.T @ root.factor)
-    assert (found.taken, found.moving, found.moved) == (120, 120, (0, 30, 60, 90, 120))
+    assert (found.taken, found.moving, found.tilt) == (120, 120, -2.6)
+    assert [look.moving for look in found.looks] == [0, 30, 60, 90, 120]
     assert found.marks[0] == pytest.approx(marks[0])
 
 

@@ -25,7 +25,7 @@ class Weighed(NamedTuple):
     """A weight at some instant of a lift: `mass` [kg] as it would be without drift; `noise` [kg^2]: variance of what
     averages out within the lift; `gain` (P,) and `drifted` (D,): change of the mass per unit of each tare and of each
     drift; `moving`: number of samples in motion on which it is based; `tilt` [rad]: angle of the tool to the house when
-    this load was first weighed, None where the tool does not empty by tilting; `slopes` (H,): change of the mass per
+    this load began to hang, None where the tool does not empty by tilting; `slopes` (H,): change of the mass per
     unit of an error of each signal that is not noticed, None: not known."""
 
     mass: float

@@ -25,11 +25,11 @@ from cylforce.estimation.residual import (
 )
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Beside, Books, Weighed, noted, parted, spilled, unseen
-from cylforce.service.loading.lift import Lift, Weight, kept, shortened
+from cylforce.service.loading.lift import Lift, Look, Weight, kept, looked, shortened
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.pipeline import Unexplained, unexplained
 from cylforce.service.spill import EVERY_S, KEPT, changed_at, information, side_by_side
-from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
+from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 from cylforce.signals.quick import new
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
@@ -102,7 +102,7 @@ class Weigher:
         root = known(np.zeros(4), load_spread(machine))
         nothing = np.zeros((4, len(self.model.parameters) + len(self._still.values)))
         rested, marks = ZERO * len(machine.rows), information(root, nothing)[None]
-        return Lift(kept(root, *solution(root), nothing), 0, 0, 0, rested, marks, (0,), mixed=False)
+        return Lift(kept(root, *solution(root), nothing), 0, 0, 0, rested, marks, (Look(0, None),), mixed=False)
 
     @property
     def _again(self) -> Lift:
@@ -141,7 +141,7 @@ class Weigher:
         if state.seen_us is not None and not 0 <= t_us - state.seen_us <= 1e6 * REFILL_S:
             state = state._replace(books=unseen(state.books))
         drift = self._still if drift is None else drift
-        lift, (concluded, found) = self._advance(state.lift, left, usable, drift)
+        lift, (concluded, found) = self._advance(state.lift, left, usable, drift, beside)
         books = state.books
         if lift.refused > self._patience:
             lift, books = self._again, parted(books)  # the candidate remains until the bucket is seen empty
@@ -170,7 +170,7 @@ class Weigher:
         return unexplained(left, len(self.model.filtered.regressor.names), len(self._still.values))
 
     def _advance(
-        self, lift: Lift, left: Unexplained, usable: Numbers, drift: Drift
+        self, lift: Lift, left: Unexplained, usable: Numbers, drift: Drift, beside: Callable[[], Beside]
     ) -> tuple[Lift, tuple[Numbers, Numbers]]:
         """The lift after one instant; numbers of a lift, and what the kernel concludes from these."""
         rows, work, found = len(usable), ZERO * (8 * len(usable)), ZERO * self._concluded
@@ -191,25 +191,25 @@ class Weigher:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)
         moving = lift.moving + (fits > 1)
         lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, *lift[5:]))
-        return self._watched(lift, drift), (numbers, found)
+        return self._watched(lift, drift, beside), (numbers, found)
 
     @cached_property
     def _concluded(self) -> int:
         """How many numbers the kernel concludes from a lift."""
         return 7 + len(self.model.parameters) + len(self._still.values)
 
-    def _watched(self, lift: Lift, drift: Drift) -> Lift:
+    def _watched(self, lift: Lift, drift: Drift, beside: Callable[[], Beside]) -> Lift:
         """The lift itself, or where a part of the load has fallen out or come in, that since then."""
         if lift.taken % self._looks[0] or lift.taken > self._long:
             return lift
-        now, rated = information(lift.root, lift.gram), self.model.machine.rated_payload
+        now, last = information(lift.root, lift.gram), Look(lift.moving, beside().tilt)
+        rated = self.model.machine.rated_payload
         if lift.values[0] > SMALLEST * rated:
             covariance = side_by_side(self.tares.covariance, drift.covariance)
             at = changed_at(lift.marks, now, covariance, GOOD_ENOUGH * rated)
             if at is not None:
-                return shortened(lift, self._fresh, at, now, self._looks[0])
-        marks = np.concatenate([lift.marks[1 - KEPT :], now[None]])
-        return lift._replace(marks=marks, moved=(*lift.moved[1 - KEPT :], lift.moving))
+                return shortened(lift, self._fresh, at, now, last, self._looks[0])
+        return looked(lift, now, last, KEPT)
 
     def _faded(self, lift: Lift, work: Numbers) -> Numbers:
         """The numbers of the lift before it takes in the rows of `work`: in long lifts a small share of the
@@ -223,10 +223,10 @@ class Weigher:
         root = update(root, columns[:0], columns[:0, 0], columns[:0, 0])  # a triangle again
         return kept(root, lift.values, lift.covariance, gram)
 
-    def _weighed(self, lift: Lift) -> Weighed:
-        gain = lift.covariance[0] @ lift.gram
+    def _weighed(self, lift: Lift, slopes: Array | None) -> Weighed:
+        gain, noise = lift.covariance[0] @ lift.gram, float(lift.covariance[0, 0])
         size = len(self.model.parameters)
-        return Weighed(float(lift.values[0]), float(lift.covariance[0, 0]), gain[:size], gain[size:], lift.moving)
+        return Weighed(float(lift.values[0]), noise, gain[:size], gain[size:], lift.moving, lift.tilt, slopes)
 
     def _conclude(self, lift: Lift, drift: Drift) -> Weight:
         """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
@@ -295,5 +295,5 @@ class Weigher:
         state = state._replace(tool=self._checked(state.tool, state.lift, weight))
         if self._doubt(state.lift, weight) is not None:
             return state
-        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift)._replace(**beside()._asdict())
+        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift, beside().slopes)
         return state._replace(books=noted(state.books, seen, rated, t_us, self.tares, drift))

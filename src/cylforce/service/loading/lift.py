@@ -12,12 +12,20 @@ from cylforce.service.spill import informed
 from cylforce.signals.estimate import Array
 
 
+class Look(NamedTuple):
+    """A look for a spill: how many samples were in motion before it, and the tool's angle to the house then [rad], None
+    where the tool does not empty by tilting."""
+
+    moving: int
+    tilt: float | None
+
+
 class Lift(NamedTuple):
     """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as the kernel
     keeps it (`kept`); numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
-    for which each row has been at rest; `marks` (M, 4, 5 + P + D): information about the load at the last looks for a
-    spill, and `moved` (M,): how many samples were in motion then; `mixed`: whether the filters still hold what was
-    before the lift."""
+    for which each row has been at rest; `marks` (M, 4, 5 + P + D): information about the load at the last `looks` (M,)
+    for a spill; `mixed`: whether the filters still hold what was before the lift; `tilt`: that of the first look, when
+    this load began to hang, None: none yet."""
 
     kept: Numbers
     taken: int
@@ -25,8 +33,9 @@ class Lift(NamedTuple):
     moving: int
     rested: Numbers
     marks: Array
-    moved: tuple[int, ...]
+    looks: tuple[Look, ...]
     mixed: bool
+    tilt: float | None = None
 
     @property
     def root(self) -> Root:
@@ -52,15 +61,22 @@ class Lift(NamedTuple):
         return np.frombuffer(self.kept)[begin:end]
 
 
-def shortened(lift: Lift, fresh: Lift, at: int, now: Array, every: int) -> Lift:
-    """A lift from its mark `at` on, where another load began to hang; `now` (4, 5 + P + D): its information; `every`:
-    samples between marks. `fresh`: a lift of which nothing is known yet."""
-    nothing, begun = fresh.marks[0], lift.moved[at]
+def looked(lift: Lift, now: Array, last: Look, most: int) -> Lift:
+    """The lift after its `last` look, with its information `now` (4, 5 + P + D); at `most` so many are kept."""
+    marks, tilt = np.concatenate([lift.marks[1 - most :], now[None]]), lift.tilt
+    looks = (*lift.looks[1 - most :], last)
+    return lift._replace(marks=marks, looks=looks, tilt=last.tilt if tilt is None else tilt)
+
+
+def shortened(lift: Lift, fresh: Lift, at: int, now: Array, last: Look, every: int) -> Lift:
+    """A lift from its look `at` on, when another load began to hang; `now` (4, 5 + P + D): what is known at the `last`
+    look; `every`: samples between looks. `fresh`: a lift of which nothing is known yet."""
+    nothing, begun = fresh.marks[0], lift.looks[at]
     told = np.concatenate([lift.marks[at:], now[None]]) - lift.marks[at] + nothing
     root, gram = informed(told[-1])
-    moved = tuple(each - begun for each in (*lift.moved[at:], lift.moving))
+    looks = tuple(look._replace(moving=look.moving - begun.moving) for look in (*lift.looks[at:], last))
     numbers, taken = kept(root, *solution(root), gram), (len(told) - 1) * every
-    return lift._replace(kept=numbers, taken=taken, moving=moved[-1], marks=told, moved=moved)
+    return Lift(numbers, taken, 0, looks[-1].moving, lift.rested, told, looks, lift.mixed, begun.tilt)
 
 
 def kept(root: Root, values: Array, covariance: Array, gram: Array) -> Numbers:
