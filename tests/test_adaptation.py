@@ -87,19 +87,31 @@ def mass_of(bench, values):
     return np.linalg.lstsq(flat, (columns @ values).ravel(), rcond=None)[0][0]
 
 
-def test_what_sticks_in_the_bucket_is_not_taken_for_a_drift(bench):
-    """Ten returns, each with 5 to 25 kg in the bucket, another amount every time: less than 1 kg of it is followed."""
+def after_returns(bench, amounts, zero=0.0):
+    """The drift after returns with these amounts [kg] in the bucket, with pressures that read `zero` [Pa] too much."""
     adapter, drift = bench.adapter, bench.adapter.begin()
-    own = len(adapter.model.parameters)
-    returns = zip(np.linspace(5.0, 25.0, 10), np.array_split(bench.columns, 10), strict=True)
-    for kilograms, part in returns:
+    own, true = len(adapter.model.parameters), np.zeros(len(drift.values))
+    true[6:] = zero * np.array([c.area_head for c in adapter.model.machine.cylinders])
+    for kilograms, part in zip(amounts, np.array_split(bench.columns, len(amounts)), strict=True):
         drift = adapter.loaded(drift)
         sticks = adapter.model.load @ (kilograms * np.array([1.0, 0.7, 0.1, 0.5]))
         for columns in part:
             rows = Rows(columns, np.zeros(3))
-            left = columns[:, :own] @ sticks - adapter.columns(rows) @ drift.values
+            left = columns[:, :own] @ sticks + adapter.columns(rows) @ (true - drift.values)
             drift = adapter.step(drift, unexplained_of(columns, left, SURE), ALL)
-    assert abs(mass_of(bench, drift.values)) < 1.0
+    return drift.values - true
+
+
+@pytest.mark.parametrize("mean", [0.0, 10.0])
+def test_what_sticks_in_the_bucket_is_not_taken_for_a_drift(bench, mean):
+    """Ten returns, clean or with 3 to 17 kg in the bucket, another amount every time: less than 1 kg is followed."""
+    assert abs(mass_of(bench, after_returns(bench, mean * np.linspace(1 / 3, 5 / 3, 10)))) < 1.0
+
+
+def test_zeros_are_not_taken_for_what_sticks_in_the_bucket(bench):
+    """Half a bar on each cylinder, 20 kg either way, beside 3 to 17 kg: less than a third of it is left."""
+    left = [mass_of(bench, after_returns(bench, np.linspace(3.0, 17.0, 10), zero)) for zero in (5e4, -5e4)]
+    assert np.abs(left).max() < 20.0 / 3.0
 
 
 def test_an_unseen_drift_keeps_its_prior_error(bench):

@@ -6,10 +6,10 @@ from functools import cached_property
 
 from cylforce.estimation.kernel.making import counts
 from cylforce.estimation.kernel.restricted import Counts
-from cylforce.estimation.model import EXPECTED, Model, Tares
+from cylforce.estimation.model import Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
 from cylforce.mechanics.machine import FORCE_KINDS
-from cylforce.service.adaptation import Adapter
+from cylforce.service.adaptation import BEFORE, Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.booking import NONE_MISSED, Books, Missed, unseen
 from cylforce.service.contact.interaction import Interactor
@@ -63,7 +63,7 @@ class Core:
     def adapter(self) -> Adapter:
         """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
         friction may follow the oil much farther."""
-        return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
+        return Adapter(self.model, self.tares, BEFORE if self.adapts else self.tares.between_strokes)
 
     @cached_property
     def rocker(self) -> Rocker:
