@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.model import EXPECTED
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted, variances
 from cylforce.service.plausibility.blocks import LOAD, Gatherer
@@ -129,7 +131,7 @@ def test_what_the_weight_is_corrected_for_is_no_error_of_a_signal():
     values = rng.normal(size=drift.values.size) * np.r_[np.zeros(6), np.full(3, 300.0)]
     size = len(gatherer.begin().gram)
     rows = rng.normal(size=(15, size))
-    spread = np.sqrt(np.diagonal(drift.covariance))
+    spread = drift_spread(core.model, core.tares.values, EXPECTED)
     drifted = rows.copy()
     drifted[:, -1] += core.tares.scale * rows[:, LOAD : LOAD + 9] @ (values / spread)
     found = gatherer.less(drifted.T @ drifted, drift._replace(values=values))
@@ -222,16 +224,17 @@ def booked(core, events):
 
 
 def test_a_bucket_angle_that_slides_makes_weights_as_uncertain_as_they_are_wrong():
-    """By six degrees in three seconds, before the first load is lifted; a load in the bucket explains as much. The last
-    weight is off by more than three of the standard errors in order."""
+    """By six degrees in three seconds, before the first load is lifted; a load in the bucket explains as much. A weight
+    is off by more than two of the standard errors in order, none of what is then told."""
     loaded = load(EXCAVATOR)
     core = Core(loaded.service, identified(loaded))
     events, masses = cycles(loaded, count=3)
     slid = with_value(events, core.service, "bucket_angle", lambda t, q: q + 0.1 * min(t / 3.0, 1.0))
     (fine, told), (wrong, more) = booked(core, events), booked(core, slid)
-    assert abs(fine[-1] - masses[-1]) < told[-1]
-    assert 3.0 * told[-1] < wrong[-1] - masses[-1] < 3.0 * more[-1]
-    assert all(abs(wrong - masses[-len(wrong) :]) < 3.0 * more)
+    assert all(abs(fine - masses) < told)
+    off = abs(wrong - masses[: len(wrong)])
+    assert any(off > 2.0 * told[: len(off)])
+    assert all(off < 2.0 * more)
 
 
 def test_a_force_is_as_uncertain_as_signals_are_off():

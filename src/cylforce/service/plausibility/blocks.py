@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.drift import drift_spread, kinds
 from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.making import counts
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
-from cylforce.service.adaptation import Drift
+from cylforce.service.adaptation import BEFORE, Drift
 from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
@@ -113,6 +113,13 @@ class Gatherer:
         """Information (4 + D,) on load and everyday changes."""
         return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
 
+    def _as_seen(self, drift: Drift) -> Array:
+        """The same where friction and zeros of this machine, as its returns tell (cold oil), spread more than every
+        day's."""
+        own = drift_spread(self.model, self.tares.values, BEFORE) * np.sqrt(drift.scale)[kinds(self.model)]
+        wider = np.maximum(own / self._everyday(drift), 1.0)
+        return self.prior / np.concatenate([np.ones(LOAD), wider**2])
+
     @cached_property
     def memory(self) -> float:
         """Samples that count as an independent one."""
@@ -146,7 +153,7 @@ class Gatherer:
             return state, None
         if state.rows < IN_MOTION * SAMPLES * len(errors):
             return self.interrupt(state), None
-        return self._ended(state)
+        return self._ended(state, self._as_seen(drift))
 
     def _with_rows(self, gram: Array, instant: Instant, drift: Drift, errors: Array) -> tuple[Array, int]:
         """The gram with the rows of one sample, in units of their standard errors; how many these are: none that is not
@@ -192,9 +199,9 @@ class Gatherer:
         self.kernel.turn_force(self._plan, channels, force.real, force.imag, turned, len(turned), forces, found)
         return np.frombuffer(found).reshape(rows, self.size)
 
-    def _ended(self, state: Gathering) -> tuple[Gathering, Block]:
-        gram, known = state.gram / self.memory, len(self.prior)
-        inverse = np.linalg.inv(gram[:known, :known] + np.diag(self.prior))
+    def _ended(self, state: Gathering, prior: Array) -> tuple[Gathering, Block]:
+        gram, known = state.gram / self.memory, len(prior)
+        inverse = np.linalg.inv(gram[:known, :known] + np.diag(prior))
         both = gram[:known, known:]  # load and everyday changes against errors and torque
         reduced = gram[known:, known:] - both.T @ inverse @ both
         square = np.maximum(np.diagonal(reduced)[:-1], 1e-12)
