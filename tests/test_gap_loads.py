@@ -125,7 +125,7 @@ def test_noise_in_both_is_told_along_the_polynomials(slow):
 
 @pytest.mark.parametrize("size", [-2.4, 2.4])
 def test_an_error_that_the_references_show_with_an_impossible_sign_is_no_evidence(size):
-    """The field lacks what the references show: of an error that can only be positive, a negative one was something else."""
+    """The field lacks what the references show. If that cannot be, it was something else, no error that has gone."""
     rng = np.random.default_rng(SEED)
     rows, spread = BLOCKS * BLOCK, np.ones(1)
     column, noise, more = rng.standard_normal((3, rows))
