@@ -118,7 +118,7 @@ class Gatherer:
         day's."""
         own = drift_spread(self.model, self.tares.values, BEFORE) * np.sqrt(drift.scale)[kinds(self.model)]
         wider = np.maximum(own / self._everyday(drift), 1.0)
-        return self.prior / np.concatenate([np.ones(LOAD), wider**2])
+        return np.asarray(self.prior / np.concatenate([np.ones(LOAD), wider**2]))
 
     @cached_property
     def memory(self) -> float:
