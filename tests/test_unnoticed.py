@@ -138,6 +138,22 @@ def test_what_the_weight_is_corrected_for_is_no_error_of_a_signal():
     assert found == pytest.approx(rows.T @ rows, rel=1e-9, abs=1e-9)
 
 
+def test_zeros_that_spread_as_the_returns_tell_are_no_evidence():
+    """Torque of a zero that is off by four times what it is every day: unless the returns tell of ten times as much."""
+    loaded = load(EXCAVATOR)
+    core = Core(loaded.service, identified(loaded))
+    gatherer, drift, rng = Gatherer(core.model, core.tares), core.adapter.begin(), np.random.default_rng(5)
+    begun, left = gatherer.begin(), []
+    rows = rng.normal(size=(25, len(begun.gram)))
+    rows[:, -1] = 4.0 * rows[:, LOAD + 6]
+    second = begun._replace(gram=gatherer.memory * rows.T @ rows, rows=25, samples=5)
+    for scale in (1.0, 100.0):
+        prior = gatherer._as_seen(drift._replace(scale=np.array([1.0, scale])))
+        left.append(gatherer._ended(second, prior)[1].left[0])
+    assert gatherer._as_seen(drift) == pytest.approx(gatherer.prior)
+    assert left[1] < 0.1 * left[0]
+
+
 def test_a_force_seems_to_turn_with_an_angle_that_is_off():
     """Finite difference of the torques of a force at the tooth line."""
     loaded = load(EXCAVATOR)
