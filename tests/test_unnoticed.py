@@ -11,7 +11,7 @@ from cylforce.estimation.model import EXPECTED
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted, variances
 from cylforce.service.plausibility.blocks import LOAD, Gatherer
-from cylforce.service.plausibility.unnoticed import MEMORY, Noticing, off
+from cylforce.service.plausibility.unnoticed import CLASS, MEMORY, Noticing, off
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Tick
@@ -28,7 +28,7 @@ STILL = SimpleNamespace(values=np.zeros(1), covariance=np.zeros((1, 1)))
 class Rows:
     """A gatherer of two signals, and seconds of motion: load, one everyday change, two errors, torque."""
 
-    size, memory, prior = 2, 1.0, PRIOR
+    size, memory, prior, pressed = 2, 1.0, PRIOR, ()
 
     def __init__(self, seed=3):
         self.rng = np.random.default_rng(seed)
@@ -65,6 +65,20 @@ def test_the_size_of_an_error_is_found_beside_loads_of_each_lift():
     rows, off = Rows(), np.array([0.7, 0.0])
     lifts = [[rows.second(hung, off) for _ in range(2)] for hung in (np.array([900.0, 1, 2, 3]), np.zeros(LOAD))]
     assert after(rows, lifts).probable.sizes[0] == pytest.approx(0.7, rel=1e-3)
+
+
+def test_a_pressure_of_which_the_torques_hardly_tell_is_off_by_no_more_than_its_class():
+    """The same seconds, and in units so large that they tell next to nothing; an angle may slip by any size."""
+    rows = Rows()
+    rows.pressed = (0,)
+    second = rows.second(np.array([900.0, 1, 2, 3]), np.array([0.7, 0.0]))
+    second[:, -1] += 0.7 * second[:, LOAD + 2]
+    well, hardly = (after(rows, [[scale * second]]).probable.sizes for scale in (1.0, 1e-4))
+    assert well[0] > 0.69
+    assert hardly[0] < 0.01 * well[0]
+    assert hardly[1] == pytest.approx(well[1], rel=0.1)
+    halved = Noticing(rows)._plausible(np.array([3.0, 0.5]), np.array([CLASS**-2.0, 1e-6]))
+    assert halved == pytest.approx([1.5, 0.5])
 
 
 def test_the_slope_is_by_how_much_the_mass_of_the_lift_would_change():

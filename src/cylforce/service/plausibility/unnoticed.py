@@ -7,7 +7,8 @@ Such changes, of each signal by itself, are a part of the standard errors of wei
 
 In the weight they count as far as there is evidence that any signal is off at all. That none is, or one of them, each
 by itself, is as probable before anything is seen; how large an error is, is then known no better than from one
-independent sample (the unit information prior of Kass and Wasserman, doi:10.1080/01621459.1995.10476592). With an error
+independent sample (the unit information prior of Kass and Wasserman, doi:10.1080/01621459.1995.10476592), a pressure's
+no larger than its sensor's class unless the torques tell. With an error
 of signal h that is z_h standard errors large, N independent samples are exp(z_h^2 / 2) / sqrt(1 + N) times as probable
 as without. Where the torques scatter more than at commissioning, z_h is that much smaller (Birge ratio)."""
 
@@ -27,6 +28,7 @@ from cylforce.signals.estimate import Array
 # Seconds in the air after which older ones have faded to 1/e: about a working cycle's, so that an error that has just
 # come counts as soon; 10 to 48 give the same standard errors in order.
 MEMORY = 10.0
+CLASS = 2.0 / 3.0**0.5  # bar: standard error of a pressure sensor of class 0.5 and 400 bar, evenly within 2 bar
 MOST = 50.0  # logarithm of odds from which on an error is certain: beyond the precision of a probability, 1e-16
 
 
@@ -96,7 +98,16 @@ class Noticing:
         sizes = own[:-1, -1] / square
         certain = np.sqrt(np.maximum(sizes**2 - 1.0 / square, 0.0))
         samples = sum(seconds) * SAMPLES * len(state.torques) / self.gatherer.memory
-        return state._replace(probable=Probable(sizes, certain, off(sizes * own[:-1, -1], float(own[-1, -1]), samples)))
+        evidence = sizes * own[:-1, -1]
+        sizes = self._plausible(sizes, square)
+        return state._replace(probable=Probable(sizes, certain, off(evidence, float(own[-1, -1]), samples)))
+
+    def _plausible(self, sizes: Array, square: Array) -> Array:
+        """The errors (H,) that explain the torques best, known with the information `square` (H,), and what sensors'
+        classes say of pressures: where the torques hardly tell, nothing. An angle may slip by any size."""
+        pressures = len(self.gatherer.pressed)
+        known = 1.0 / (1.0 + CLASS**-2.0 / square[:pressures])
+        return np.concatenate([known * sizes[:pressures], sizes[pressures:]])
 
     def _without_load(self, rows: Array) -> Array:
         """Rows (K-4, K-4) of a lift (K, K), its load taken out."""
