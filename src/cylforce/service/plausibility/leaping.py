@@ -85,6 +85,11 @@ class Leaping:
         periods = (self.machine.signals[k].period_s for k in self.signals)
         return max(1, round(max(periods, default=0.0) * self.rate_hz))
 
+    @property
+    def steps_after(self) -> int:
+        """Steps between a leap and the reading at which it is doubted."""
+        return AFTER * self._every
+
     @cached_property
     def _noise(self) -> Array:
         """Variance (P,) [Pa^2] of what a sensor says."""

@@ -25,6 +25,7 @@ from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
 from cylforce.service.plausibility.offsets import NO_OFFSET, Offset, Voting
 from cylforce.service.plausibility.returning import Returning
+from cylforce.service.plausibility.reversing import Reversing, Turns
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
@@ -43,7 +44,7 @@ BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be;
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
     driven and swept; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last,
-    and from which sample of this lift on; what is suspected."""
+    and from which sample of this lift on; what is suspected; when cylinders `turned` round."""
 
     gathering: Gathering
     blocks: Block
@@ -57,6 +58,7 @@ class Watch(NamedTuple):
     suspicion: SensorDoubt = NOTHING_SUSPECTED
     leaps: Leaps = Leaps()
     lighter: int = NEVER
+    turned: Turns = Turns()
 
     @property
     def unsure(self) -> bool:
@@ -109,6 +111,10 @@ class Monitor:
         return Leaping(self.model.machine, self.model.filters.rate_hz)
 
     @cached_property
+    def _reversing(self) -> Reversing:
+        return Reversing(self.model, self.tares, self._leaping.steps_after)
+
+    @cached_property
     def _returning(self) -> Returning:
         return Returning(self._gatherer)
 
@@ -125,7 +131,7 @@ class Monitor:
         """Nothing was seen, nothing is suspected."""
         blocks, changes = self._voting.begin(), self._watching.begin()
         gathering, driven, unnoticed = self._gatherer.begin(), self._driving.begin(), self._noticing.begin()
-        return Watch(gathering, blocks, NO_OFFSET, changes, driven, unnoticed)
+        return Watch(gathering, blocks, NO_OFFSET, changes, driven, unnoticed, turned=self._reversing.begin())
 
     def interrupt(self, state: Watch, *, frozen: bool = False) -> Watch:
         """The measurement stopped: what was gathered in part is dropped, what is suspected stays. Votes that led to no
@@ -136,13 +142,13 @@ class Monitor:
         swept = self._sweeping.ended(state.swept, explained=None)
         driven, unnoticed = self._driving.begin(), self._noticing.interrupt(state.unnoticed)
         state = state._replace(gathering=gathering, changes=changes, driven=driven, swept=swept, unnoticed=unnoticed)
-        return state._replace(leaps=self._leaping.interrupt(state.leaps))
+        return state._replace(leaps=self._leaping.interrupt(state.leaps), turned=self._reversing.begin())
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
         now, before = self._watching.now(seen.values), state.changes
         changes = self._watching.step(before, now, seen.instant.speed)
-        leaps = self._leaping.step(state.leaps, now, seen.pipe.steps)
+        leaps, turned = self._leapt(state, now, seen)
         looked = seen.leapt != state.leapt or not (
             changes.constant is before.constant
             and changes.burst is before.burst
@@ -150,10 +156,21 @@ class Monitor:
             and (changes.noises is before.noises or changes.noises.lost == before.noises.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, *state[11:]))
+        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, state.lighter, turned))
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
+
+    def _leapt(self, state: Watch, now: Numbers, seen: Samples) -> tuple[Leaps, Turns]:
+        """Leaps of the pressures `now` (P,) but those of friction that turned round."""
+        steps, turned = seen.pipe.steps, self._reversing.step(state.turned, seen.instant, seen.pipe.steps)
+        leaps = self._leaping.step(state.leaps, now, steps)
+        doubt, known = leaps.doubt, state.leaps
+        if doubt is known.doubt or doubt.cause is not SensorFault.STEPPED:
+            return leaps, turned
+        if self._reversing.explains(turned, steps, doubt, seen.values, seen.drift):
+            leaps = leaps._replace(doubt=known.doubt, since=known.since, votes=known.votes)
+        return leaps, turned
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
