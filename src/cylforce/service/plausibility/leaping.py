@@ -133,6 +133,14 @@ class Leaping:
         """The measurement stopped, and the filters begin anew: what was read before says nothing of what follows."""
         return state._replace(readings=NONE, steps=0, since=0)
 
+    def strayed(self, state: Leaps, signals: tuple[int, ...]) -> Leaps:
+        """These `signals` were outside their range for so long that the measurement stopped: what a pressure says when
+        it is back is doubted as after a leap, unless another leap is doubted already."""
+        own = tuple(k for k in signals if k in self.signals)
+        if not own or state.doubt.level is not Level.FINE:
+            return state
+        return state._replace(doubt=SensorDoubt(Level.DOUBTED, SensorFault.STRAYED, own), votes=0.0)
+
     def step(self, state: Leaps, now: Numbers, steps: int) -> Leaps:
         """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
         filled by linear interpolation."""

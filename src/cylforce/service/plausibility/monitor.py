@@ -133,16 +133,18 @@ class Monitor:
         gathering, driven, unnoticed = self._gatherer.begin(), self._driving.begin(), self._noticing.begin()
         return Watch(gathering, blocks, NO_OFFSET, changes, driven, unnoticed, turned=self._reversing.begin())
 
-    def interrupt(self, state: Watch, *, frozen: bool = False) -> Watch:
+    def interrupt(self, state: Watch, *, frozen: bool = False, strayed: tuple[int, ...] = ()) -> Watch:
         """The measurement stopped: what was gathered in part is dropped, what is suspected stays. Votes that led to no
-        doubt are dropped, too, when a signal was `frozen` meanwhile: that is what they were about."""
+        doubt are dropped, too, when a signal was `frozen` meanwhile: that is what they were about. Signals that
+        `strayed` from their range are doubted when they are back."""
         if frozen and state.suspicion.level is Level.FINE:
             state = state._replace(blocks=self._voting.begin(), offset=NO_OFFSET)
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
         swept = self._sweeping.ended(state.swept, explained=None)
         driven, unnoticed = self._driving.begin(), self._noticing.interrupt(state.unnoticed)
         state = state._replace(gathering=gathering, changes=changes, driven=driven, swept=swept, unnoticed=unnoticed)
-        return state._replace(leaps=self._leaping.interrupt(state.leaps), turned=self._reversing.begin())
+        leaps = self._leaping.strayed(self._leaping.interrupt(state.leaps), strayed)
+        return state._replace(leaps=leaps, turned=self._reversing.begin())
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
