@@ -48,13 +48,14 @@ def readings():
     return np.array([next(pressures) if s.kind.endswith("_pressure") else 0.0 for s in MACHINE.signals])
 
 
-def asked(newtons, side=Kind.HEAD_PRESSURE, way=EXTENDS, steps=100 + AFTER, stribeck=0.0, cylinder=STICK):
+def asked(newtons, side=Kind.HEAD_PRESSURE, way=EXTENDS, steps=100 + AFTER, stribeck=0.0, cylinder=STICK, speed=0.05):
     """Whether a step of one pressure that pushes the piston out by so many newtons may be friction."""
     own = MACHINE.cylinders[cylinder]
     area = own.area_head if side is Kind.HEAD_PRESSURE else -own.area_rod
     doubt = SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (place(MACHINE, side, cylinder),), newtons / area)
     reversing, drift = friction(stribeck)
-    return reversing.explains(turned(way), steps, doubt, readings(), drift)
+    speeds = [0.1 if c != cylinder else speed for c in range(3)]
+    return reversing.explains(turned(way), steps, doubt, speeds, readings(), drift)
 
 
 def most(stribeck=0.0):
@@ -89,6 +90,14 @@ def test_friction_of_creeping_counts_where_it_is_more():
 @pytest.mark.parametrize(("steps", "excused"), [(99, False), (100, True), (100 + AFTER, True), (101 + AFTER, False)])
 def test_it_turns_round_in_the_moment_of_the_leap(steps, excused):
     assert asked(DRY, steps=steps) is excused
+
+
+def test_at_rest_friction_may_change_either_way_at_any_time():
+    slow = LOADED.service.filters.direction_speed
+    for sign in (1.0, -1.0):
+        assert asked(0.99 * sign * most(), steps=1000, speed=0.9 * slow)
+        assert not asked(1.01 * sign * most(), steps=1000, speed=0.9 * slow)
+        assert not asked(0.99 * sign * most(), steps=1000, speed=-1.1 * sign * slow)
 
 
 def test_the_friction_of_another_cylinder_is_no_excuse():

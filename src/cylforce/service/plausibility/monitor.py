@@ -155,7 +155,7 @@ class Monitor:
             changes.constant is before.constant
             and changes.burst is before.burst
             and changes.below is before.below
-            and (changes.noises is before.noises or changes.noises.lost == before.noises.lost)
+            and (changes.noises is before.noises or changes.lost == before.lost)
             and leaps.doubt is state.leaps.doubt
         )
         state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, state.lighter, turned))
@@ -170,7 +170,7 @@ class Monitor:
         doubt, known = leaps.doubt, state.leaps
         if doubt is known.doubt or doubt.cause is not SensorFault.STEPPED:
             return leaps, turned
-        if self._reversing.explains(turned, steps, doubt, seen.values, seen.drift):
+        if self._reversing.explains(turned, steps, doubt, seen.instant.speed, seen.values, seen.drift):
             leaps = leaps._replace(doubt=known.doubt, since=known.since, votes=known.votes)
         return leaps, turned
 
@@ -222,7 +222,7 @@ class Monitor:
         if state.driven.level is not Level.FINE:
             yield SensorDoubt(state.driven.level, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
         yield self._marked(changes.constant, SensorFault.STUCK)
-        yield self._marked(changes.noises.gone, SensorFault.STUCK, Level.DOUBTED)
+        yield self._marked(changes.gone, SensorFault.STUCK, Level.DOUBTED)
         yield self._off(state.offset)
         if state.swept.level is not Level.FINE:
             yield SensorDoubt(state.swept.level, SensorFault.EXCHANGED, tuple(self._watching.signals))

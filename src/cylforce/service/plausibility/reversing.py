@@ -1,6 +1,7 @@
 """Is a pressure's leap that of its cylinder's friction? When a cylinder turns round, its dry friction turns round, too,
 and the oil's force follows within one reading: by no more than twice that friction, and towards the new motion. How
-large it is, the identification knows, and the adaptation what it is now. What leaps farther is no friction."""
+large it is, the identification knows, and the adaptation what it is now. What leaps farther is no friction. At rest
+friction may be anything between both, and change as far either way."""
 
 from array import array
 from dataclasses import dataclass
@@ -64,16 +65,20 @@ class Reversing:
                 at[c], way[c] = steps, -1.0 if instant.speed[c] > 0.0 else 1.0
         return Turns(at, way)
 
-    def explains(self, state: Turns, steps: int, doubt: SensorDoubt, values: Array, drift: Drift) -> bool:
+    def explains(
+        self, state: Turns, steps: int, doubt: SensorDoubt, speed: Numbers, values: Array, drift: Drift
+    ) -> bool:
         """Whether the step of a pressure that is doubted, at the last of the filters' `steps`, may be friction that
-        turned round; `values` (S,) of all signals."""
+        turned round; `speed` (C,) [m/s] of the cylinders now, `values` (S,) of all signals."""
         signal = self.model.machine.signals[doubt.signals[0]]
         cylinder, c = self.model.machine.cylinders[signal.index], signal.index
-        if not 0 <= steps - state.at[c] <= self.steps:
+        rests = abs(speed[c]) < self.model.filters.direction_speed
+        if not rests and not 0 <= steps - state.at[c] <= self.steps:
             return False
         outward = cylinder.area_head if signal.kind is Kind.HEAD_PRESSURE else -cylinder.area_rod
         dry, error = self._dry(c, values, drift)
-        return 0.0 < doubt.size * outward * state.way[c] <= 2.0 * (dry + CLEAR * error)
+        push = doubt.size * outward
+        return (rests or push * state.way[c] > 0.0) and abs(push) <= 2.0 * (dry + CLEAR * error)
 
     def _dry(self, c: int, values: Array, drift: Drift) -> tuple[float, float]:
         """Dry friction of a cylinder [N] and its standard error, at its force; where it is less in creeping, that at
