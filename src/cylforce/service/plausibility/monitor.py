@@ -35,9 +35,6 @@ from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new
 
 NEVER = -1  # in place of a sample
-UNSURE = (
-    6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
-)
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 2.2
 
 
@@ -64,7 +61,7 @@ class Watch(NamedTuple):
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
         would be wrong; the force would be, too. Or whether it will be known soon."""
-        return self.offset.evidence > UNSURE or self.suspicion.waits
+        return self.offset.unsure or self.suspicion.waits
 
 
 class Samples(NamedTuple):
