@@ -81,10 +81,10 @@ def test_friction_is_against_the_motion():
     assert asked(-DRY, way=RETRACTS)
 
 
-def test_friction_of_creeping_counts_where_it_is_more():
-    assert asked(0.99 * most(800.0), stribeck=800.0)
-    assert not asked(1.01 * most(800.0), stribeck=800.0)
-    assert not asked(1.01 * most(), stribeck=-800.0)
+@pytest.mark.parametrize("stribeck", [800.0, -800.0])
+def test_friction_of_creeping_may_be_as_much_more(stribeck):
+    assert asked(0.99 * most(800.0), stribeck=stribeck)
+    assert not asked(1.01 * most(800.0), stribeck=stribeck)
 
 
 @pytest.mark.parametrize(("steps", "excused"), [(99, False), (100, True), (100 + AFTER, True), (101 + AFTER, False)])

@@ -81,15 +81,15 @@ class Reversing:
         return (rests or push * state.way[c] > 0.0) and abs(push) <= 2.0 * (dry + CLEAR * error)
 
     def _dry(self, c: int, values: Array, drift: Drift) -> tuple[float, float]:
-        """Dry friction of a cylinder [N] and its standard error, at its force; where it is less in creeping, that at
-        speed."""
+        """The most dry friction of a cylinder [N] and its standard error, at its force. By what it differs in creeping,
+        it may be more when it turns round: the form of that is known no better than its size."""
         laws, tares = self._laws[c], self.tares
         row = np.zeros(len(tares.values))
         row[laws["coulomb"]] = 1.0
         if "load_dependent" in laws:
             row[laws["load_dependent"]] = abs(self._force(c, values))
-        if "stribeck" in laws and tares.values[laws["stribeck"]] > 0.0:
-            row[laws["stribeck"]] = 1.0
+        if "stribeck" in laws:
+            row[laws["stribeck"]] = np.sign(tares.values[laws["stribeck"]])
         adapted = self.model.changing_friction.index(laws["coulomb"])
         variance = float(row @ tares.covariance @ row + drift.covariance[adapted, adapted])
         return float(row @ tares.values + drift.values[adapted]), sqrt(variance)
