@@ -42,7 +42,10 @@ ROOMS = {
     ),
     "plausibility": Room(
         ("service/plausibility/*.py", "estimation/kernel/heard.py"),
-        ("test_reversing.py", "test_leaps.py", "test_plausibility.py", "test_returning.py", "test_unnoticed.py"),
+        (
+            *("test_reversing.py", "test_resting.py", "test_returning.py"),
+            *("test_leaps.py", "test_plausibility.py", "test_unnoticed.py"),
+        ),
     ),
     "store": Room(
         (
