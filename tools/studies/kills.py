@@ -153,10 +153,10 @@ def _alike(a: tuple[int, float], b: tuple[int, float]) -> bool:
 def trial(path: Path, kills: int, seed: int, shift: Shift = work) -> dict[str, int]:
     """So many kills of one shift, of the records' or of the naive writer; after how many of them the next start did not
     know the last booking that was told."""
-    told, forgotten = Kept(0, frozenset()), 0
+    told, forgotten, before = Kept(0, frozenset()), 0, 0
     for k in range(kills):
         more = killed(path, seed + k, shift)
-        forgotten += more.begun < told.booking
+        forgotten, before = forgotten + (more.begun < before), more.booking
         told = Kept(max(told.booking, more.booking), told.tickets | more.tickets)
     found = figures(path, told) if shift is work else naive_figures(path, (told.booking, told.tickets))
     return {"kills": kills, "starts_forgetful": forgotten, **found}
