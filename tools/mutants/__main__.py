@@ -34,16 +34,16 @@ ROOMS = {
     "codec": Room(("signals/codec.py",), ("test_codec.py",)),
     "assembler": Room(
         ("service/assembler.py", "service/senders/*.py", "estimation/kernel/inputs.py"),
-        ("test_assembler.py", "test_who_sends.py", "test_kernel.py", "test_step.py"),
+        ("test_codes.py", "test_assembler.py", "test_who_sends.py", "test_kernel.py", "test_step.py"),
     ),
     "gates": Room(
         ("service/step.py", "service/force.py", "service/recognition.py", "signals/estimate.py"),
-        ("test_truth.py", "test_recognition.py", "test_outage.py", "test_step.py"),
+        ("test_codes.py", "test_truth.py", "test_recognition.py", "test_outage.py", "test_step.py"),
     ),
     "plausibility": Room(
         ("service/plausibility/*.py", "estimation/kernel/heard.py"),
         (
-            *("test_reversing.py", "test_resting.py", "test_returning.py"),
+            *("test_codes.py", "test_reversing.py", "test_resting.py", "test_returning.py"),
             *("test_leaps.py", "test_plausibility.py", "test_unnoticed.py"),
         ),
     ),
