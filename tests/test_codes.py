@@ -23,6 +23,7 @@ FAULTS = (
     "LIGHT",
     "STEPPED",
     "SWAPPED",
+    "STRAYED",
 )
 
 
