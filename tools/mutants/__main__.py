@@ -142,8 +142,7 @@ def main() -> int:
         for mutant in drawn(asked.rooms, asked.each, asked.seed):
             alive = survives(Path(name), mutant, limits[mutant.room])
             noticed[mutant.room].append(not alive)
-            if alive:
-                print(f"not noticed: {mutant.told()}", flush=True)
+            print(f"{'NOT NOTICED' if alive else 'noticed'}: {mutant.told()}", flush=True)
     print_scores(noticed)
     if asked.json:
         asked.json.write_text(json.dumps({k: sum(v) / len(v) for k, v in noticed.items()}, indent=1) + "\n")
