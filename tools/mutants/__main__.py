@@ -56,7 +56,7 @@ ROOMS = {
             "files/atomic.py",
             "files/checkpoint.py",
         ),
-        ("test_audit.py", "test_records.py", "test_recorded.py", "test_kept.py", "test_logfile.py"),
+        ("test_store.py", "test_audit.py", "test_records.py", "test_recorded.py", "test_kept.py", "test_logfile.py"),
     ),
 }
 
