@@ -20,7 +20,7 @@ from cylforce.records.export import export, telematics
 from cylforce.records.labels import label_truck, name_product, set_to_zero
 from cylforce.records.queries import bookings, totals
 from cylforce.records.recorder import Recorder
-from cylforce.records.schema import MIGRATIONS, VERSION, open_labels, open_reading
+from cylforce.records.schema import MIGRATIONS, VERSION, open_labels, open_reading, open_writing
 from cylforce.records.ticket import ticket
 from cylforce.records.writing import BookedBucket, Change, Start
 from cylforce.service import commands
@@ -299,6 +299,28 @@ def test_a_full_disk_stops_the_records_only(path):
     recorder.close()
     assert "no more bookings are recorded (" in recorder.failure
     assert told == [recorder.failure]
+
+
+def test_the_first_change_that_cannot_be_written_ends_the_records_with_its_reason(path, monkeypatch):
+    def fail(*_):
+        raise sqlite3.OperationalError("disk I/O error")
+
+    told = []
+    recorder = Recorder(path, START, told.append)
+    monkeypatch.setattr(recorder, "_write", fail)
+    recorder.put(booked(recorder.kept, 10.0))
+    recorder.close()
+    assert "(disk I/O error)" in recorder.failure
+    assert told == [recorder.failure]
+    recorder.put(booked(recorder.kept, 10.0))
+    assert told == [recorder.failure]
+
+
+def test_what_is_written_is_on_the_disk_before_it_is_confirmed(path):
+    """Synchronous FULL (2), with a write-ahead log: a power cut takes nothing that was told."""
+    with closing(open_writing(path, print)) as found:
+        assert found.execute("PRAGMA synchronous").fetchone() == (2,)
+        assert found.execute("PRAGMA journal_mode").fetchone() == ("wal",)
 
 
 def test_a_folder_that_cannot_be_written(tmp_path):
