@@ -105,3 +105,30 @@ def test_an_angle_that_leapt_is_off_although_the_joint_passes_where_it_was(leap,
     assert (reasons[119], reasons[-1], leapt) == (Reason.IMPLAUSIBLE_JUMP, Reason.NONE, ())
     twice = [angle + leap * (50 <= k < 200) for k, angle in enumerate([*moving, *moving[-1:] * 100])]
     assert course(twice)[1] == ()
+
+
+def test_the_inputs_show_every_signal_every_pdo_and_every_node():
+    """A value each, and its time; a second too late all are missing but for it."""
+    assembler = Assembler(SERVICE)
+    inputs = assembler.begin()
+    pdos = [pdo for node in SERVICE.nodes for pdo in node.pdos]
+    assert (len(inputs.channels), len(inputs.pdos), len(inputs.nodes)) == (
+        len(SERVICE.machine.signals),
+        len(pdos),
+        len(SERVICE.nodes),
+    )
+    said = {s.name: 0.25 * (s.low + s.high) + 0.1 for s in SERVICE.machine.signals}
+    for n in range(1 - SERVICE.health.good_frames, 1):
+        sent = [Frame(1_000_000 + 10_000 * n + k, pdo.can_id, encode(pdo, said)) for k, pdo in enumerate(pdos)]
+        inputs = assembler.receive(inputs, sent, assembler.still)
+    for signal, channel in zip(SERVICE.machine.signals, inputs.channels, strict=True):
+        assert channel.reason is Reason.NONE
+        assert channel.value == pytest.approx(said[signal.name], rel=1e-3, abs=3e-3)
+        assert channel.t_us == 1_000_000 + pdos.index(pdo_of(SERVICE, signal.name))
+    assert [pdo.t_us for pdo in inputs.pdos] == [1_000_000.0 + k for k in range(len(pdos))]
+    strange = assembler.receive(inputs, [Frame(2_000_000, 0x7FF, b"")], assembler.still)
+    assert strange.counters.unknown == inputs.counters.unknown + 1
+    ages = assembler.ages(inputs, 2_000_000)
+    assert max(ages) == pytest.approx(1.0, abs=1e-4)
+    sample = assembler.sample(inputs, 2_000_000)
+    assert set(sample.reasons) == {Reason.SIGNAL_STALE}

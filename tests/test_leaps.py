@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import numbers
 from cylforce.service.plausibility.changing import GROUP
-from cylforce.service.plausibility.leaping import AFTER, BEFORE, Leaping
+from cylforce.service.plausibility.leaping import AFTER, BEFORE, LONGEST, Leaping
 from cylforce.service.plausibility.quiet import CODES, QUIET, TENTH, begun, listened, taken_back
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.step import Core
@@ -87,6 +88,39 @@ def test_a_pressure_that_steps_is_found_with_its_size(leaping):
         doubt = leaping.leap(window)
         assert doubt[:3] == (Level.DOUBTED, SensorFault.STEPPED, (leaping.signals[pressure],))
         assert doubt.size == pytest.approx(bar * BAR, abs=BAR)
+
+
+def test_the_noise_before_tells_smaller_steps_from_noise(leaping):
+    """Nineteen standard errors of the sensor: too little by itself, enough after a second of no more noise than the
+    sensor's, too little after one of three times as much. In noise of the sensor alone nothing steps."""
+    rng, found = np.random.default_rng(15), []
+    for noise in (1.0, 3.0):
+        for bar in (0.0, 1.9):
+            earlier = LEVELS + rng.normal(0.0, noise * NOISE, (40, LONGEST - SIZE, 6))
+            windows = np.stack([smooth(rng) for _ in earlier])
+            windows[:, BEFORE:, 2] += bar * BAR
+            long = np.concatenate([earlier, windows], axis=1)
+            found.append([np.mean([leaping.leap(w).cause is SensorFault.STEPPED for w in x]) for x in (windows, long)])
+    assert np.round(found, 1).tolist() == [[0.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
+
+
+@pytest.mark.parametrize("form", [choice.INTERPRETED, choice.chosen()], ids=["interpreted", "chosen"])
+def test_only_what_changes_by_more_than_what_is_around_it_is_looked_at(form):
+    """A steady slope, however steep, is not, nor a change within the gate; a step beyond it is, of the second pressure,
+    too. A slope's change within a reading beside changes of four fifths of it on either side is a fifth."""
+
+    def suspicious(*changes):
+        first = np.concatenate([np.zeros(BEFORE - 1), np.cumsum(changes), np.full(2, float(np.sum(changes)))])
+        both = np.stack([np.zeros_like(first), first], axis=1)
+        return bool(form.suspicious(2, numbers(both.ravel()), BEFORE, numbers([1.0, 1.0])))
+
+    assert not suspicious(0.0, 0.0, 0.0)
+    assert not suspicious(0.0, 0.9, 0.0)
+    assert suspicious(0.0, 1.1, 0.0)
+    assert suspicious(0.0, -1.1, 0.0)
+    assert not suspicious(100.0, 100.0, 100.0)
+    assert not suspicious(4.8, 5.7, 4.8)  # 1.5 x 5.7 - 0.5 x 15.3 = 0.9
+    assert suspicious(4.8, 5.9, 4.8)  # 1.1
 
 
 def test_when_all_of_them_are_hit_none_stepped(leaping):

@@ -10,8 +10,7 @@ from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import Driving
-from cylforce.service.plausibility.monitor import UNSURE
-from cylforce.service.plausibility.offsets import VOTES, Offset, Voting
+from cylforce.service.plausibility.offsets import UNSURE, VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.state import State
@@ -251,9 +250,9 @@ def test_what_is_suspected_is_stored_with_the_state(spoilt):
 
 def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_made(machine, monkeypatch):
     core, events, masses = machine
-    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 1.01 * UNSURE))
+    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 1.01 * UNSURE, True))
     begun = core.begin()
-    some = begun.watch.offset._replace(evidence=1.01 * UNSURE)
+    some = begun.watch.offset._replace(evidence=1.01 * UNSURE, unsure=True)
     state, estimates, _ = through(core, events, begun._replace(watch=begun.watch._replace(offset=some)))
     for shown in ({e.gross.status for e in estimates}, {e.force.x.status for e in estimates}):
         assert shown == {Status.DEGRADED, Status.INVALID}
@@ -283,7 +282,7 @@ def test_the_signals_that_may_be_off_are_named(machine, number):
 
 def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_doubted(machine):
     core, *_ = machine
-    monitor, some = core.monitor, Offset(0, 5.0, 1.01 * UNSURE)
+    monitor, some = core.monitor, Offset(0, 5.0, 1.01 * UNSURE, True)
     watch = monitor.begin()._replace(offset=some)
     assert monitor.interrupt(watch).unsure
     assert not monitor.interrupt(watch, frozen=True).unsure

@@ -314,18 +314,41 @@ def too_large(pdo, signal):
     return lambda f: f._replace(data=with_raw(f.data, pdo, signal, 32000))
 
 
-@pytest.mark.parametrize(("change", "reason"), [(no_value, Reason.NOT_A_NUMBER), (too_large, Reason.OUT_OF_RANGE)])
-@pytest.mark.parametrize("signal", ["boom_head_pressure", "pitch", "slew_rate"])
-def test_a_sensor_says_nothing_or_too_much(bench, signal, change, reason):
-    """A sensor sends "not available", or a value outside its range, for 0.5 s: held, then INVALID with this reason,
-    then good again."""
+OUTSIDE = (too_large, Reason.OUT_OF_RANGE)
+
+
+def absent(bench, signal, change, reason, until=3.0):
+    """What is said of a sensor that says nothing, or too much, for half a second: held, then INVALID with this
+    reason."""
     run, pdo = bench.carry, pdo_of(bench.service, signal)
     events = with_pdo(run.events, pdo, change(pdo, signal), FAULT, FAULT + 0.5)
-    _, estimates, _ = spoiled(bench, run, events, 3.0)
+    _, estimates, _ = spoiled(bench, run, events, until)
     assert states(estimates)[1] == ("HOLD", reason.name)
     lost_with(estimates, reason, FAULT + HOLD_S + 0.02, FAULT + 0.5)
-    assert force_back(estimates, FAULT + 0.5) < 0.8
     true_weight(bench, estimates)
+    return estimates
+
+
+@pytest.mark.parametrize(
+    ("signal", "change", "reason"),
+    [
+        ("boom_head_pressure", no_value, Reason.NOT_A_NUMBER),
+        *((signal, *way) for signal in ("pitch", "slew_rate") for way in ((no_value, Reason.NOT_A_NUMBER), OUTSIDE)),
+    ],
+)
+def test_a_sensor_says_nothing_or_too_much(bench, signal, change, reason):
+    """Then it is good again."""
+    estimates = absent(bench, signal, change, reason)
+    assert force_back(estimates, FAULT + 0.5) < 0.8
+
+
+def test_a_pressure_that_was_outside_its_range_is_doubted_until_motion_in_the_air_confirms_it(bench):
+    """It is back within 0.8 s, DEGRADED; four seconds in the air that a load explains, after the filters have settled,
+    end that."""
+    estimates = absent(bench, "boom_head_pressure", *OUTSIDE, until=np.inf)
+    back = between(estimates, FAULT + 1.3, FAULT + 4.5)
+    assert states(back, "force") == [("DEGRADED", Reason.SENSORS_DISAGREE.name)]
+    assert force_back(estimates, FAULT + 0.5) < 7.0
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf"), 3.4e38])
@@ -363,7 +386,9 @@ def test_real32_values_that_are_none(bench, bad):
         ("HOLD", reason),
         ("INVALID", reason),
     ]
-    assert force_back(estimates, FAULT + 1.5) < 0.8
+    late = between(estimates, FAULT + 2.3, np.inf)
+    doubted = [("DEGRADED", "SENSORS_DISAGREE")]  # a pressure that was outside its range
+    assert states(late, "force") == (doubted if reason == "OUT_OF_RANGE" else [("OK", "NONE")])
     true_weight(bench, estimates)
 
 

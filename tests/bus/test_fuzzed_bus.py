@@ -1,7 +1,7 @@
 """The daemon on a real vcan0 whose other nodes send anything: arbitrary frames, most of them with identifiers that
 matter, and arbitrary SDO transfers. A tenth of what the whole study sends; that is `long`.
 
-As measured in a guest beside other work: see the table in tests/faults/README.md."""
+As measured in a guest beside other work: 1e6 frames and 1e5 transfers in 127 s, memory from 174.5 to 175.5 MB."""
 
 import asyncio
 import multiprocessing

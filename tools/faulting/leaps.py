@@ -18,7 +18,7 @@ from crane.machine_file import text
 from cylforce.estimation.kernel.making import numbers
 from cylforce.files.recording import open_recording
 from cylforce.files.tables import Table as Samples
-from cylforce.service.plausibility.leaping import AFTER, BEFORE, Leaping
+from cylforce.service.plausibility.leaping import AFTER, LONGEST, Leaping
 from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
@@ -40,13 +40,13 @@ class Piece(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What a recording shows: hours; changes between messages [bar] that 1 % exceed, and the largest; leaps doubted in
-    order; shares found of exchanged sides and nodes, and of steps of STEPS_BAR."""
+    """What a recording shows: hours; changes between messages [bar] that 1 % exceed, and the largest; leaps in
+    order, as if no friction turned round; shares found of exchanged sides and nodes, and of steps of STEPS_BAR."""
 
     hours: float
     exceeded: float
     largest: float
-    doubted: int
+    leapt: int
     sides: float
     nodes: float
     steps: tuple[float, ...]
@@ -95,8 +95,8 @@ def seen(piece: Piece, rng: np.random.Generator) -> Seen:
     """What a recording shows."""
     found, leaping = piece.pressures, piece.leaping
     changes = np.abs(np.diff(found, axis=0)) / BAR
-    at = rng.integers(0, len(found) - BEFORE - AFTER, TRIED)
-    windows = np.lib.stride_tricks.sliding_window_view(found, BEFORE + AFTER, axis=0)[at].swapaxes(1, 2)
+    at = rng.integers(0, len(found) - LONGEST, TRIED)
+    windows = np.lib.stride_tricks.sliding_window_view(found, LONGEST, axis=0)[at].swapaxes(1, 2)
     exchanged = [_share(leaping, [_exchanged(w, pairs) for w in windows]) for pairs in leaping.exchanges]
     single = [len(pairs) == 1 for pairs in leaping.exchanges]
     return Seen(
@@ -111,7 +111,7 @@ def seen(piece: Piece, rng: np.random.Generator) -> Seen:
 
 
 def doubted(leaping: Leaping, pressures: Array) -> int:
-    """How many leaps are doubted along pressures (T, P) [Pa]."""
+    """How many leaps there are along pressures (T, P) [Pa], those of a friction that turns round among them."""
     state, times = leaping.begin(), set()
     for k, row in enumerate(pressures.tolist(), 1):
         state = leaping.step(state, numbers(row), k)
@@ -123,13 +123,13 @@ def _exchanged(window: Array, pairs: Sequence[tuple[int, int]]) -> Array:
     found, order = window.copy(), np.arange(window.shape[1])
     for a, b in pairs:
         order[[a, b]] = b, a
-    found[BEFORE:] = window[BEFORE:, order]
+    found[-AFTER:] = window[-AFTER:, order]
     return found
 
 
 def _stepped(window: Array, bar: float, rng: np.random.Generator) -> Array:
     found = window.copy()
-    found[BEFORE:, rng.integers(window.shape[1])] += BAR * bar * rng.choice((-1.0, 1.0))
+    found[-AFTER:, rng.integers(window.shape[1])] += BAR * bar * rng.choice((-1.0, 1.0))
     return found
 
 
@@ -145,7 +145,7 @@ def table(found: Sequence[tuple[str, Seen]]) -> Table:
         "hours",
         "1 % exceed, bar",
         "largest, bar",
-        "doubted in order",
+        "leaps in order",
         "sides found",
         "nodes found",
     ):
@@ -161,7 +161,7 @@ def table(found: Sequence[tuple[str, Seen]]) -> Table:
             f"{sum(x.hours for x in own):.2f}",
             f"{np.mean([x.exceeded for x in own]):.2f}",
             f"{max(x.largest for x in own):.1f}",
-            str(sum(x.doubted for x in own)),
+            str(sum(x.leapt for x in own)),
             *(f"{100.0 * share:.0f} %" for share in shares),
         )
     return shown

@@ -2,6 +2,8 @@
 cancelled, trucks changed, tickets printed - by a process that is killed (SIGKILL) at random moments, again and again,
 with one file of records.
 
+The control is the same shift with a writer that is not atomic: of that something must be lost.
+
 Told is a booking whose number the records have confirmed (object 2190h:10), and a ticket that was printed. Afterwards
 each must be there once, and every total must be the sum of the bookings."""
 
@@ -11,6 +13,7 @@ import os
 import random
 import signal
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +32,8 @@ from cylforce.service.loading.truck import judged, loaded, next_truck, of_produc
 from cylforce.service.state import Memory
 from cylforce.signals.estimate import Booking
 
+from ._naive import naive_figures, naive_shift
+
 START = Start(1_700_000_000_000_000, "study", "Excavator")
 CYCLE = LastBucket(18.5, 6.2, 84_000.0)
 BUCKETS, CANCELLED, PRODUCTS = 5, 0.2, 3  # buckets a truck, share cancelled, products
@@ -36,11 +41,16 @@ LONGEST_S = 0.06  # between start and kill: some fifty transactions
 ENOUGH = 8  # bytes of a message: one letter, seven digits
 
 
+Shift = Callable[[Path, int, random.Random], None]
+
+
 class Kept(NamedTuple):
-    """What was told: the highest booking that was confirmed, and the tickets' trucks."""
+    """What was told: the highest booking that was confirmed, and the tickets' trucks; the last booking that a start
+    knew when it `begun`."""
 
     booking: int
     tickets: frozenset[int]
+    begun: int = 0
 
 
 def work(path: Path, pipe: int, rng: random.Random) -> None:
@@ -88,13 +98,18 @@ def _say(pipe: int, what: str, number: int) -> None:
     os.write(pipe, f"{what}{number:0{ENOUGH - 1}d}".encode())
 
 
-def killed(path: Path, seed: int) -> Kept:
+def naive_work(path: Path, pipe: int, rng: random.Random) -> None:
+    """The same of the control."""
+    naive_shift(path, pipe, rng, _say, BUCKETS, CANCELLED)
+
+
+def killed(path: Path, seed: int, shift: Shift = work) -> Kept:
     """One start that is killed at a random moment; what it had told until then."""
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
         try:
-            work(path, writing, random.Random(seed))
+            shift(path, writing, random.Random(seed))
         finally:
             os._exit(1)
     os.close(writing)
@@ -106,7 +121,7 @@ def killed(path: Path, seed: int) -> Kept:
         text = (first + told.read()).decode()
     said = [(text[k], int(text[k + 1 : k + ENOUGH])) for k in range(0, len(text), ENOUGH)]
     trucks = frozenset(n for what, n in said if what == "t")
-    return Kept(max((n for what, n in said if what == "b"), default=0), trucks)
+    return Kept(max((n for what, n in said if what == "b"), default=0), trucks, said[0][1])
 
 
 def figures(path: Path, told: Kept) -> dict[str, int]:
@@ -135,13 +150,16 @@ def _alike(a: tuple[int, float], b: tuple[int, float]) -> bool:
     return a[0] == b[0] and abs(a[1] - b[1]) < 1e-3  # kg: sums in another order differ by rounding
 
 
-def trial(path: Path, kills: int, seed: int) -> dict[str, int]:
-    """So many kills of one shift."""
-    told = Kept(0, frozenset())
+def trial(path: Path, kills: int, seed: int, shift: Shift = work) -> dict[str, int]:
+    """So many kills of one shift, of the records' or of the naive writer; after how many of them the next start did not
+    know the last booking that was told."""
+    told, forgotten, before = Kept(0, frozenset()), 0, 0
     for k in range(kills):
-        more = killed(path, seed + k)
+        more = killed(path, seed + k, shift)
+        forgotten, before = forgotten + (more.begun < before), more.booking
         told = Kept(max(told.booking, more.booking), told.tickets | more.tickets)
-    return {"kills": kills, **figures(path, told)}
+    found = figures(path, told) if shift is work else naive_figures(path, (told.booking, told.tickets))
+    return {"kills": kills, "starts_forgetful": forgotten, **found}
 
 
 def main() -> None:
@@ -153,13 +171,15 @@ def main() -> None:
     options = parser.parse_args()
     with TemporaryDirectory() as folder:
         found = trial(Path(folder) / "records.db", options.kills, options.seed)
+        control = trial(Path(folder) / "naive.json", options.kills, options.seed, naive_work)
     shown = Table(title="a shift that is killed again and again")
-    for name in found:
-        shown.add_column(name.replace("_", " "), justify="right")
-    shown.add_row(*map(str, found.values()))
-    Console(highlight=False).print(shown)
+    for name in ("writer", *found):
+        shown.add_column(name.replace("_", " "), justify="left" if name == "writer" else "right")
+    shown.add_row("records", *map(str, found.values()))
+    shown.add_row("naive", *map(str, control.values()))
+    Console(width=120, highlight=False).print(shown)
     if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
+        options.json.write_text(json.dumps({**found, "control": control}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

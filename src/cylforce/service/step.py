@@ -129,7 +129,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
         return state._replace(estimate=held_estimate(state.estimate, t_us, sample.late))
     channels = _channels(core, sample)
     if isinstance(channels, Reason):
-        return _lose(core, state, t_us, channels)
+        strayed = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
+        return _lose(core, state, t_us, channels, strayed)
     periods = (t_us - state.sampled_us) / core.period_us
     if state.pipe is None or not TICK_SLACK < periods < core.longest_step:
         reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
@@ -187,9 +188,9 @@ def _channels(core: Core, sample: Sample) -> Numbers | Reason:
     return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.values)
 
 
-def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
+def _lose(core: Core, state: State, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> State:
     """The state after an interruption: filters and lift start again, no value is shown. At an end stop the bucket is
-    still watched."""
+    still watched. `strayed`: signals outside their range."""
     weighing = core.weigher.interrupt(state.weighing)
     if reason is Reason.END_STOP:
         weighing = weighing._replace(seen_us=t_us)
@@ -200,7 +201,7 @@ def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
         recognition=core.recognizer.interrupt(state.recognition),
         interaction=core.interactor.interrupt(state.interaction),
         rocking=state.rocking.interrupted(),
-        watch=core.monitor.interrupt(state.watch, frozen=reason is Reason.FROZEN),
+        watch=core.monitor.interrupt(state.watch, frozen=reason is Reason.FROZEN, strayed=strayed),
         estimate=_nothing(state, t_us, reason),
         unexplained=(),
     )

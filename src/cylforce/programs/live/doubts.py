@@ -18,6 +18,7 @@ CODES = {  # EMCY codes (manufacturer's)
     SensorFault.LIGHT: 0xFF23,
     SensorFault.STEPPED: 0xFF23,
     SensorFault.SWAPPED: 0xFF10,
+    SensorFault.STRAYED: 0xFF21,
 }
 WHY = {
     SensorFault.EXCHANGED: "the forces do not belong to the motion: sensors exchanged, or one is dead",
@@ -29,6 +30,7 @@ WHY = {
     SensorFault.IMPOSSIBLE: "it is below vacuum",
     SensorFault.LIGHT: "the empty bucket weighs less than nothing",
     SensorFault.STEPPED: "it leapt by itself, and stayed there: the next motion in the air will say whether it is off",
+    SensorFault.STRAYED: "it was outside its range, and is back: the next motion in the air will say if it is off",
     SensorFault.SWAPPED: "they leapt to each other's values: exchanged; the next motion in the air will say",
 }
 

@@ -29,6 +29,9 @@ SAMPLES = 5  # of a block: one second at 100 Hz
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as in `recognition`
 FRICTION = 0.5  # of its identified value, by which friction may have changed while it is not known, as in `recognition`
 BAR = 1e5  # Pa
+# m/s of the fastest cylinder, as MOVING of `step`. At rest the ground may push as a constant error does, whatever
+# friction is
+SLOWEST = 0.005
 TILTED = 1e-3  # rad by which an angle is shifted to find its column
 LOAD = 4  # parameters of a load
 
@@ -146,7 +149,8 @@ class Gatherer:
         drifts may be a fault."""
         forces = instant.slow.columns[:, self._zeros] * self._per_bar
         errors = self.tares.scale * np.concatenate([forces, self._angles(channels, state.load)], axis=1)
-        gram, telling = self._with_rows(state.gram, instant, drift, errors)
+        moves = max(map(abs, instant.speed)) > SLOWEST
+        gram, telling = self._with_rows(state.gram, instant, drift, errors) if moves else (state.gram, 0)
         many = state.rows + telling
         state = state._replace(gram=gram, errors=errors, rows=many, samples=state.samples + 1)
         if state.samples < SAMPLES:

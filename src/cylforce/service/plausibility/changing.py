@@ -16,7 +16,7 @@ from cylforce.estimation.kernel.heard import GROUP, GROUPS
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
-from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
+from cylforce.service.plausibility.quiet import Noises, begun, listened, longer, taken_back
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
 from cylforce.signals.quick import new
@@ -44,11 +44,20 @@ def pressures(machine: Machine) -> list[int]:
     return [k for k, s in enumerate(machine.signals) if s.kind in SIDES]
 
 
+class Rests(NamedTuple):
+    """State of the pressures whose own cylinder rests while another one moves: `groups` and their noise, as in motion;
+    a cylinder that rests may hear less of the pump."""
+
+    groups: Numbers
+    noises: Noises
+
+
 class Changes(NamedTuple):
     """State, of P pressures: the last `readings` (T, P), one after the other, of which `fresh` are those of the running
     group; of the last groups in motion means, variances, ways and white noise (variances) (4, GROUPS, P), 0 where there
     was none yet;
-    which pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise."""
+    which pressures are `constant`, which `burst` and which are `below` vacuum (P,); their noise;
+    those at rest."""
 
     readings: Numbers
     fresh: int
@@ -57,6 +66,17 @@ class Changes(NamedTuple):
     burst: NDArray[np.bool_]
     below: NDArray[np.bool_]
     noises: Noises
+    rests: Rests
+
+    @property
+    def gone(self) -> NDArray[np.bool_]:
+        """Whose noise is gone (P,), in motion or at rest."""
+        return np.asarray(self.noises.gone | self.rests.noises.gone)
+
+    @property
+    def lost(self) -> tuple[Numbers, Numbers]:
+        """The same as the kernel keeps it."""
+        return self.noises.lost, self.rests.noises.lost
 
 
 @dataclass(frozen=True)
@@ -79,7 +99,8 @@ class Watching:
         """Nothing was seen."""
         size = len(self.signals)
         no = np.zeros(size, dtype=bool)
-        return Changes(NONE, 0, ZERO * (4 * GROUPS * size), no, no, no, begun(size))
+        groups = ZERO * (4 * GROUPS * size)
+        return Changes(NONE, 0, groups, no, no, no, begun(size), Rests(groups, begun(size)))
 
     def interrupt(self, state: Changes) -> Changes:
         """The measurement stopped: the running group starts anew."""
@@ -120,9 +141,20 @@ class Watching:
         self.kernel.group(size, readings, begin, way, MOVES, groups)
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
         tables = np.frombuffer(groups).reshape(4, GROUPS, size)
-        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], moved))
+        rests = self._rested(state.rests, readings, group, moved)
+        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], moved), rests=rests)
         ratios = ZERO * (2 * size)
         return self._compared(state, ratios) if self.kernel.compare(size, groups, ZERO * GROUPS, ratios) else state
+
+    def _rested(self, state: Rests, readings: Numbers, group: Array, moved: NDArray[np.bool_]) -> Rests:
+        """With the `group` (T, P), the last of all `readings`, of the pressures whose cylinders did not move."""
+        size, groups, rested = len(self.signals), state.groups[:], ~moved
+        if not rested.any():
+            return state._replace(noises=longer(state.noises, moved))
+        way = array("d", rested.astype(np.float64).tobytes())
+        self.kernel.group(size, readings, len(readings) // size - GROUP, way, MOVES, groups)
+        tables = np.frombuffer(groups).reshape(4, GROUPS, size)
+        return Rests(groups, longer(listened(state.noises, group, tables[:2], np.asarray(rested)), moved))
 
     def _compared(self, state: Changes, ratios: Numbers) -> Changes:
         """With what the groups' `ratios` (2, P) say, of their means and of their noise; -1: nothing yet."""
@@ -133,4 +165,5 @@ class Watching:
         if (constant == state.constant).all():
             constant = state.constant
         back = judged & ((ratio > CHANGES) | coloured)
-        return state._replace(constant=constant, noises=taken_back(state.noises, back, GROUPS))
+        noises, rests = (taken_back(each, back, GROUPS) for each in (state.noises, state.rests.noises))
+        return state._replace(constant=constant, noises=noises, rests=state.rests._replace(noises=rests))

@@ -29,6 +29,10 @@ from cylforce.signals.quick import new
 # Readings before and after a leap, and the degree of the curves. Chosen on foreign machines 1 to 5 (tools/faulting)
 BEFORE, AFTER, DEGREE = 10, 5, 3
 FREE = BEFORE + AFTER - DEGREE - 2  # degrees of freedom of what a curve with a step leaves
+# Readings, in pieces as long as these, from which the noise before is known; what they leave counts as much as what is
+# left now (degrees of freedom of Student's t). Chosen on the same: noise changes from second to second
+PIECES, KNOWN = 6, FREE
+LONGEST = (PIECES + 1) * (BEFORE + AFTER)
 # Log likelihood ratio of a leap: an order of signals that is right exceeds it once in ten hours, if each of its
 # moments is tested for each leap (Markov's inequality: the ratio's mean is one)
 HOURS = 10.0
@@ -85,6 +89,11 @@ class Leaping:
         periods = (self.machine.signals[k].period_s for k in self.signals)
         return max(1, round(max(periods, default=0.0) * self.rate_hz))
 
+    @property
+    def steps_after(self) -> int:
+        """Steps between a leap and the reading at which it is doubted."""
+        return AFTER * self._every
+
     @cached_property
     def _noise(self) -> Array:
         """Variance (P,) [Pa^2] of what a sensor says."""
@@ -111,7 +120,9 @@ class Leaping:
     def _gate(self) -> Numbers:
         """Change (P,) [Pa] within a reading below which nothing is looked for: half of the least leap that could be
         doubted, that of two signals."""
-        least = sqrt(FREE * (exp(self.least / FREE) - 1.0)) / abs(float(self._curves[BEFORE:, -1].sum()))
+        many = 2 * (FREE + KNOWN)
+        squares = min(FREE * (exp(self.least / FREE) - 1.0), 0.5 * many * (exp(4.0 * self.least / many) - 1.0))
+        least = sqrt(squares) / abs(float(self._curves[BEFORE:, -1].sum()))
         return numbers(0.5 * least * np.sqrt(self._noise))
 
     def begin(self) -> Leaps:
@@ -122,6 +133,14 @@ class Leaping:
         """The measurement stopped, and the filters begin anew: what was read before says nothing of what follows."""
         return state._replace(readings=NONE, steps=0, since=0)
 
+    def strayed(self, state: Leaps, signals: tuple[int, ...]) -> Leaps:
+        """These `signals` were outside their range for so long that the measurement stopped: what a pressure says when
+        it is back is doubted as after a leap, unless another leap is doubted already."""
+        own = tuple(k for k in signals if k in self.signals)
+        if not own or state.doubt.level is not Level.FINE:
+            return state
+        return state._replace(doubt=SensorDoubt(Level.DOUBTED, SensorFault.STRAYED, own), votes=0.0)
+
     def step(self, state: Leaps, now: Numbers, steps: int) -> Leaps:
         """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
         filled by linear interpolation."""
@@ -131,12 +150,12 @@ class Leaping:
         if missing or not state.readings:
             state = self._filled(state, now, missing)
         size = len(now)
-        readings = state.readings[(1 - BEFORE - AFTER) * size :] + now
-        enough = len(readings) == (BEFORE + AFTER) * size
-        if enough and self.kernel.suspicious(size, readings, BEFORE, self._gate):
+        readings = state.readings[(1 - LONGEST) * size :] + now
+        before = len(readings) // size - AFTER
+        if before >= BEFORE and self.kernel.suspicious(size, readings, before, self._gate):
             doubt = self.leap(np.frombuffer(readings).reshape(-1, size))
             if doubt.level is not Level.FINE:
-                return Leaps(NONE, steps, doubt, steps)
+                return Leaps(readings, steps, doubt, steps)
         return new(Leaps, (readings, steps, *state[2:]))
 
     def _filled(self, state: Leaps, now: Numbers, missing: int) -> Leaps:
@@ -150,24 +169,45 @@ class Leaping:
         return filled
 
     def leap(self, readings: Array) -> SensorDoubt:
-        """What leapt between the first BEFORE and the last AFTER `readings` (BEFORE + AFTER, P) [Pa]."""
-        size = readings.shape[1]
-        misfit, (pairs, most) = ZERO * (2 * size), self._pairs
+        """What leapt between the last AFTER `readings` (T, P) [Pa] and the BEFORE that are before them; the others show
+        the noise, if there are LONGEST."""
+        window = np.ascontiguousarray(readings[-BEFORE - AFTER :])
+        size, misfit, (pairs, most) = window.shape[1], ZERO * (2 * window.shape[1]), self._pairs
         told = (DEGREE + 1, self._noise, float(FREE), self.least, pairs, len(self.exchanges), most)
-        if self.kernel.smooth_pressures(size, readings, BEFORE + AFTER, self._curves, *told, misfit):
-            return NOTHING_SUSPECTED
-        along, (plain, stepped) = self._curves.T @ readings, np.frombuffer(misfit).reshape(2, size)
-        blow = self._blow(plain, stepped)
-        swapped = self._swapped(self._left(readings), plain, blow)
+        none = self.kernel.smooth_pressures(size, window, len(window), self._curves, *told, misfit)
+        swapped = () if none else self._swapped(window, *np.frombuffer(misfit).reshape(2, size))
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
             return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
+        return self._stepped(window, readings[: -BEFORE - AFTER])
+
+    def _stepped(self, window: Array, earlier: Array) -> SensorDoubt:
+        """The pressure that stepped alone, if one did."""
+        along = self._curves.T @ (window - window[0])
+        left = ((window - window[0]) ** 2).sum(axis=0) - (along**2).sum(axis=0)
+        known = self._known(earlier)
+        plain, stepped = self._unlikely(left + along[-1] ** 2, known), self._unlikely(left, known)
         most = int(np.argmax(plain - stepped))
         alone = -float(plain.sum() - plain[most] + stepped[most] + self._arbitrary[0, most])
-        if plain[most] - stepped[most] <= self.least or alone <= blow:
+        if plain[most] - stepped[most] <= self.least or alone <= self._blow(plain, stepped):
             return NOTHING_SUSPECTED
         size = float(along[-1, most] / self._curves[BEFORE:, -1].sum())
         return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[most],), size)
+
+    def _known(self, earlier: Array) -> Array | None:
+        """Variance (P,) [Pa^2] of what curves left of readings (T, P) before; None of too few."""
+        if len(earlier) < PIECES * (BEFORE + AFTER):
+            return None
+        each = earlier.reshape(PIECES, BEFORE + AFTER, -1) - earlier.reshape(PIECES, BEFORE + AFTER, -1)[:, :1]
+        left = (each**2).sum(axis=1) - ((self._curves[:, :-1].T @ each) ** 2).sum(axis=1)
+        return np.asarray(np.maximum(left.mean(axis=0) / (FREE + 1), self._noise))
+
+    def _unlikely(self, left: Array, known: Array | None) -> Array:
+        """Minus the log likelihood [nats] of what is `left` [Pa^2]: if the variance before is `known`, Student's."""
+        if known is None:
+            return self._misfit(left, self._noise)
+        share = (KNOWN + left / known) / (KNOWN + FREE)
+        return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(share, 1.0)))
 
     @cached_property
     def _pairs(self) -> tuple[Counts, int]:
@@ -194,9 +234,10 @@ class Leaping:
         squares = (first**2).sum(axis=0)[:, None] + (last**2).sum(axis=0)
         return np.asarray(squares - ((one[:, :, None] + other[:, None, :]) ** 2).sum(axis=0))
 
-    def _swapped(self, left: Array, plain: Array, blow: float) -> Pairs:
+    def _swapped(self, window: Array, plain: Array, stepped: Array) -> Pairs:
         """The pairs that are exchanged, if any are: each signal of a pair must say so, the one that says less counts;
-        and it must be likelier than a `blow`."""
+        and it must be likelier than a blow."""
+        left, blow = self._left(window), self._blow(plain, stepped)
         told = self._misfit(left, np.maximum(self._noise[:, None], self._noise))
         better = np.diagonal(told)[:, None] - told  # (P, P): if the last readings are those of another
         ratio = [sum(2.0 * min(better[a, b], better[b, a]) for a, b in pairs) for pairs in self.exchanges]

@@ -25,6 +25,7 @@ from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
 from cylforce.service.plausibility.offsets import NO_OFFSET, Offset, Voting
 from cylforce.service.plausibility.returning import Returning
+from cylforce.service.plausibility.reversing import Reversing, Turns
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
@@ -34,16 +35,13 @@ from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new
 
 NEVER = -1  # in place of a sample
-UNSURE = (
-    6.635  # evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
-)
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 2.2
 
 
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
     driven and swept; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last,
-    and from which sample of this lift on; what is suspected."""
+    and from which sample of this lift on; what is suspected; when cylinders `turned` round."""
 
     gathering: Gathering
     blocks: Block
@@ -57,12 +55,13 @@ class Watch(NamedTuple):
     suspicion: SensorDoubt = NOTHING_SUSPECTED
     leaps: Leaps = Leaps()
     lighter: int = NEVER
+    turned: Turns = Turns()
 
     @property
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
         would be wrong; the force would be, too. Or whether it will be known soon."""
-        return self.offset.evidence > UNSURE or self.suspicion.waits
+        return self.offset.unsure or self.suspicion.waits
 
 
 class Samples(NamedTuple):
@@ -109,6 +108,10 @@ class Monitor:
         return Leaping(self.model.machine, self.model.filters.rate_hz)
 
     @cached_property
+    def _reversing(self) -> Reversing:
+        return Reversing(self.model, self.tares, self._leaping.steps_after)
+
+    @cached_property
     def _returning(self) -> Returning:
         return Returning(self._gatherer)
 
@@ -125,35 +128,48 @@ class Monitor:
         """Nothing was seen, nothing is suspected."""
         blocks, changes = self._voting.begin(), self._watching.begin()
         gathering, driven, unnoticed = self._gatherer.begin(), self._driving.begin(), self._noticing.begin()
-        return Watch(gathering, blocks, NO_OFFSET, changes, driven, unnoticed)
+        return Watch(gathering, blocks, NO_OFFSET, changes, driven, unnoticed, turned=self._reversing.begin())
 
-    def interrupt(self, state: Watch, *, frozen: bool = False) -> Watch:
+    def interrupt(self, state: Watch, *, frozen: bool = False, strayed: tuple[int, ...] = ()) -> Watch:
         """The measurement stopped: what was gathered in part is dropped, what is suspected stays. Votes that led to no
-        doubt are dropped, too, when a signal was `frozen` meanwhile: that is what they were about."""
+        doubt are dropped, too, when a signal was `frozen` meanwhile: that is what they were about. Signals that
+        `strayed` from their range are doubted when they are back."""
         if frozen and state.suspicion.level is Level.FINE:
             state = state._replace(blocks=self._voting.begin(), offset=NO_OFFSET)
         gathering, changes = self._gatherer.interrupt(state.gathering), self._watching.interrupt(state.changes)
         swept = self._sweeping.ended(state.swept, explained=None)
         driven, unnoticed = self._driving.begin(), self._noticing.interrupt(state.unnoticed)
         state = state._replace(gathering=gathering, changes=changes, driven=driven, swept=swept, unnoticed=unnoticed)
-        return state._replace(leaps=self._leaping.interrupt(state.leaps))
+        leaps = self._leaping.strayed(self._leaping.interrupt(state.leaps), strayed)
+        return state._replace(leaps=leaps, turned=self._reversing.begin())
 
     def step(self, state: Watch, seen: Samples) -> Watch:
         """The state after one step."""
         now, before = self._watching.now(seen.values), state.changes
         changes = self._watching.step(before, now, seen.instant.speed)
-        leaps = self._leaping.step(state.leaps, now, seen.pipe.steps)
+        leaps, turned = self._leapt(state, now, seen)
         looked = seen.leapt != state.leapt or not (
             changes.constant is before.constant
             and changes.burst is before.burst
             and changes.below is before.below
-            and (changes.noises is before.noises or changes.noises.lost == before.noises.lost)
+            and (changes.noises is before.noises or changes.lost == before.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, *state[11:]))
+        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, state.lighter, turned))
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
+
+    def _leapt(self, state: Watch, now: Numbers, seen: Samples) -> tuple[Leaps, Turns]:
+        """Leaps of the pressures `now` (P,) but those of friction that turned round."""
+        steps, turned = seen.pipe.steps, self._reversing.step(state.turned, seen.instant, seen.pipe.steps)
+        leaps = self._leaping.step(state.leaps, now, steps)
+        doubt, known = leaps.doubt, state.leaps
+        if doubt is known.doubt or doubt.cause is not SensorFault.STEPPED:
+            return leaps, turned
+        if self._reversing.explains(turned, steps, doubt, seen.instant.speed, seen.values, seen.drift):
+            leaps = leaps._replace(doubt=known.doubt, since=known.since, votes=known.votes)
+        return leaps, turned
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
@@ -203,7 +219,7 @@ class Monitor:
         if state.driven.level is not Level.FINE:
             yield SensorDoubt(state.driven.level, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
         yield self._marked(changes.constant, SensorFault.STUCK)
-        yield self._marked(changes.noises.gone, SensorFault.STUCK, Level.DOUBTED)
+        yield self._marked(changes.gone, SensorFault.STUCK, Level.DOUBTED)
         yield self._off(state.offset)
         if state.swept.level is not Level.FINE:
             yield SensorDoubt(state.swept.level, SensorFault.EXCHANGED, tuple(self._watching.signals))

@@ -22,6 +22,8 @@ KEPT = 48  # blocks that vote
 # tested once.
 FALSE_PER_HOUR = {Level.DOUBTED: 1.0, Level.REJECTED: 0.01}
 VOTES = 4  # blocks at least that a rejection takes
+# Evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
+UNSURE = 6.635
 HARMLESS = GOOD_ENOUGH  # times the rated payload: an error of the weight with which it may be booked
 LARGEST_ANGLE = 0.3  # rad: an angle that is farther off is no slip; chosen
 LARGEST_BARS = 400.0  # beyond the range of any such sensor
@@ -29,11 +31,12 @@ LARGEST_BARS = 400.0  # beyond the range of any such sensor
 
 class Offset(NamedTuple):
     """The signal (its number in the gatherer) that is most likely off, by `size` [bar, rad], and the `evidence` for it:
-    twice the log likelihood ratio, as counted by votes."""
+    twice the log likelihood ratio, as counted by votes; whether that is so much that nothing is certain any more."""
 
     signal: int
     size: float
     evidence: float
+    unsure: bool = False
 
 
 NO_OFFSET = Offset(0, 0.0, 0.0)
@@ -76,4 +79,5 @@ class Voting:
         votes = np.clip(as_is - cost(blocks, x, rated), -most, most)
         since = votes[:, ::-1].cumsum(axis=1).max(axis=1)  # (B, H)
         k, signal = np.unravel_index(int(since.argmax()), since.shape)
-        return Offset(int(signal), float(sizes[k, signal]), float(since[k, signal]))
+        evidence = float(since[k, signal])
+        return Offset(int(signal), float(sizes[k, signal]), evidence, evidence > UNSURE or evidence >= most)

@@ -69,6 +69,16 @@ def listened(state: Noises, group: Array, groups: Array, moved: Array) -> Noises
     return Noises(kept)
 
 
+def longer(state: Noises, moved: NDArray[np.bool_]) -> Noises:
+    """The state of pressures at rest after a group in which some `moved` (P,): what is gone is gone for longer."""
+    gone = moved & state.gone
+    if not gone.any():
+        return state
+    kept = np.frombuffer(state.kept).reshape(NOISES + 1, -1).copy()
+    kept[-1] += gone
+    return Noises(numbers(kept.ravel()))
+
+
 def taken_back(state: Noises, changes: NDArray[np.bool_], groups: int) -> Noises:
     """The state where a pressure `changes` (P,), as the last `groups` show: if noise was gone before all of them, it is
     learnt anew."""

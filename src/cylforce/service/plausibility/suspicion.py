@@ -19,6 +19,7 @@ class SensorFault(IntEnum):
     LIGHT = 8  # the bucket weighs less than nothing
     STEPPED = 9  # a pressure that leapt alone, and stayed there
     SWAPPED = 10  # pressures that leapt to where the others were
+    STRAYED = 11  # a pressure that said what its sensor cannot, and then a value again
 
 
 class Level(IntEnum):
@@ -59,7 +60,7 @@ class SensorDoubt(NamedTuple):
     @property
     def waits(self) -> bool:
         """Whether the next motion in the air will say more: bookings wait for it."""
-        return self.cause in (SensorFault.STEPPED, SensorFault.SWAPPED)
+        return self.cause in (SensorFault.STEPPED, SensorFault.SWAPPED, SensorFault.STRAYED)
 
     @property
     def follows(self) -> bool:
