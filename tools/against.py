@@ -17,7 +17,7 @@ from rich.table import Table
 from bench import periods, recorded_events
 from cylforce.commissioning.identification import identify
 from cylforce.estimation.kernel import choice
-from cylforce.files.candump import event_line
+from cylforce.files.candump import event_lines
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
 from cylforce.service.step import Core, step
@@ -91,17 +91,17 @@ def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[]
     """The step and the others in turn."""
     rivals = {"filterpy": filterpy_update(), "padasip": padasip_update(), "numpy": numpy_update()}
     decode, receive = canopen_decoder(core.service), core.assembler.receive
-    state, every, lines, steps = core.begin(), periods(core), list[str](), 0
+    state, every, steps = core.begin(), periods(core), 0
     for group in grouped(events):
-        begin = process_time()
+        begin, logged = process_time(), list[Event]()
         for event in group:
-            lines.append(event_line(event, "can0"))
+            logged.append(event)
             state, out = step(core, state, event)
             if isinstance(event, Tick):
                 steps += 1
                 tuple(out.due([number for number, each in every.items() if steps % each == 0]))
+        event_lines(logged, "can0")
         found["step"].append((process_time() - begin) / GROUP * 1e6)
-        lines.clear()
         frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.assembler.decoders]
         inputs, moving = state.inputs, state.moving
         together = [frames[k : k + A_TICK] for k in range(0, len(frames), A_TICK)]

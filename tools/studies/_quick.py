@@ -57,7 +57,7 @@ class Recorded:
         """As the assembler: the recorded one."""
         del inputs
         self._k = t_us // self._core.period_us - self._first
-        return Sample(t_us, self._values[self._k], self._good, Reason.NONE)
+        return Sample(t_us, array("d", self._values[self._k].tolist()), self._good, Reason.NONE)
 
     def leapt(self, inputs: Inputs) -> tuple[int, ...]:
         """As the assembler: nothing did."""

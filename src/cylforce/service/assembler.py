@@ -193,7 +193,7 @@ class Assembler:
         found = ZERO * (2 * size + 1)
         bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
         reasons = tuple([REASONS[x] for x in found[size:-1]]) if bad else self._fine
-        return new(Sample, (t_us, np.frombuffer(found, count=size), reasons, REASONS[found[-1]]))
+        return new(Sample, (t_us, found[:size], reasons, REASONS[found[-1]]))
 
     @cached_property
     def _fine(self) -> tuple[Reason, ...]:

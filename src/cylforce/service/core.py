@@ -91,9 +91,9 @@ class Core:
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
 
     @cached_property
-    def encoders(self) -> tuple[Encoder, ...]:
-        """What encodes our TPDOs."""
-        return encoders(self.service.publication)
+    def encoders(self) -> dict[int, Encoder]:
+        """What encodes our TPDOs, by their numbers."""
+        return {each.number: each for each in encoders(self.service.publication)}
 
     @cached_property
     def moved_by(self) -> Counts:

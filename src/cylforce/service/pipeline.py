@@ -112,7 +112,7 @@ class Pipeline:
     def _sensors(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.sensors(self.model, self.kernel.KernelSensors, self.most_tilted)
 
-    def read(self, values: Array) -> Numbers | Reason:
+    def read(self, values: Numbers) -> Numbers | Reason:
         """Joint angles, cylinder forces and attitude (D,) of a sample (S,); or why it is not usable."""
         channels = ZERO * self._numbers.d
         for joint, cylinder, signal in self.model.channels.by_length:

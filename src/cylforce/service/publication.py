@@ -224,12 +224,11 @@ def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
     """What gives the values of these names: a force's in one look."""
-    paths = {
-        name: f"{of}.{part}.value" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)
-    }
+    paths = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
+    of_quality = {QUALITY[name]: path for name, path in paths.items()}
+    paths |= {GROSS: "gross", NET: "net"}
     if set(names) <= set(paths):
-        return attrgetter(*(paths[name] for name in names))
-    of_quality = {QUALITY[name]: path.removesuffix(".value") for name, path in paths.items()}
+        return attrgetter(*(f"{paths[name]}.value" for name in names))
     if set(names) <= set(of_quality):
         quantities = attrgetter(*(of_quality[name] for name in names))
         return lambda estimate: [quality(each) for each in quantities(estimate)]

@@ -26,6 +26,7 @@ from cylforce.signals.estimate import (
     Quantity,
     Reason,
     Sample,
+    Status,
     degraded,
     each_component,
     held_estimate,
@@ -36,7 +37,7 @@ from cylforce.signals.estimate import (
     no_estimate,
     within,
 )
-from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.events import Event, Frame
 from cylforce.signals.quick import new
 
 __all__ = ["Core", "judged", "step"]
@@ -45,12 +46,13 @@ MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
-DOUBTED, REJECTED = Level.DOUBTED, Level.REJECTED
+# a member of an enumeration takes longer to look up than a name
+FINE, DOUBTED, REJECTED, INVALID = Level.FINE, Level.DOUBTED, Level.REJECTED, Status.INVALID
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
-    if isinstance(event, Tick):
+    if not isinstance(event, Frame):
         state = _tick(core.fitted[state.tool], state, event.t_us)
         return state, new(Output, (None, state.estimate, core.encoders, ""))
     if event.can_id not in core.assembler.decoders:
@@ -59,7 +61,7 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
             return obeyed
     frames = (*state.frames, event)
     state = new(State, state[:-1] + (frames,))  # noqa: RUF005 - copied twice, not four times: this is for every frame
-    return state if len(state.frames) < MOST_FRAMES else judged(core, state), NOTHING
+    return state if len(frames) < MOST_FRAMES else judged(core, state), NOTHING
 
 
 def judged(core: Core, state: State) -> State:
@@ -146,13 +148,14 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
     (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
-    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
-    seen = new(Samples, (sample.values, pipe, instant, left.torque, forces, *told))
+    torque, gross = left.torque, less(load.mass, state.scale.zero)
+    told = (state.drift, gross, weighing.lift.taken, leapt)
+    seen = new(Samples, (sample.kept, pipe, instant, torque, forces, *told))
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state.drift, watch, load, left, usable)
     known = core.recognizer.step(state.recognition, plain, usable)
     moved = (inputs, pipe, weighing, drift, state.scale, t_us, state.estimate, moving, known, interaction, watch)
-    after = new(State, (*moved, *state[11:16], tuple(left.torque), rocking, ()))
+    after = new(State, (*moved, *state[11:16], tuple(torque), rocking, ()))
     return _booked(after, _estimate(core, after, load, forces, t_us), state.weighing.books.booking)
 
 
@@ -172,7 +175,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     """The state with its estimate and the working cycle advanced; with a new booking it ends, and the truck has one
     more bucket, whose mass follows the booking while that becomes more precise."""
     cycle, booking = advanced(state.cycle, estimate), state.weighing.books.booking
-    state = state._replace(estimate=estimate, cycle=cycle)
+    state = new(State, (*state[:6], estimate, *state[7:12], cycle, *state[13:]))
     if booking is None or booking is before:
         return state
     if before is not None and not is_new(booking, before):
@@ -184,7 +187,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
 
 def _channels(core: Core, sample: Sample) -> Numbers | Reason:
     """Joint angles, cylinder forces and attitude (D,) of a sample; or the reason why it is not usable."""
-    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.values)
+    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.kept)
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason) -> State:
@@ -215,7 +218,7 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     """Whether the sensors agree after this instant; while they do not, nothing is booked; while that is not sure,
     bookings wait."""
     watch, books = core.monitor.step(state.watch, seen), weighing.books
-    if watch.suspicion.level is not Level.FINE and not watch.suspicion.waits:
+    if watch.suspicion.level is not FINE and not watch.suspicion.waits:
         books = unseen(books)
     probable, unsure = watch.unnoticed.probable, watch.unsure
     if books.withheld is not unsure or books.probable is not probable:
@@ -249,9 +252,11 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
-    load = new(Load, (_with_unnoticed(load.mass, state.watch.unnoticed), *load[1:]))
-    gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
-    net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
+    if load.mass.status is not INVALID:
+        load = new(Load, (_with_unnoticed(load.mass, state.watch.unnoticed), *load[1:]))
+    (zero, tare), limits = state.scale, core.limits[GROSS]
+    gross = within(less(load.mass, zero), limits, rated)
+    net = within(less(gross, tare), limits, rated) if tare else gross
     events = state.interaction.contact.events
     parts = (gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
     return new(Estimate, (t_us, load, *parts))
@@ -281,7 +286,7 @@ def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
         found.append(Reason.NOT_THIS_MACHINE)
     if state.weighing.tool.off is not None:
         found.append(Reason.OTHER_TOOL)
-    if state.watch.suspicion.level is DOUBTED or state.watch.unsure:
+    if state.watch.suspicion.level is DOUBTED or state.weighing.books.withheld:
         found.append(Reason.SENSORS_DISAGREE)
     if abs(t_us - state.inputs.long_us) < LONG_FRAME_US:
         found.append(Reason.LONG_FRAME)

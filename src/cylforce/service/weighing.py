@@ -185,7 +185,7 @@ class Weigher:
                 self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
             self.kernel.conclude(self._solver, numbers, drift.values, drift.covariance, found)
         if not fits:
-            return lift._replace(kept=numbers, refused=lift.refused + 1), (numbers, found)
+            return new(Lift, (numbers, lift.taken, lift.refused + 1, *lift[3:])), (numbers, found)
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)

@@ -76,7 +76,8 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
 
 class Raw(NamedTuple):
     """How a field becomes a number on the bus: range and step of its SI values, range of the integers that carry a
-    value (None for a float), and what means "no value"; whether each value in range has such an integer (`fits`)."""
+    value (None for a float), and what means "no value"; whether each value in range has such an integer, or that which
+    means "no value" (`fits`)."""
 
     low: float
     high: float
@@ -105,10 +106,10 @@ def layout(pdo: Pdo) -> Layout:
 
 
 def _raw_field(f: Field) -> Raw:
-    integers = _RAW_RANGES.get(f.code)
+    integers, missing = _RAW_RANGES.get(f.code), not_available(f.code)
     ends = [(end - f.offset) / f.scale for end in (f.low, f.high)]
-    fits = integers is not None and all(isfinite(end) and integers[0] <= end <= integers[1] for end in ends)
-    return Raw(f.low, f.high, f.scale, f.offset, integers, not_available(f.code), fits)
+    fits = integers is not None and all(integers[0] <= end <= integers[1] or end == missing for end in ends)
+    return Raw(f.low, f.high, f.scale, f.offset, integers, missing, fits)
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:

@@ -97,13 +97,13 @@ class Noise:
         self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, after, found)
         x, z, xx, xz, _, zz = found[2 * r : 2 * r + 6]
         seen = (x, z, xx, xz, zz, found[-5], found[-4], found)
-        return Unrest(after), new(Solved, seen)
+        return new(Unrest, (after,)), new(Solved, seen)
 
     def learn(self, state: Unrest, solved: Solved, load: Numbers, good: Numbers) -> Unrest:
         """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""
         after = state.kept[:]
         self.kernel.learn(self._solver, solved.kept, good, load, after)
-        return Unrest(after)
+        return new(Unrest, (after,))
 
     def show(self, solved: Solved, load: Numbers, covariance: Numbers, loaded: bool) -> tuple[Numbers, Numbers]:
         """What is published of the resultant, and of the force of the soil: less a load (4,) with covariance (4, 4) if

@@ -17,7 +17,6 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
-from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
 from cylforce.signals.quick import new
 
@@ -85,10 +84,9 @@ class Watching:
         """The measurement stopped: the running group starts anew."""
         return state._replace(readings=NONE, fresh=0)
 
-    def now(self, values: Array) -> Numbers:
+    def now(self, values: Numbers) -> Numbers:
         """The pressures (P,) among all signals (S,)."""
-        each = values.tolist()
-        return array("d", [each[k] for k in self.signals])
+        return array("d", [values[k] for k in self.signals])
 
     def step(self, state: Changes, now: Numbers, speed: Sequence[float]) -> Changes:
         """One step: the pressures (P,) `now`, speed (C,) [m/s] of the cylinders."""
