@@ -46,6 +46,13 @@ class Pipe(NamedTuple):
         return self._part(3 * self.sizes.d, 3 * self.sizes.d).reshape(3, -1)
 
     @property
+    def middle(self) -> Numbers:
+        """Their mean (D,)."""
+        d = self.sizes.d
+        outputs = (self.kept[3 * d : 4 * d], self.kept[4 * d : 5 * d], self.kept[5 * d : 6 * d])
+        return array("d", [(x + y + z) / 3.0 for x, y, z in zip(*outputs, strict=True)])
+
+    @property
     def waiting(self) -> Array:
         """Steps (R,) for which each row is not used, because its filters still contain an unusable lever."""
         d, r, k, _ = self.sizes

@@ -111,24 +111,26 @@ class Watching:
         readings, size = state.readings, len(self.signals)
         state = state._replace(readings=readings[-2 * FALL_STEPS * size :], fresh=0)
         way = array("d", [speed[c] for c in self._cylinders])
-        moved = np.array([abs(each) > MOVES for each in way])
-        if not moved.any():
+        moved = [abs(each) > MOVES for each in way]
+        if True not in moved:
             return state
         groups, begin = state.groups[:], len(readings) // size - GROUP
         self.kernel.group(size, readings, begin, way, MOVES, groups)
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
         tables = np.frombuffer(groups).reshape(4, GROUPS, size)
-        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], moved))
+        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], np.array(moved)))
         ratios = ZERO * (2 * size)
         return self._compared(state, ratios) if self.kernel.compare(size, groups, ZERO * GROUPS, ratios) else state
 
     def _compared(self, state: Changes, ratios: Numbers) -> Changes:
         """With what the groups' `ratios` (2, P) say, of their means and of their noise; -1: nothing yet."""
-        ratio, noise = np.reshape(ratios, (2, -1))
-        judged, coloured = ratio >= 0.0, noise > COLOURED
-        still = (ratio <= np.where(state.constant, CHANGES, CONSTANT)) & ~coloured
-        constant = np.where(judged, still, state.constant)
-        if (constant == state.constant).all():
-            constant = state.constant
-        back = judged & ((ratio > CHANGES) | coloured)
-        return state._replace(constant=constant, noises=taken_back(state.noises, back, GROUPS))
+        size, before = len(self.signals), state.constant.tolist()
+        each = list(zip(ratios[:size], ratios[size:], before, strict=True))
+        now = [
+            ratio <= (CHANGES if was else CONSTANT) and not noise > COLOURED if ratio >= 0.0 else was
+            for ratio, noise, was in each
+        ]
+        constant = state.constant if now == before else np.array(now)
+        back = [ratio > CHANGES or (ratio >= 0.0 and noise > COLOURED) for ratio, noise, _ in each]
+        noises = taken_back(state.noises, np.array(back), GROUPS) if True in back else state.noises
+        return state._replace(constant=constant, noises=noises)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.mechanics.machine import Machine
 from cylforce.service.contact.hanging_mass import hanging_weight
 from cylforce.service.plausibility.suspicion import Level
@@ -54,7 +55,7 @@ class Driving:
         """Nothing was driven."""
         return Driven(0.0, np.zeros(len(self.machine.rows)))
 
-    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Array) -> Driven:
+    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Numbers) -> Driven:
         """One step: the resultant, the tool's `velocity` [m/s] as x + i z, the `torque` (R,) [N m] that the tares
         leave. What resists takes back as much of the path."""
         speed = abs(velocity)

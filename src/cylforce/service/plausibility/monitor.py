@@ -158,8 +158,8 @@ class Monitor:
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
-        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, np.asarray(seen.left))
-        middle = smooth.mean(axis=0)
+        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
+        middle = seen.pipe.middle
         gathering, block = self._gatherer.step(state.gathering, seen.instant, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
