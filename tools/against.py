@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
-from bench import periods, recorded_events
+from bench import due_at, recorded_events
 from cylforce.commissioning.identification import identify
 from cylforce.estimation.kernel import choice
 from cylforce.files.candump import event_lines
@@ -91,7 +91,7 @@ def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[]
     """The step and the others in turn."""
     rivals = {"filterpy": filterpy_update(), "padasip": padasip_update(), "numpy": numpy_update()}
     decode, receive = canopen_decoder(core.service), core.assembler.receive
-    state, every, steps = core.begin(), periods(core), 0
+    state, due, steps = core.begin(), due_at(core), 0
     for group in grouped(events):
         begin, logged = process_time(), list[Event]()
         for event in group:
@@ -99,7 +99,7 @@ def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[]
             state, out = step(core, state, event)
             if isinstance(event, Tick):
                 steps += 1
-                tuple(out.due([number for number, each in every.items() if steps % each == 0]))
+                tuple(out.due(due[steps % len(due)]))
         event_lines(logged, "can0")
         found["step"].append((process_time() - begin) / GROUP * 1e6)
         frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.assembler.decoders]

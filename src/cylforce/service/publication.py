@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from math import nan, pi, sin, sqrt, tan
+from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -203,6 +203,13 @@ VALUES: dict[str, Value] = {
 def quality(q: Quantity) -> int:
     """The quality byte: status in bits 0-1, reason in bits 2-7."""
     return q.status | q.reason << 2
+
+
+def timetable(table: tuple[Pdo, ...], rate_hz: float) -> tuple[tuple[int, ...], ...]:
+    """Numbers of the TPDOs that are sent at a step, at so many steps a second: at step k those of k modulo the length
+    of this table."""
+    every = {pdo.number: max(1, round(pdo.period_s * rate_hz)) for pdo in table}
+    return tuple(tuple(n for n, each in every.items() if k % each == 0) for k in range(lcm(*every.values())))
 
 
 class Encoder(NamedTuple):

@@ -47,7 +47,8 @@ MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded w
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
 # a member of an enumeration takes longer to look up than a name
-FINE, DOUBTED, REJECTED, INVALID = Level.FINE, Level.DOUBTED, Level.REJECTED, Status.INVALID
+FINE, DOUBTED, REJECTED = Level.FINE, Level.DOUBTED, Level.REJECTED
+INVALID, NONE = Status.INVALID, Reason.NONE
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
@@ -125,29 +126,24 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     """The state after a tick: sample, channels, filtered rows, load and force; or an estimate with the reason why there
     are none."""
     inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
-    state = new(State, (inputs, *state[1:-1], ()))
     sample = core.assembler.sample(inputs, t_us)
-    if sample.late is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
-        return state._replace(estimate=held_estimate(state.estimate, t_us, sample.late))
-    channels = _channels(core, sample)
-    if isinstance(channels, Reason):
-        return _lose(core, state, t_us, channels)
-    periods = (t_us - state.sampled_us) / core.period_us
-    if state.pipe is None or not TICK_SLACK < periods < core.longest_step:
-        reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
-        return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
+    channels, periods = _channels(core, sample), (t_us - state.sampled_us) / core.period_us
+    fits = sample.late is NONE and TICK_SLACK < periods < core.longest_step
+    if not fits or state.pipe is None or isinstance(channels, Reason):
+        return _unsteady(core, new(State, (inputs, *state[1:-1], ())), sample, channels)
     pipe, instant = core.pipeline.advance(state.pipe, channels, round(periods))
     usable, moving = instant.usable, _moving(core, instant.speed)
     if pipe.steps <= core.model.settle_steps:
         nothing = _nothing(state, t_us, Reason.STARTING)
-        return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
+        begun = state._replace(inputs=inputs, pipe=pipe, sampled_us=t_us, moving=moving, frames=())
+        return begun._replace(estimate=nothing)
     plain = core.weigher.left(instant.kept, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     parts, beside = (state.weighing, left, usable, t_us, state.drift), partial(_beside, core, state, channels)
     lifted = core.weigher.step(*parts, curled=_curled(core, channels), beside=beside)
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
-    (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
+    (interaction, forces), leapt = pressed, core.assembler.leapt(inputs)
     torque, gross = left.torque, less(load.mass, state.scale.zero)
     told = (state.drift, gross, weighing.lift.taken, leapt)
     seen = new(Samples, (sample.kept, pipe, instant, torque, forces, *told))
@@ -157,6 +153,18 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     moved = (inputs, pipe, weighing, drift, state.scale, t_us, state.estimate, moving, known, interaction, watch)
     after = new(State, (*moved, *state[11:16], tuple(torque), rocking, ()))
     return _booked(after, _estimate(core, after, load, forces, t_us), state.weighing.books.booking)
+
+
+def _unsteady(core: Core, state: State, sample: Sample, channels: Numbers | Reason) -> State:
+    """The state after a tick that does not go on from the one before: signals are late or not usable, or it comes too
+    early or too late."""
+    if sample.late is not NONE and state.pipe is not None and not any(sample.reasons):
+        return state._replace(estimate=held_estimate(state.estimate, sample.t_us, sample.late))
+    if isinstance(channels, Reason):
+        return _lose(core, state, sample.t_us, channels)
+    reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
+    state = _lose(core, state, sample.t_us, reason)
+    return state._replace(pipe=core.pipeline.begin(channels), sampled_us=sample.t_us)
 
 
 def _beside(core: Core, state: State, channels: Numbers) -> Beside:

@@ -89,19 +89,19 @@ class Raw(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """A PDO's `struct` and fields, for encoding; `whole`: of integers all of which fit, for each the range of its SI
-    values, step, offset and what means "no value"."""
+    """A PDO's `struct` and fields, for encoding; `whole`: of integers all of which fit, without an offset, for each the
+    range of its SI values, step and what means "no value"."""
 
     struct: Struct
     fields: tuple[Raw, ...]
-    whole: tuple[tuple[float, float, float, float, float], ...] = ()
+    whole: tuple[tuple[float, float, float, float], ...] = ()
 
 
 @cache
 def layout(pdo: Pdo) -> Layout:
     """How a PDO is encoded."""
     fields = tuple(map(_raw_field, pdo.fields))
-    whole = tuple((f.low, f.high, f.scale, f.offset, f.missing) for f in fields if f.fits)
+    whole = tuple((f.low, f.high, f.scale, f.missing) for f in fields if f.fits and f.offset == 0.0)
     return Layout(_struct(pdo), fields, whole if len(whole) == len(fields) else ())
 
 
@@ -116,7 +116,7 @@ def packed(of: Layout, values: Sequence[float]) -> bytes:
     """Data from the SI values of all fields, in their order."""
     if of.whole:
         pairs = zip(of.whole, values, strict=True)
-        raws = [round((v - off) / scale) if low <= v <= high else none for (low, high, scale, off, none), v in pairs]
+        raws = [round(v / scale) if low <= v <= high else none for (low, high, scale, none), v in pairs]
         return of.struct.pack(*raws)
     return of.struct.pack(*_raws(of, values))
 
