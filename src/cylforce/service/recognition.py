@@ -96,7 +96,7 @@ class Recognizer:
         parts = (left.rows, left.kept, usable)
         telling = self.kernel.gather(self._solver, *parts, self._spread, ZERO, 0, self._memory, gram)
         more, steps = gram if telling else state.gram, state.steps + 1
-        state = new(Recognition, (more, state.rows + telling, steps, *state[3:]))
+        state = new(Recognition, (more, state.rows + telling, steps) + state[3:])  # noqa: RUF005 - quicker
         if steps < self._block:
             return state
         moved = state.rows >= IN_MOTION * state.steps * len(usable)

@@ -185,7 +185,8 @@ class Weigher:
                 self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
             self.kernel.conclude(self._solver, numbers, drift.values, drift.covariance, found)
         if not fits:
-            return new(Lift, (numbers, lift.taken, lift.refused + 1, *lift[3:])), (numbers, found)
+            refused = (lift.taken, lift.refused + 1, lift.moving)
+            return new(Lift, (numbers, *refused, lift.rested, lift.marks, lift.mixed)), (numbers, found)
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)
@@ -258,8 +259,8 @@ class Weigher:
         if weight.mass < SMALLEST * self.model.machine.rated_payload:
             return new(Load, (mass, NO_LOAD, NO_LOAD))
         (x, z), (error_x, error_z) = (weight.centre.real, weight.centre.imag), weight.centre_error
-        centre = [new(Quantity, (value, error, status, reason)) for value, error in ((x, error_x), (z, error_z))]
-        return new(Load, (mass, *centre))
+        centre_x, centre_z = (new(Quantity, (x, error_x, status, reason)), new(Quantity, (z, error_z, status, reason)))
+        return new(Load, (mass, centre_x, centre_z))
 
     def _trust(self, lift: Lift, weight: Weight) -> tuple[Status, Reason]:
         if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:

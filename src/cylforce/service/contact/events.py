@@ -70,12 +70,12 @@ class Watcher:
         recent = state.recent[2:] + array("d", (hypot(seen.x, seen.z), state.recent[-1] + went))
         since = min(state.since_stiff + dt, AGAIN_S)
         if not state.touching:
-            state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, *state[6:]))
+            state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, state.course, state.number, state.events))
             begins = seen.clearness > BEGINS and hypot(seen.x, seen.z + seen.weight) > SMALLEST * self.rated_force
             return self._begun(state, now, seen.clearness) if begins else state
         away = state.away + dt if seen.clearness < ENDS else 0.0
         seconds, path = state.seconds + dt, state.path + went
-        state = new(Touch, (True, away, seconds, path, since, recent, *state[6:]))
+        state = new(Touch, (True, away, seconds, path, since, recent, state.course, state.number, state.events))
         if away >= ENDING_S:
             return self._ended(state, now, seen.clearness)
         return self._slope(self._stiff(state, now, seen), now)

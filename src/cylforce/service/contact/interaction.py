@@ -116,6 +116,9 @@ class Interactor:
         """The usable rows (R,) whose cylinders move: 1, else 0."""
         speed, found = instant.speed, usable[:]
         for row, acting in enumerate(self._acting):
-            if all([abs(speed[c]) <= STILL for c in acting]):  # noqa: C419 - a list is quicker than a generator
+            for c in acting:
+                if abs(speed[c]) > STILL:
+                    break
+            else:
                 found[row] = 0.0
         return found

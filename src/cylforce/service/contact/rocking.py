@@ -93,7 +93,7 @@ class Rocker:
         state = new(Rocking, (forward, upward, turning, pitches, total + channels[-3], number + 1, wider))
         if state.number >= self._lag:
             state = self._looked(state, left, channels, lift, usable)
-        return state, new(Unexplained, (*left[:2], state.wider)) if state.wider else left
+        return state, new(Unexplained, (left.rows, left.kept, state.wider)) if state.wider else left
 
     def _looked(self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers) -> Rocking:
         state = self._tilted(state)

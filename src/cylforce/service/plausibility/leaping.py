@@ -137,7 +137,7 @@ class Leaping:
             doubt = self.leap(np.frombuffer(readings).reshape(-1, size))
             if doubt.level is not Level.FINE:
                 return Leaps(NONE, steps, doubt, steps)
-        return new(Leaps, (readings, steps, *state[2:]))
+        return new(Leaps, (readings, steps, state.doubt, state.since, state.votes))
 
     def _filled(self, state: Leaps, now: Numbers, missing: int) -> Leaps:
         """The state with readings in place of some that are missing; after too many it begins anew."""

@@ -151,7 +151,17 @@ class Monitor:
             and (changes.noises is before.noises or changes.noises.lost == before.noises.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        state = new(Watch, (*state[:3], changes, *state[4:7], seen.leapt, *state[8:10], leaps, *state[11:]))
+        own = (
+            state.driven,
+            state.unnoticed,
+            state.swept,
+            seen.leapt,
+            state.light,
+            state.suspicion,
+            leaps,
+            state.lighter,
+        )
+        state = new(Watch, (state.gathering, state.blocks, state.offset, changes, *own))
         if seen.pipe.steps % EVERY == 0:
             state, looked = self._gathered(state, seen), True
         return state._replace(suspicion=self._suspicion(state)) if looked else state
