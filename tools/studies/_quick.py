@@ -59,11 +59,6 @@ class Recorded:
         self._k = t_us // self._core.period_us - self._first
         return Sample(t_us, array("d", self._values[self._k].tolist()), self._good, Reason.NONE)
 
-    def leapt(self, inputs: Inputs) -> tuple[int, ...]:
-        """As the assembler: nothing did."""
-        del inputs
-        return ()
-
     def read(self, values: Array) -> Numbers:
         """As the pipeline: the channels of the last sample."""
         del values

@@ -167,9 +167,8 @@ class Assembler:
     def leapt(self, inputs: Inputs) -> tuple[int, ...]:
         """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""
         found = self.still[:]
-        if not self._kernel.leapt(self._plan, inputs.kept, found):
-            return ()
-        return tuple([k for k, leapt in enumerate(found) if leapt])
+        self._kernel.leapt(self._plan, inputs.kept, found)
+        return tuple(k for k, leapt in enumerate(found) if leapt)
 
     def _noisy(self, k: int) -> bool:
         """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
@@ -190,10 +189,11 @@ class Assembler:
         """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
         the signal is invalid."""
         size = inputs.sizes[0]
-        found = ZERO * (2 * size + 1)
+        found = ZERO * (2 * size + 2)
         bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
-        reasons = tuple([REASONS[x] for x in found[size:-1]]) if bad else self._fine
-        return new(Sample, (t_us, found[:size], reasons, REASONS[found[-1]]))
+        reasons = tuple([REASONS[x] for x in found[size:-2]]) if bad else self._fine
+        leapt = self.leapt(inputs) if found[-1] else ()
+        return new(Sample, (t_us, found[:size], reasons, REASONS[found[-2]], leapt))
 
     @cached_property
     def _fine(self) -> tuple[Reason, ...]:

@@ -1,12 +1,16 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.mechanics.installation import Filters
 from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
@@ -213,20 +217,36 @@ def timetable(table: tuple[Pdo, ...], rate_hz: float) -> tuple[tuple[int, ...], 
 
 
 class Encoder(NamedTuple):
-    """A TPDO of ours as it is encoded: its number, its layout, and what gives the values of its fields."""
+    """A TPDO of ours as it is encoded: its number, its layout, what gives the values of its fields, the `kernel`'s
+    limits (`inputs.quantise`) where that knows all fields (else empty), and room for its integers."""
 
     number: int
     layout: Layout
     values: Callable[[Estimate], Sequence[float]]
+    kernel: Any
+    limits: Numbers
+    room: Counts
 
     def data(self, estimate: Estimate) -> bytes:
         """Its bytes for an estimate."""
-        return packed(self.layout, self.values(estimate))
+        values, found = self.values(estimate), self.room[:]
+        if not self.limits:
+            return packed(self.layout, values)
+        self.kernel.quantise(len(found), self.limits, array("d", values), found)
+        return self.layout.struct.pack(*found)
 
 
 def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
     """The encoders of all TPDOs of a table."""
-    return tuple(Encoder(p.number, layout(p), _values([str(f.signal) for f in p.fields])) for p in table)
+    return tuple(_encoder(pdo) for pdo in table)
+
+
+def _encoder(pdo: Pdo) -> Encoder:
+    of = layout(pdo)
+    known = of.fields if all(field.fits for field in of.fields) else ()
+    limits = numbers(x for f in known for x in (f.low, f.high, f.scale, f.missing))
+    values = _values([str(f.signal) for f in pdo.fields])
+    return Encoder(pdo.number, of, values, choice.chosen(), limits, counts([0] * len(of.fields)))
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:

@@ -143,9 +143,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     lifted = core.weigher.step(*parts, curled=_curled(core, channels), beside=beside)
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
-    (interaction, forces), leapt = pressed, core.assembler.leapt(inputs)
-    torque, gross = left.torque, less(load.mass, state.scale.zero)
-    told = (state.drift, gross, weighing.lift.taken, leapt)
+    (interaction, forces), torque = pressed, left.torque
+    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, sample.leapt)
     seen = new(Samples, (sample.kept, pipe, instant, torque, forces, *told))
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state.drift, watch, load, left, usable)

@@ -65,12 +65,13 @@ class Reason(IntEnum):
 class Sample(NamedTuple):
     """The signals at a tick: SI values (S,) in the order of the machine's signals, `kept` as plain numbers; per signal
     the reason why it is not usable (NONE: usable); `late`: the reason why at least one value is not fresh but repeated
-    from before (NONE: all are fresh)."""
+    from before (NONE: all are fresh); numbers of signals that `leapt` and stayed there."""
 
     t_us: int
     kept: "array[float]"
     reasons: tuple[Reason, ...]
     late: Reason
+    leapt: tuple[int, ...] = ()
 
     @property
     def values(self) -> Array:

@@ -40,6 +40,7 @@ INTERPRETED: Any = SimpleNamespace(
     receive=inputs.receive,
     usable=inputs.usable,
     leapt=inputs.leapt,
+    quantise=inputs.quantise,
     KernelSensors=listed(plan.KernelSensors),
     sense=plan.sense,
     KernelPlan=listed(plan.KernelPlan),
