@@ -137,7 +137,7 @@ def states(core: Core, values: Array, first: int = 1, kept: Memory = NOTHING_KEP
     starts with what was `kept`."""
     quick = Core(core.service._replace(publication=()), core.tares)
     recorded = Recorded(quick, values, first)
-    parts = {"limits": core.limits, "assembler": recorded, "pipeline": recorded}
+    parts = {"limits": core.limits, "assembler": recorded, "pipeline": recorded, "rocker": core.rocker}
     parts |= {"recognizer": _Known(core.recognizer.begin()), "interactor": _NoForces(core.interactor.begin())}
     parts |= {"monitor": _Trusting(core.monitor.begin())}
     quick.__dict__.update(parts)
