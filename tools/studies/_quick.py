@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.inputs import NEVER
 from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.kernel.restricted import Numbers
@@ -40,7 +39,6 @@ class Recorded:
 
     still = array("d")
     decoders: dict[int, object] = {}  # noqa: RUF012 - none: there are no frames
-    kernel = choice.INTERPRETED
 
     def begin(self, channels: Numbers | None = None) -> Any:  # noqa: ANN401 - in place of two classes
         """As the assembler and as the pipeline."""
@@ -63,6 +61,11 @@ class Recorded:
         """As the pipeline: the channels of the last sample."""
         del values
         return numbers(self._channels[self._k])
+
+    def moving(self, speed: Numbers) -> Numbers:
+        """As the pipeline: no signal is looked at whether it is frozen."""
+        del speed
+        return self.still
 
     def advance(self, pipe: Pipe, channels: Numbers, periods: int) -> tuple[Pipe, Instant]:
         """As the pipeline: the rows of the last sample."""

@@ -4,11 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from cylforce.estimation.kernel.making import counts
-from cylforce.estimation.kernel.restricted import Counts
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
-from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.booking import NONE_MISSED, Books, Missed, unseen
@@ -94,11 +91,6 @@ class Core:
     def encoders(self) -> dict[int, Encoder]:
         """What encodes our TPDOs, by their numbers."""
         return {each.number: each for each in encoders(self.service.publication)}
-
-    @cached_property
-    def moved_by(self) -> Counts:
-        """Per signal the number of the cylinder whose motion changes it; -1: that of any cylinder."""
-        return counts(s.index if s.kind in FORCE_KINDS else -1 for s in self.service.machine.signals)
 
     @cached_property
     def adapts(self) -> bool:

@@ -10,13 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.estimation.kernel import choice, making
-from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual
+from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.signals.estimate import Array, Reason
 from cylforce.signals.quick import new
+
+MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 
 
 class Sizes(NamedTuple):
@@ -159,6 +162,21 @@ class Pipeline:
         old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
         self.kernel.advance(self._plan, old, here, state, out, pipe.steps == 0)
         return new(Pipe, (pipe.steps + 1, state, self._numbers)), self._instant(out)
+
+    def moving(self, speed: Numbers) -> Numbers:
+        """Per signal whether it should change (1) at the speed (C,) [m/s] of the cylinders, so that a repeated value
+        means a frozen sensor: a pressure while its own cylinder moves, any other signal while any cylinder moves,
+        because the whole machine then shakes."""
+        by = self._moved_by
+        found = ZERO * len(by)
+        self.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
+        return found
+
+    @cached_property
+    def _moved_by(self) -> Counts:
+        """Per signal the number of the cylinder whose motion changes it; -1: that of any cylinder."""
+        signals = self.model.machine.signals
+        return making.counts(s.index if s.kind in FORCE_KINDS else -1 for s in signals)
 
     def _filled(self, pipe: Pipe, here: Numbers, periods: int) -> Pipe:
         """The state one step before `here`."""

@@ -4,7 +4,6 @@ from functools import partial
 from math import hypot
 
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import Beside, unseen
@@ -42,7 +41,6 @@ from cylforce.signals.quick import new
 
 __all__ = ["Core", "judged", "step"]
 
-MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
@@ -132,7 +130,7 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     if not fits or state.pipe is None or isinstance(channels, Reason):
         return _unsteady(core, new(State, (inputs, *state[1:-1], ())), sample, channels)
     pipe, instant = core.pipeline.advance(state.pipe, channels, round(periods))
-    usable, moving = instant.usable, _moving(core, instant.speed)
+    usable, moving = instant.usable, core.pipeline.moving(instant.speed)
     if pipe.steps <= core.model.settle_steps:
         nothing = _nothing(state, t_us, Reason.STARTING)
         begun = state._replace(inputs=inputs, pipe=pipe, sampled_us=t_us, moving=moving, frames=())
@@ -279,14 +277,6 @@ def _less_sure(forces: Forces, reason: Reason) -> Forces:
     return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
 
 
-def _moving(core: Core, speed: Numbers) -> Numbers:
-    """Per signal whether it should change (1), so that a repeated value means a frozen sensor: a pressure while its own
-    cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
-    found, by = ZERO * len(core.moved_by), core.moved_by
-    core.pipeline.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
-    return found
-
-
 def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
     """Why nothing that is published now is OK."""
     found = list[Reason]()
@@ -296,8 +286,9 @@ def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
         found.append(Reason.OTHER_TOOL)
     if state.watch.suspicion.level is DOUBTED or state.weighing.books.withheld:
         found.append(Reason.SENSORS_DISAGREE)
-    if abs(t_us - state.inputs.long_us) < LONG_FRAME_US:
+    inputs = state.inputs
+    if abs(t_us - inputs.long_us) < LONG_FRAME_US:
         found.append(Reason.LONG_FRAME)
-    if state.inputs.spoofed(t_us):
+    if inputs.spoofed(t_us):
         found.append(Reason.OWN_IDENTIFIER)
     return found

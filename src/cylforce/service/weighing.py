@@ -185,8 +185,8 @@ class Weigher:
                 self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
             self.kernel.conclude(self._solver, numbers, drift.values, drift.covariance, found)
         if not fits:
-            refused = (lift.taken, lift.refused + 1, lift.moving)
-            return new(Lift, (numbers, *refused, lift.rested, lift.marks, lift.mixed)), (numbers, found)
+            lift = new(Lift, (numbers, lift.taken, lift.refused + 1) + lift[3:])  # noqa: RUF005 - quicker
+            return lift, (numbers, found)
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)
@@ -251,16 +251,15 @@ class Weigher:
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
     def _judge(self, lift: Lift, weight: Weight) -> Load:
-        doubt = self._doubt(lift, weight)
-        if doubt is not None:
+        if (doubt := self._doubt(lift, weight)) is not None:
             return invalid_load(doubt)
         status, reason = self._trust(lift, weight)
         mass = new(Quantity, (weight.mass, weight.standard_error, status, reason))
         if weight.mass < SMALLEST * self.model.machine.rated_payload:
             return new(Load, (mass, NO_LOAD, NO_LOAD))
-        (x, z), (error_x, error_z) = (weight.centre.real, weight.centre.imag), weight.centre_error
-        centre_x, centre_z = (new(Quantity, (x, error_x, status, reason)), new(Quantity, (z, error_z, status, reason)))
-        return new(Load, (mass, centre_x, centre_z))
+        centre, (error_x, error_z) = weight.centre, weight.centre_error
+        centre_x = new(Quantity, (centre.real, error_x, status, reason))
+        return new(Load, (mass, centre_x, new(Quantity, (centre.imag, error_z, status, reason))))
 
     def _trust(self, lift: Lift, weight: Weight) -> tuple[Status, Reason]:
         if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:

@@ -125,9 +125,10 @@ class Leaping:
     def step(self, state: Leaps, now: Numbers, steps: int) -> Leaps:
         """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
         filled by linear interpolation."""
-        if steps % self._every or not now:
+        every = self._every
+        if steps % every or not now:
             return state
-        missing = (steps - state.steps) // self._every - 1
+        missing = (steps - state.steps) // every - 1
         if missing or not state.readings:
             state = self._filled(state, now, missing)
         size = len(now)
