@@ -8,7 +8,8 @@ from cylforce.diagnosis.columns.statistics import SMOOTH, Shared, White, laid, s
 from cylforce.diagnosis.columns.whitening import Floor
 from cylforce.diagnosis.inference.discrepancy import Scatter, Sums, moments, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
-from cylforce.diagnosis.inference.sizes import Terms
+from cylforce.diagnosis.inference.in_order import InOrder
+from cylforce.diagnosis.inference.sizes import Column, Terms
 from cylforce.diagnosis.inference.working import Loads
 from cylforce.diagnosis.recordings.lifts import Whitened, stretches
 
@@ -120,3 +121,25 @@ def test_noise_in_both_is_told_along_the_polynomials(slow):
     )
     common = recording.common(Scatter(np.full(1, 100.0), np.ones(1)))[0]
     assert common[0] / products[0] == pytest.approx(0.0 if slow else 1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("size", [-2.4, 2.4])
+def test_an_error_that_the_references_show_with_an_impossible_sign_is_no_evidence(size):
+    """The field lacks what the references show. If that cannot be, it was something else, no error that has gone."""
+    rng = np.random.default_rng(SEED)
+    rows, spread = BLOCKS * BLOCK, np.ones(1)
+    column, noise, more = rng.standard_normal((3, rows))
+
+    def recording(left):
+        white = White(np.stack([column, left], axis=-1)[:, None, :].astype(np.float32), np.ones((rows, 1), bool))
+        return sums(spread, [statistics(white, [0], Shared.nothing(1, 2))])
+
+    def evidence(sign):
+        form = Column("compliance", "bucket", (0,), 0.5, 50.0, sign, 1, reads=True)
+        machine = InOrder(Terms(10.0 * spread, spread, (form,), 0), (recording(size * column + noise),), {}, 1)
+        case = machine.asked(recording(more))
+        return case.likeliest((0,), case.usual).log - case.likeliest((), case.usual).log
+
+    opposite = -np.sign(size)
+    assert evidence(0) > 50.0, f"seed {SEED}"
+    assert evidence(opposite) < 0.0

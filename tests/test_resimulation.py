@@ -38,7 +38,7 @@ BLOCKS = {
     "spill": {"name": "payload_spill", "at": "bucket", "value": [-300.0, -300.0, -50.0], "from_s": 25.0},
     "clock": {"name": "clock_fault", "at": "machine", "value": [0.08, 0.0], "from_s": 25.0},
 }
-ONE_SIGN = {"delay", "slew", "spill"}  # whose other sign the simulated machine refuses
+ONE_SIGN = {"delay", "slew", "spill", "flexibility"}  # whose other sign the simulated machine refuses
 
 
 def recording(seed, *blocks, load=LOAD):

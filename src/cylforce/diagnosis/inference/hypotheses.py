@@ -8,8 +8,8 @@ hypothesis, sizes s of a hypothesis h log-uniform over the plausible range, and 
 maximised under every hypothesis, with a prior around what the references show and a flat tail: the tail is what is
 unknown."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -93,6 +93,14 @@ class Inference:
     taken: Mapping[int, Array] = field(default_factory=dict)
     told: Callable[[int, Array], float] = _nothing
     apart: float = 0.0
+
+    def unsure(self, groups: Iterable[Sequence[int]]) -> "Inference":
+        """The same where what the references tell of each group of columns, all together, is as uncertain as it is
+        large."""
+        covariance = self.covariance.copy()
+        for own in groups:
+            covariance[np.ix_(own, own)] += np.outer(self.mean[own], self.mean[own])
+        return replace(self, covariance=covariance)
 
     @cached_property
     def _precisions(self) -> dict[float, tuple[Array, float]]:

@@ -164,10 +164,9 @@ class _Search:
         mean, everyday = (np.append(each, np.zeros(more)) for each in (case.mean, case.everyday))
         return replace(case, scene=question.scene, sums=recording, mean=mean, covariance=covariance, everyday=everyday)
 
-    @property
-    def _wanted(self) -> list[int]:
+    def _wanted(self, question: Asking) -> list[int]:
         """The forms that may be a cause."""
-        forms = [column for _, column in self._question.forms]
+        forms = [column for _, column in question.forms]
         name, at = self.only or ("", "")
         if not name and self.plain.problem.from_sheet:  # it cannot tell errors of sensors from its own
             return [k for k, f in enumerate(forms) if f.name in IDENTIFIED]
@@ -176,10 +175,10 @@ class _Search:
     def found(self) -> Found:
         """Everything."""
         self.watch("hypotheses")
-        case = self._case
-        hypotheses = case.searched(self._wanted)
+        case, wanted = self._case, self._wanted(self._question)
+        hypotheses = case.searched(wanted)
         known = {h.which for h in hypotheses}
-        jumps = [p for p in self._wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
+        jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
         happened, when = self._happened(case)
         work = self._at_work(hypotheses, happened)
@@ -209,7 +208,7 @@ class _Search:
     def _working(self, work: AtWork, idle: Hypothesis) -> Found:
         """What may be the cause beside loads and contact of which nothing is known. It is not looked at again at its
         size: where loads hang, what bends is small beside what its columns leave open."""
-        wanted = [p for p in self._wanted if not hangs(self.plain, self.plain.forms[p][0])]
+        wanted = [p for p in self._wanted(self.plain) if not hangs(self.plain, self.plain.forms[p][0])]
         case, found = work.case, dict[tuple[int, ...], Hypothesis]({(): idle})
         for h in case.searched(wanted):
             if h.which not in found or h.log > found[h.which].log:
@@ -292,7 +291,7 @@ class _Search:
                     most, own = log, other
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))
         if best.which in again and len(best.which) == 1:
-            for p in own.screened(best, self._wanted)[:AGAIN]:
+            for p in own.screened(best, self._wanted(self._question))[:AGAIN]:
                 which = tuple(sorted((*best.which, p)))
                 more = own.hypothesis(which, best.noise)
                 if which not in found or more.log > found[which].log:

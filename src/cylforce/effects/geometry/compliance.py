@@ -27,6 +27,7 @@ class Compliance:
             Place.LINK,
             "under load, with the posture",
             "the same poses empty and with a known load, the tip surveyed",
+            1,
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

@@ -28,6 +28,7 @@ from cylforce.simulation.simulator import Truth, draw_truth, simulate
 
 MOST_CANDIDATES = 3
 MOST_TOLD = 3  # motions
+AGAIN = "the same as in this recording, but for twice as long"
 LONGER = 2.0  # times as long as the recording is the motion that anybody thinks of
 WORTH = 1.25  # times as much must a load, a slope, warm oil tell; chosen
 TIMES = 100.0  # a figure beyond which no number is told
@@ -177,7 +178,7 @@ def planned(found: Found, search: Search) -> tuple[Told, ...]:
     present = separation.information(separation.recorded())
     motions = catalogue(found.question.viewer.model.machine, _joints(found, rivals))
     each = [Told(m.words, _times(separation.information(separation.of(m)), present)) for m in motions]
-    each.append(Told("the same as in this recording, but for twice as long", LONGER))
+    each.append(Told(AGAIN, LONGER))
     return tuple(t for t in sorted(_worth(each), key=lambda t: -t.times)[:MOST_TOLD] if t.times >= LONGER)
 
 
@@ -204,7 +205,11 @@ def _joints(found: Found, rivals: Sequence[Candidate]) -> list[int]:
 
 def said(told: Sequence[Told]) -> list[str]:
     """The motions as sentences."""
-    return [f"{t.words}: tells {_many(t.times)} as much as this recording does in the same time" for t in told]
+    return [f"{t.words}: tells {_many(t.times)} as much{_than(t)}" for t in told]
+
+
+def _than(each: Told) -> str:
+    return "" if each.words == AGAIN else " as this recording does in the same time"
 
 
 def _many(times: float) -> str:

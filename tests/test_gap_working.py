@@ -1,0 +1,33 @@
+"""A machine at work whose load is known in one of its recordings, and changes there."""
+
+import numpy as np
+
+from cylforce.diagnosis.inference.search import examined
+from cylforce.effects.fault import PRESSURES
+from cylforce.effects.imposed import imposed
+from gap_scene import LOADS, MACHINE, as_it_was, recordings
+
+SEED = 3
+WORK_S, REST_S = 6.0, 4.0  # in turns: the teeth in the ground, nothing touches it
+SPILL = (-400.0, -400.0, 0.0)  # kg, kg m, of the known load
+
+
+def at_work(recorded, rng):
+    """Pressures that no load and no single force at the teeth explains, in turns with the machine in the air."""
+    rate = 100.0
+    t = np.arange(len(recorded.values)) / rate
+    own = [k for k, s in enumerate(MACHINE.signals) if s.kind in PRESSURES]
+    waves = np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.3, 0.9, len(own))) + rng.uniform(0.0, 6.0, len(own)))
+    values = recorded.values.copy()
+    values[:, own] += 3e6 * np.where((t % (WORK_S + REST_S) < WORK_S)[:, None], waves, 0.0)
+    return recorded._replace(values=values)
+
+
+def test_work_with_a_known_load_that_falls_out_is_answered():
+    rng, reference = np.random.default_rng(SEED), as_it_was()
+    spill = imposed(MACHINE, "payload_spill", "bucket", SPILL, begin=105.0)
+    field = [at_work(each, rng) for each in recordings(SEED, (spill,))]
+    assert [each.load for each in field] == list(LOADS)
+    found = examined(reference.viewer, field, reference.clean, rng)
+    assert found.working, f"seed {SEED}"
+    assert {form.name for form in found.asked.forms}.isdisjoint({"payload_spill", "payload_shift"})
