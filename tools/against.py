@@ -93,14 +93,13 @@ def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[]
     decode, receive = canopen_decoder(core.service), core.assembler.receive
     state, due, steps = core.begin(), due_at(core), 0
     for group in grouped(events):
-        begin, logged = process_time(), list[Event]()
+        begin = process_time()
         for event in group:
-            logged.append(event)
             state, out = step(core, state, event)
-            if isinstance(event, Tick):
+            if out.estimate is not None:
                 steps += 1
                 tuple(out.due(due[steps % len(due)]))
-        event_lines(logged, "can0")
+        event_lines(group, "can0")
         found["step"].append((process_time() - begin) / GROUP * 1e6)
         frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.assembler.decoders]
         inputs, moving = state.inputs, state.moving

@@ -120,20 +120,26 @@ class Assembler:
             return inputs
         times, ids, parts = zip(*frames, strict=True)
         order = self._orders(ids)
-        if order is None or [*map(len, parts)] != order.sizes:
+        if order is None:
+            return self._by_turns(inputs, frames, moving)
+        if [*map(len, parts)] != order.sizes:
             return self._one_by_one(inputs, frames, moving)
         raw = order.layout.unpack(b"".join(parts))
         return self._judged(inputs, order.sorts, times, raw, moving)
 
+    def _by_turns(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
+        """The same of frames among which are unknown ones: what comes between them is judged together."""
+        begin = 0
+        for k, frame in enumerate(frames):
+            if frame.can_id not in self._mapped:
+                inputs = self._unknown(self.receive(inputs, frames[begin:k], moving), frame)
+                begin = k + 1
+        return self.receive(inputs, frames[begin:], moving)
+
     def _one_by_one(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
-        """The same of frames among which are unknown ones, or some of another length."""
-        for frame in frames:
-            t_us, can_id, data = frame
-            found = self._mapped.get(can_id)
-            if found is None:
-                inputs = self._unknown(inputs, frame)
-                continue
-            place, size, unpack = found
+        """The same of frames some of which are of another length."""
+        for t_us, can_id, data in frames:
+            place, size, unpack = self._mapped[can_id]
             sorts = array("q", (place, (len(data) > size) - (len(data) < size)))
             inputs = self._judged(inputs, sorts, (t_us,), unpack(data) if len(data) >= size else (), moving)
         return inputs
