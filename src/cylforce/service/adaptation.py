@@ -7,7 +7,6 @@ changes while the machine is parked. The drift is limited to what is physically 
 kilograms."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -25,6 +24,7 @@ from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import SMALLEST
 from cylforce.service.pipeline import Unexplained
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import once
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
 STROKE_SECONDS = 3.0  # s, duration of a typical stroke, over which model errors keep their sign; chosen
@@ -63,7 +63,7 @@ class Adapter:
     expected: BetweenStrokes = EXPECTED
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _limits(self) -> tuple[Array, Array]:
         friction = np.abs(self.tares.values[self.model.changing_friction])
         zero = np.array([ZERO_LIMIT * c.area_head for c in self.model.machine.cylinders])
@@ -75,7 +75,7 @@ class Adapter:
         """Updates that count as one independent measurement: model errors keep their sign for about one stroke."""
         return STROKE_SECONDS * self.model.filters.rate_hz / EVERY
 
-    @cached_property
+    @once
     def _spread(self) -> Array:
         """Prior standard errors (D,) of the drift."""
         return drift_spread(self.model, self.tares.values, self.expected)
@@ -87,7 +87,7 @@ class Adapter:
         root, spread = Root(factor, np.zeros(len(factor))), np.diag(self._spread**2)
         return Drift(root, drift, spread, np.ones(2), 0, 0.0, following=False, seen=False)
 
-    @cached_property
+    @once
     def _remainder(self) -> Array:
         """Standard errors (4,) of what remains in an empty bucket, before anything is seen of it: evenly within what
         counts as empty, anywhere in the bucket."""
@@ -133,7 +133,7 @@ class Adapter:
         covariance = whole[end + d : -3].reshape(d, d)
         return Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], following=True, seen=True)
 
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         """The kernel's form of the adaptation. The spread of the drift is that of this machine: k^2 (2,) of friction
         and of zeros, one step of expectation maximisation an update, as between strokes (`commissioning.zeros`). A
@@ -151,6 +151,6 @@ class Adapter:
         arrays = [numbers(part) for part in (*parts, *room)]
         return self.kernel.KernelDrift(counts([r, k, n]), numbers(limits), [counts(x) for x in whole], arrays)
 
-    @cached_property
+    @once
     def _kinds(self) -> NDArray[np.int_]:
         return kinds(self.model)

@@ -2,7 +2,6 @@
 (mechanics/README.md, section 8)."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Tares
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array, Force, Quantity, Reason, Status, invalid
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 from cylforce.signals.units import STANDARD_GRAVITY
 
 BLIND = 0.3  # times the rated force: a component with a larger standard error is INVALID; chosen
@@ -38,11 +37,11 @@ class ForceSensor:
     tares: Tares
     rated_force: float
 
-    @cached_property
+    @once
     def _blind(self) -> float:
         return BLIND * self.rated_force
 
-    @cached_property
+    @once
     def _poor(self) -> float:
         return POOR * self.rated_force
 

@@ -3,7 +3,6 @@ recording. The arithmetic is the kernel's (estimation/kernel/README.md)."""
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import inf, isfinite, prod
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.signals.estimate import Array, Reason
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 
@@ -114,11 +113,11 @@ class Pipeline:
     most_tilted: float = inf  # rad, of the chassis
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.plan(self.model, self.kernel.KernelPlan)
 
-    @cached_property
+    @once
     def _sensors(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.sensors(self.model, self.kernel.KernelSensors, self.most_tilted)
 
@@ -131,12 +130,12 @@ class Pipeline:
             return Reason.TILT
         return channels if isfinite(sum(channels)) else Reason.END_STOP
 
-    @cached_property
+    @once
     def _sizes(self) -> tuple[int, int]:
         """Numbers of a state and of the rows of a step."""
         return self.kernel.state_size(self._plan), self.kernel.rows_size(self._plan)
 
-    @cached_property
+    @once
     def _numbers(self) -> Sizes:
         machine = self.model.machine
         channels = machine.size + len(machine.cylinders) + (6 if self.model.channels.inertial else 3)
@@ -172,7 +171,7 @@ class Pipeline:
         self.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
         return found
 
-    @cached_property
+    @once
     def _moved_by(self) -> Counts:
         """Per signal the number of the cylinder whose motion changes it; -1: that of any cylinder."""
         signals = self.model.machine.signals

@@ -3,7 +3,6 @@ tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -30,7 +29,7 @@ from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.pipeline import Unexplained, unexplained
 from cylforce.service.spill import CERTAIN, EVERY_S, change, information, side_by_side
 from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
@@ -65,38 +64,38 @@ class Weigher:
     tares: Tares
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         patience = REST_SECONDS * self.model.filters.rate_hz
         limits = Limits(GATE, BREAK_AWAY, COLD, DRIFTED, self._memory, patience)
         return solver(self.model, self.tares, self.kernel, limits)
 
-    @cached_property
+    @once
     def _memory(self) -> float:
         """Number of consecutive samples that count as one independent sample."""
         return correlated(self.model.filters, self.tares.correlation)
 
-    @cached_property
+    @once
     def _long(self) -> float:
         """Number of samples after which older ones begin to fade."""
         return FORGET_SECONDS * self.model.filters.rate_hz
 
-    @cached_property
+    @once
     def _patience(self) -> float:
         """Number of samples that do not fit, after which a lift ends."""
         return PATIENCE_S * self.model.filters.rate_hz
 
-    @cached_property
+    @once
     def _settled(self) -> float:
         """Number of samples before a weight is shown."""
         return MIN_SECONDS * self.model.filters.rate_hz
 
-    @cached_property
+    @once
     def _looks(self) -> tuple[int, int]:
         """Samples between two looks for a spill, and for a booking."""
         return round(EVERY_S * self.model.filters.rate_hz), round(LATER_S * self.model.filters.rate_hz)
 
-    @cached_property
+    @once
     def _fresh(self) -> Lift:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
@@ -109,7 +108,7 @@ class Weigher:
         """A lift that follows another motion."""
         return self._fresh._replace(mixed=True)
 
-    @cached_property
+    @once
     def _still(self) -> Drift:
         """A drift that is known to be zero."""
         begun = Adapter(self.model, self.tares).begin()
@@ -194,7 +193,7 @@ class Weigher:
         lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, lift.marks, lift.mixed))
         return self._watched(lift, drift), (numbers, found)
 
-    @cached_property
+    @once
     def _concluded(self) -> int:
         """How many numbers the kernel concludes from a lift."""
         return 7 + len(self.model.parameters) + len(self._still.values)

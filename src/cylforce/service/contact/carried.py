@@ -2,7 +2,6 @@
 
 from array import array
 from dataclasses import dataclass
-from functools import cached_property
 from operator import add
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
 from cylforce.estimation.residual import load_spread
 from cylforce.mechanics.machine import Machine
 from cylforce.service.loading.lift import Lift
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 FILLING_S = 5.0  # s of contact in which a bucket can be filled or emptied; chosen
 
@@ -36,7 +35,7 @@ class Carrier:
 
     machine: Machine
 
-    @cached_property
+    @once
     def _full(self) -> list[float]:
         """A full bucket (4,)."""
         rated, middle = self.machine.rated_payload, self.machine.payload_reach / 2.0

@@ -2,7 +2,6 @@
 
 from array import array
 from dataclasses import dataclass
-from functools import cached_property
 from math import erf, hypot, sqrt
 from typing import NamedTuple
 
@@ -11,7 +10,7 @@ from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service.contact.noise import Solved
 from cylforce.service.contact.slope import NO_COURSE, Course, kink
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 # Fitted on machines of another generator (`tools/accuracy events --foreign`), see tools/studies/README.md.
 BEGINS = 100.0  # f' C^-1 f at which contact begins: 10 standard errors; empty motion reached 85 in 75 minutes
@@ -52,7 +51,7 @@ class Watcher:
     rated_payload: float
     dt: float
 
-    @cached_property
+    @once
     def _window(self) -> int:
         return max(2, round(RISE_S / self.dt))
 

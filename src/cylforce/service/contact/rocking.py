@@ -3,7 +3,6 @@ have in common. It does not correct the weight; it widens the error of every row
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 from cylforce.estimation.kernel import choice, making
@@ -14,7 +13,7 @@ from cylforce.estimation.residual import MIN_SECONDS
 from cylforce.service.loading.lift import Lift
 from cylforce.service.pipeline import Unexplained
 from cylforce.signals.kinds import Kind
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
 # s after which is looked again, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth
@@ -59,23 +58,23 @@ class Rocker:
     tares: Tares
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _lag(self) -> int:
         return max(round(LAG_SECONDS * self.model.filters.rate_hz), 1)
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return solver(self.model, self.tares, self.kernel)
 
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.plan(self.model, self.kernel.KernelPlan)
 
-    @cached_property
+    @once
     def _share(self) -> float:
         return self._lag / (MEMORY_SECONDS * self.model.filters.rate_hz)
 
-    @cached_property
+    @once
     def _noise(self) -> float:
         """Variance of the angular acceleration that the tilt sensor's noise alone shows [rad^2/s^4]."""
         error = max((s.standard_error for s in self.model.machine.signals if s.kind is Kind.PITCH), default=0.0)

@@ -8,7 +8,6 @@ and the load's mass, are all that is kept of a block."""
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from cylforce.service.adaptation import Drift
 from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import once
 
 EVERY = 20  # steps between the samples that are used: neighbouring ones contain the same information
 SAMPLES = 5  # of a block: one second at 100 Hz
@@ -70,43 +70,43 @@ class Gatherer:
     tares: Tares
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def pressed(self) -> list[int]:
         """Cylinders whose force is measured."""
         return [c for c, measured in enumerate(self.model.machine.forces_measured) if measured]
 
-    @cached_property
+    @once
     def turned(self) -> list[int]:
         """Joints with an angle sensor."""
         seen = {s.index for s in self.model.machine.signals if s.kind is Kind.JOINT_ANGLE}
         return [j for j in range(self.model.machine.size) if j in seen]
 
-    @cached_property
+    @once
     def _before(self) -> Array:
         """Standard errors (D,) of the drift before anything is seen of it."""
         return drift_spread(self.model, self.tares.values, EXPECTED)
 
-    @cached_property
+    @once
     def _frictions(self) -> int:
         """How many of the drifts are frictions; the others are zeros."""
         return len(self.model.changing_friction)
 
-    @cached_property
+    @once
     def _per_bar(self) -> Numbers:
         """Force [N] of a bar on the head side of each cylinder of `pressed`."""
         return numbers(BAR * self.model.machine.cylinders[c].area_head for c in self.pressed)
 
-    @cached_property
+    @once
     def _places(self) -> tuple[Counts, Counts]:
         """Numbers of the columns of these cylinders' forces; the joints of `turned`."""
         return counts(self.model.zero.start + c for c in self.pressed), counts(self.turned)
 
-    @cached_property
+    @once
     def prior(self) -> Array:
         """Information (4 + D,) on load and everyday changes."""
         return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
 
-    @cached_property
+    @once
     def memory(self) -> float:
         """Samples that count as an independent one."""
         return max(1.0, correlated(self.model.filters, self.tares.correlation) / EVERY)
@@ -162,11 +162,11 @@ class Gatherer:
         telling = self.kernel.gather_block(self._solver, *told, new)
         return np.frombuffer(new).reshape(gram.shape), telling
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return solver(self.model, self.tares, self.kernel)
 
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.plan(self.model, self.kernel.KernelPlan)
 

@@ -5,7 +5,6 @@ stays below vacuum is off."""
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.quiet import Noises, begun, listened, taken_back
 from cylforce.signals.kinds import SIDES
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen: far above the noise of a speed
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
@@ -65,12 +64,12 @@ class Watching:
     machine: Machine
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def signals(self) -> list[int]:
         """Numbers (P,) of the signals."""
         return pressures(self.machine)
 
-    @cached_property
+    @once
     def _cylinders(self) -> list[int]:
         return [self.machine.signals[k].index for k in self.signals]
 

@@ -4,7 +4,6 @@ those of this motion: they are exchanged, or dead. A machine that does not slew 
 its tool: there only the vertical part counts."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import hypot, sqrt
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from cylforce.service.contact.hanging_mass import hanging_weight
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.signals.estimate import Array, Force, Status
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import once
 
 # m over which the tool is driven, from which on the forces are doubted or rejected; chosen: one and a half times, and
 # three times the longest path of machines in order
@@ -46,7 +46,7 @@ class Driving:
     rated_force: float
     seconds: float  # between two steps
 
-    @cached_property
+    @once
     def _stands(self) -> bool:
         """Whether the machine stands while it digs."""
         return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)

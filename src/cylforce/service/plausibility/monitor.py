@@ -6,7 +6,6 @@ surest objection is believed, of several the most specific one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +30,7 @@ from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
 from cylforce.service.weighing import LATER_S
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 FINE = Level.FINE  # a member of an enumeration takes longer to look up than a name
 NEVER = -1  # in place of a sample
@@ -89,35 +88,35 @@ class Monitor:
     tares: Tares
     rated_force: float
 
-    @cached_property
+    @once
     def _gatherer(self) -> Gatherer:
         return Gatherer(self.model, self.tares)
 
-    @cached_property
+    @once
     def _voting(self) -> Voting:
         return Voting(self._gatherer)
 
-    @cached_property
+    @once
     def _noticing(self) -> Noticing:
         return Noticing(self._gatherer)
 
-    @cached_property
+    @once
     def _watching(self) -> Watching:
         return Watching(self.model.machine)
 
-    @cached_property
+    @once
     def _leaping(self) -> Leaping:
         return Leaping(self.model.machine, self.model.filters.rate_hz)
 
-    @cached_property
+    @once
     def _returning(self) -> Returning:
         return Returning(self._gatherer)
 
-    @cached_property
+    @once
     def _driving(self) -> Driving:
         return Driving(self.model.machine, self.rated_force, EVERY / self.model.filters.rate_hz)
 
-    @cached_property
+    @once
     def _sweeping(self) -> Sweeping:
         rate_hz = self.model.filters.rate_hz
         return Sweeping(self.model.machine, EVERY / rate_hz, rate_hz)
