@@ -29,6 +29,25 @@ class Core:
     service: Service
     tares: Tares
     attached: Mapping[str, Tares] = field(default_factory=dict)  # the tares with each other tool
+    model: Model = field(init=False, repr=False, compare=False)  # whose parameters the tares are
+    assembler: Assembler = field(init=False, repr=False, compare=False)  # frames to samples
+    heard: frozenset[int] = field(init=False, repr=False, compare=False)  # identifiers of the sensors' PDOs
+    pipeline: Pipeline = field(init=False, repr=False, compare=False)  # samples to rows
+    weigher: Weigher = field(init=False, repr=False, compare=False)  # rows to weight
+    rocker: Rocker = field(init=False, repr=False, compare=False)  # rows to how a base without inertial sensor moves
+    recognizer: Recognizer = field(init=False, repr=False, compare=False)  # rows to whether it is this machine
+
+    def __post_init__(self) -> None:
+        """The parts that are asked in every step: a field is looked up several times as fast as a property."""
+        model, assembler = (
+            Model(self.service.machine, self.service.filters, self.tares.friction),
+            Assembler(self.service),
+        )
+        parts: dict[str, object] = {"model": model, "assembler": assembler, "heard": frozenset(assembler.decoders)}
+        parts |= {"pipeline": Pipeline(model, self.service.health.max_tilt), "weigher": Weigher(model, self.tares)}
+        parts |= {"rocker": Rocker(model, self.tares), "recognizer": Recognizer(model, self.tares)}
+        for name, part in parts.items():
+            object.__setattr__(self, name, part)
 
     @once
     def fitted(self) -> dict[str, "Core"]:
@@ -37,40 +56,10 @@ class Core:
         return {STANDARD: self, **others}
 
     @once
-    def model(self) -> Model:
-        """The model whose parameters the tares are."""
-        return Model(self.service.machine, self.service.filters, self.tares.friction)
-
-    @once
-    def assembler(self) -> Assembler:
-        """Frames to samples."""
-        return Assembler(self.service)
-
-    @once
-    def pipeline(self) -> Pipeline:
-        """Samples to rows."""
-        return Pipeline(self.model, self.service.health.max_tilt)
-
-    @once
-    def weigher(self) -> Weigher:
-        """Rows to weight."""
-        return Weigher(self.model, self.tares)
-
-    @once
     def adapter(self) -> Adapter:
         """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
         friction may follow the oil much farther."""
         return Adapter(self.model, self.tares, EXPECTED if self.adapts else self.tares.between_strokes)
-
-    @once
-    def rocker(self) -> Rocker:
-        """Rows to how a base without an inertial sensor moves."""
-        return Rocker(self.model, self.tares)
-
-    @once
-    def recognizer(self) -> Recognizer:
-        """Rows to whether this is the machine that was identified."""
-        return Recognizer(self.model, self.tares)
 
     @once
     def interactor(self) -> Interactor:

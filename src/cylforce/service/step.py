@@ -54,7 +54,7 @@ def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     if not isinstance(event, Frame):
         state = _tick(core.fitted[state.tool], state, event.t_us)
         return state, new(Output, (None, state.estimate, core.encoders, ""))
-    if event.can_id not in core.assembler.decoders:
+    if event.can_id not in core.heard:
         obeyed = _obey(core, state, event)
         if obeyed is not None:
             return obeyed
