@@ -315,7 +315,7 @@ def without_their_effect(rows: Sequence[Row]) -> list[Scored]:
 def calibration(rows: Sequence[Row], working: bool = False) -> Outcomes:
     """Fitted on all cases in the air (or all of which is said that the machine was `working`) that are in order or
     visible, and, ODD times, on the visible ones without their own effect's hypotheses; then the power with the best log
-    score. At work no feature is looked at: on other machines they say less than nothing."""
+    score."""
     own = [r for r in rows if (r.working if working else not r.truth.work) and (r.truth.visible or not r.truth.effects)]
     cases = [Scored(r, believed(r.asked)) for r in own]
     less = [Scored(r, believed(r.asked)) for r in map(left_out, own) if r]
@@ -326,7 +326,7 @@ def calibration(rows: Sequence[Row], working: bool = False) -> Outcomes:
     def by(power: float) -> Outcomes:
         return plain._replace(tempered=power)
 
-    plain = fitted(0.0 * features if working else features, np.array(told), weight, 1.0)
+    plain = fitted(features, np.array(told), weight, 1.0)
 
     def score(power: float) -> float:
         each = [Scored(c.row, calibrated(c.answer, by(power))).probability for c in cases]
