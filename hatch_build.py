@@ -38,6 +38,9 @@ cdef void* place(object of, char kind, char same) except NULL:
         raise TypeError("the kernel takes arrays of 64-bit numbers, or of 64-bit integers")
     return found
 
+cdef inline long long whole(double number) noexcept:
+    return <long long>number
+
 cdef inline double* as_numbers(object of) except NULL:
     return <double*>place(of, c"d", c"d")
 

@@ -1,9 +1,10 @@
 """The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
 
-A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.42 to 0.46 with the compiled kernel
-and 2.1 with the interpreted one. Against filterpy's update a step is 6.2 to 7.0, its kernel's residual, recursion,
-weight and forces take 4.4 to 4.5 us; decoding a frame is 0.08 of canopen's, interpreted 0.59. The limits are a third
-above: what is done to the step in Python varies by a tenth between processors, and more beside other programs.
+A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.30 with the compiled kernel, 0.41
+beside many other programs, and 2.1 with the interpreted one. Against filterpy's update a step is 4.8 to 5.1, its
+kernel's residual, recursion, weight and forces take 4.4 to 5.1 us; decoding a frame is 0.08 of canopen's, interpreted
+0.59. The limits are a third above: what is done to the step in Python varies by a tenth between processors, and more
+beside other programs.
 """
 
 import json
@@ -16,7 +17,7 @@ import pytest
 from cylforce.estimation.kernel.choice import INTERPRETED, chosen
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMIT = {True: 0.6, False: 2.7}  # yardsticks, compiled and interpreted
+LIMIT = {True: 0.55, False: 2.7}  # yardsticks, compiled and interpreted
 DECODE = {True: 0.11, False: 0.78}  # of a frame by python-can and canopen
 
 
@@ -57,7 +58,7 @@ def test_a_step_beside_others(tmp_path):
     if chosen() is not INTERPRETED:
         assert 0.0 < found["rows_us"] < 5.0
         assert 0.0 < found["solve_us"] < 5.9
-        assert 0.0 < found["step_over_filterpy"] < 9.3
+        assert 0.0 < found["step_over_filterpy"] < 6.8
 
 
 def test_where_the_time_goes(tmp_path):
@@ -84,4 +85,4 @@ def test_a_replay_is_timed(tmp_path):
     assert longer["memory"] < 1.05 * minute["memory"]
     assert longer["times"] == pytest.approx(longer["recorded_s"] / longer["took_s"])
     assert longer["memory"] < 80e6
-    assert longer["times"] > 25.0
+    assert longer["times"] > 40.0

@@ -9,7 +9,7 @@ from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.heard import EACH_WAY, GROUP, GROUPS
 from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.kernel.solving import room, solver
-from cylforce.estimation.model import Model
+from cylforce.estimation.model import FRICTION, Model
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.noise import SHOWN
 from cylforce.settings.machine_file import load
@@ -129,3 +129,86 @@ def test_frames_that_are_judged_together_are_judged_as_one_by_one(kernel):
     assert all(together.counters)
     assert any(channel.reason is Reason.NONE for channel in together.channels)
     assert isinstance(together.kept, array)
+
+
+def test_what_is_sent_is_the_nearest_integer_of_two_the_even_one(kernel):
+    rng = np.random.default_rng(SEED)
+    low, high, missing = -1000.0, 2000.0, 65535.0
+    values = np.concatenate(
+        [rng.uniform(-1200.0, 2200.0, 500), 0.05 * np.arange(-60, 60), [np.nan, np.inf, -0.0499999]]
+    )
+    limits = numbers(np.tile([low, high, 0.1, missing], len(values)))
+    found = making.counts([0] * len(values))
+    kernel.quantise(len(values), limits, numbers(values), found)
+    assert found.tolist() == [round(v / 0.1) if low <= v <= high else int(missing) for v in values.tolist()]
+    halves = numbers([-2.5, -1.5, -0.5, 0.5, 1.5, 2.5])
+    kernel.quantise(6, numbers([low, high, 1.0, missing] * 6), halves, found)
+    assert found.tolist()[:6] == [-2, -2, 0, 0, 2, 2]
+
+
+def identified_kernel(kernel, rng):
+    """Plan and solver of the excavator with random tares, a step's rows, a drift that is known in part."""
+    service = load(EXCAVATOR).service
+    model = Model(service.machine, service.filters, FRICTION)
+    size, drifts = len(model.parameters), len(model.changing)
+    spread = rng.normal(size=(size, size))
+    tares = model.data_sheet._replace(covariance=spread @ spread.T, values=rng.normal(size=size), scale=1.1)
+    rows = rng.normal(size=3 * len(model.filtered.regressor.names) + 3)
+    known = rng.uniform(0.1, 2.0, drifts)
+    plan, made = making.plan(model, kernel.KernelPlan), solver(model, tares, kernel)
+    return model, tares, plan, made, rows, rng.normal(size=drifts), np.diag(known)
+
+
+def test_a_block_believes_friction_and_takes_it_as_sure_as_it_is(kernel):
+    rng = np.random.default_rng(SEED)
+    _, tares, _, made, rows, drift, known = identified_kernel(kernel, rng)
+    before, frictions, unknown, errors = rng.uniform(0.5, 1.5, len(drift)), len(drift) - 3, 4.0, rng.normal(size=(3, 2))
+    believed = np.where(np.arange(len(drift)) < frictions, drift, 0.0)
+    change = before * (1.0 + 4.0 * np.sqrt(np.minimum(np.diag(known) / before**2, 1.0)) * (believed != 0.0))
+    left, gram, size = room(3 * (3 + len(drift))), room((7 + len(drift)) ** 2), 7 + len(drift)
+    kernel.explain(made, rows, believed, left)
+    told = kernel.gather(made, rows, left, numbers([1, 1, 0]), change, errors, 2, 2.0, gram)
+    work, found = (room(len(left)), room(len(drift)), room(len(drift))), room(size**2)
+    seen = (rows, numbers([1, 1, 0]), drift, known, before, frictions, unknown)
+    assert told == kernel.gather_block(made, *seen, errors, 2, 2.0, *work, found)
+    np.testing.assert_allclose(found, gram, rtol=1e-12)
+    assert told == 2
+    assert tares.scale != 1.0
+
+
+def test_what_errors_of_signals_do_to_the_torques(kernel):
+    """A bar is a force, whose columns are those of a pressure's zero; angles as of `slips`, with the load."""
+    rng = np.random.default_rng(SEED)
+    model, tares, plan, made, rows, *_ = identified_kernel(kernel, rng)
+    channels, load_in = rng.normal(size=9), rng.normal(size=4)
+    own, per_bar, turned = [model.zero.start, model.zero.start + 2], np.array([2.0, 3.0]), making.counts([0, 2])
+    angles, values, work, found = room(6), tares.values + model.load @ load_in, room(6), room(12)
+    kernel.slips(plan, channels, values, turned, 2, 1e-3, angles)
+    columns = rows[: 3 * len(model.filtered.regressor.names)].reshape(3, -1)
+    told = (making.counts(own), 2, per_bar, turned, 2, 1e-3, room(len(values)), work, found)
+    kernel.mislead(plan, made, rows, channels, load_in, *told)
+    wanted = 1.1 * np.concatenate([columns[:, own] * per_bar, np.reshape(angles, (3, 2))], axis=1)
+    np.testing.assert_allclose(np.reshape(found, (3, 4)), wanted, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_a_rocking_base_is_what_explains_the_remainder_best(kernel, asked):
+    """Least squares with a prior, of the levers of the first pin: -Im and Re of the first moments."""
+    rng = np.random.default_rng(SEED)
+    _, tares, plan, made, rows, *_ = identified_kernel(kernel, rng)
+    lift, channels = np.concatenate([np.zeros(20), rng.normal(size=188)]), rng.normal(size=9)
+    left = np.concatenate([0.1 * rng.normal(size=3), rng.uniform(1.0, 2.0, 6), np.zeros(27)])
+    over, values, levers, wider = room(3), room(len(tares.values)), room(6), room(3)
+    kernel.without_load(made, rows, left, lift, over, values)
+    moments = np.array(values[1:9:3]) + 1j * np.array(values[2:9:3])
+    turned = (moments * np.exp(1j * (channels[-3] + np.cumsum(channels[:3]))))[::-1].cumsum()[::-1]
+    each = np.stack([-turned.imag, turned.real], axis=1)
+    swings, state = 0.01, numbers([0.2, 0.3])
+    variances = left[3:6] + left[6:9] + swings * (each**2).sum(axis=1)
+    spread = np.linalg.inv(each.T @ (each / variances[:, None]) + 0.25 * np.eye(2))
+    best = spread @ each.T @ (np.array(over) / variances)
+    wanted = np.array([0.2, 0.3]) + asked * 0.1 * (best**2 - np.diag(spread) - [0.2, 0.3])
+    room_for = (room(3), room(len(tares.values)), levers)
+    kernel.rock(plan, made, rows, left, lift, channels, asked, swings, 0.1, 1e9, 0.25, *room_for, state, wider)
+    np.testing.assert_allclose(state, np.maximum(wanted, 0.0), rtol=1e-9)
+    np.testing.assert_allclose(wider, each**2 @ np.maximum(state, swings), rtol=1e-9)

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
-from bench import periods, recorded_events
+from bench import due_at, recorded_events
 from cylforce.commissioning.identification import identify
 from cylforce.estimation.kernel import choice
-from cylforce.files.candump import event_line
+from cylforce.files.candump import event_lines
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
 from cylforce.service.step import Core, step
@@ -91,17 +91,16 @@ def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[]
     """The step and the others in turn."""
     rivals = {"filterpy": filterpy_update(), "padasip": padasip_update(), "numpy": numpy_update()}
     decode, receive = canopen_decoder(core.service), core.assembler.receive
-    state, every, lines, steps = core.begin(), periods(core), list[str](), 0
+    state, due, steps = core.begin(), due_at(core), 0
     for group in grouped(events):
         begin = process_time()
         for event in group:
-            lines.append(event_line(event, "can0"))
             state, out = step(core, state, event)
-            if isinstance(event, Tick):
+            if out.estimate is not None:
                 steps += 1
-                tuple(out.due([number for number, each in every.items() if steps % each == 0]))
+                tuple(out.due(due[steps % len(due)]))
+        event_lines(group, "can0")
         found["step"].append((process_time() - begin) / GROUP * 1e6)
-        lines.clear()
         frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.assembler.decoders]
         inputs, moving = state.inputs, state.moving
         together = [frames[k : k + A_TICK] for k in range(0, len(frames), A_TICK)]

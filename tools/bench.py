@@ -27,7 +27,7 @@ from cylforce.programs.sim import run_sim
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.interaction import Interactor
 from cylforce.service.pipeline import Pipeline
-from cylforce.service.publication import Encoder
+from cylforce.service.publication import Encoder, timetable
 from cylforce.service.step import Core, step
 from cylforce.service.weighing import Weigher
 from cylforce.settings.machine_file import Loaded, load
@@ -100,13 +100,13 @@ def recorded_events(loaded: Loaded, log: Path) -> Iterator[Event]:
 def step_us(core: Core, events: Sequence[Event], now: Clock = time.process_time) -> tuple[float, float]:
     """Time of a step with its frames, and of the yardstick, one after every few steps: what slows the core for one (its
     clock, neighbours in its caches) slows it for the other."""
-    state, yard, ticks, every = core.begin(), 0.0, 0, periods(core)
+    state, yard, ticks, due = core.begin(), 0.0, 0, due_at(core)
     start = now()
     for event in events:
         state, out = step(core, state, event)
         if isinstance(event, Tick):
             ticks += 1
-            tuple(out.due([number for number, steps in every.items() if ticks % steps == 0]))
+            tuple(out.due(due[ticks % len(due)]))
         if isinstance(event, Tick) and ticks % STEPS_A_YARDSTICK == 0:
             before = now()
             yardstick()
@@ -114,10 +114,9 @@ def step_us(core: Core, events: Sequence[Event], now: Clock = time.process_time)
     return (now() - start - yard) / ticks * 1e6, yard / (ticks // STEPS_A_YARDSTICK) * 1e6
 
 
-def periods(core: Core) -> dict[int, int]:
-    """Steps from one sending of each of our PDOs to the next, by number."""
-    rate = core.service.filters.rate_hz
-    return {pdo.number: max(1, round(pdo.period_s * rate)) for pdo in core.service.publication}
+def due_at(core: Core) -> tuple[tuple[int, ...], ...]:
+    """Numbers of our PDOs that are sent at a step, by its number modulo the length."""
+    return timetable(core.service.publication, core.service.filters.rate_hz)
 
 
 def yardstick() -> None:

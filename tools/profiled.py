@@ -12,8 +12,9 @@ from typing import NamedTuple
 from rich.table import Table
 
 from against import recorded
-from bench import periods
-from cylforce.files.candump import event_line
+from bench import due_at
+from cylforce.files.candump import event_lines
+from cylforce.files.logfile import BLOCK_LINES
 from cylforce.service.step import Core, step
 from cylforce.signals.events import Event, Tick
 
@@ -71,13 +72,16 @@ def measure(config: Path, rounds: int) -> tuple[dict[str, Share], float]:
 
 def stepped(core: Core, events: list[Event]) -> int:
     """The number of steps taken."""
-    state, every, steps = core.begin(), periods(core), 0
+    state, due, steps, logged = core.begin(), due_at(core), 0, list[Event]()
     for event in events:
-        event_line(event, "can0")
+        logged.append(event)
         state, out = step(core, state, event)
         if isinstance(event, Tick):
             steps += 1
-            tuple(out.due([number for number, each in every.items() if steps % each == 0]))
+            tuple(out.due(due[steps % len(due)]))
+        if len(logged) >= BLOCK_LINES:
+            event_lines(logged, "can0")
+            logged.clear()
     return steps
 
 

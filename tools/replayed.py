@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from rich.table import Table
 
-from bench import periods, recorded_events
+from bench import due_at, recorded_events
 from cylforce.files.candump import Sent, event_line
 from cylforce.files.logfile import header_lines
 from cylforce.programs.common.readings import header_of, make_core
@@ -95,15 +95,14 @@ def written(config: Path, raw: Path, identified: Path, log: Path, seconds: float
 
 def served(core: Core, events: Iterator[Event]) -> Iterator[Event | Sent]:
     """The events, and behind each tick what our node sends."""
-    state, every, steps = core.begin(), periods(core), 0
+    state, due, steps = core.begin(), due_at(core), 0
     ids = {pdo.number: pdo.can_id for pdo in core.service.publication}
     for event in events:
         yield event
         state, out = step(core, state, event)
         if isinstance(event, Tick):
             steps += 1
-            due = [number for number, each in every.items() if steps % each == 0]
-            yield from (Sent(event.t_us, ids[number], data) for number, data in out.due(due))
+            yield from (Sent(event.t_us, ids[number], data) for number, data in out.due(due[steps % len(due)]))
 
 
 def replayed(config: Path, log: Path, identified: Path) -> Replay:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.inputs import NEVER
 from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.kernel.restricted import Numbers
@@ -40,7 +39,6 @@ class Recorded:
 
     still = array("d")
     decoders: dict[int, object] = {}  # noqa: RUF012 - none: there are no frames
-    kernel = choice.INTERPRETED
 
     def begin(self, channels: Numbers | None = None) -> Any:  # noqa: ANN401 - in place of two classes
         """As the assembler and as the pipeline."""
@@ -57,17 +55,17 @@ class Recorded:
         """As the assembler: the recorded one."""
         del inputs
         self._k = t_us // self._core.period_us - self._first
-        return Sample(t_us, self._values[self._k], self._good, Reason.NONE)
-
-    def leapt(self, inputs: Inputs) -> tuple[int, ...]:
-        """As the assembler: nothing did."""
-        del inputs
-        return ()
+        return Sample(t_us, array("d", self._values[self._k].tolist()), self._good, Reason.NONE)
 
     def read(self, values: Array) -> Numbers:
         """As the pipeline: the channels of the last sample."""
         del values
         return numbers(self._channels[self._k])
+
+    def moving(self, speed: Numbers) -> Numbers:
+        """As the pipeline: no signal is looked at whether it is frozen."""
+        del speed
+        return self.still
 
     def advance(self, pipe: Pipe, channels: Numbers, periods: int) -> tuple[Pipe, Instant]:
         """As the pipeline: the rows of the last sample."""
@@ -142,7 +140,7 @@ def states(core: Core, values: Array, first: int = 1, kept: Memory = NOTHING_KEP
     starts with what was `kept`."""
     quick = Core(core.service._replace(publication=()), core.tares)
     recorded = Recorded(quick, values, first)
-    parts = {"limits": core.limits, "assembler": recorded, "pipeline": recorded}
+    parts = {"limits": core.limits, "assembler": recorded, "pipeline": recorded, "rocker": core.rocker}
     parts |= {"recognizer": _Known(core.recognizer.begin()), "interactor": _NoForces(core.interactor.begin())}
     parts |= {"monitor": _Trusting(core.monitor.begin())}
     quick.__dict__.update(parts)

@@ -5,11 +5,13 @@ decomposition, which is sufficient for least squares: parameters, sums of square
 own weight: it can be left out (prediction of data not used in the fit), given a small weight (outliers), and its
 residuals can be summed up (standard errors with correlation). When there are too many blocks, neighbours are merged."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgeqrf
 
 from cylforce.signals.estimate import Array
 
@@ -65,17 +67,20 @@ def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors
 
 def row_factors(rows: BlockRows, block: int) -> Factors:
     """Factors of a stretch of a recording; `block`: samples per block."""
-    good = np.isfinite(rows.columns.sum(axis=-1) + rows.observed)  # of finite numbers of any size that occurs
+    size = rows.columns.shape[-1] + 1
+    sums = rows.columns.reshape(-1, size - 1) @ np.ones(size - 1)  # of finite numbers of any size that occurs
+    good = np.isfinite(sums.reshape(rows.observed.shape) + rows.observed)
     fitted, others = good & rows.fitted, good & np.logical_not(rows.fitted)
-    both, size = (rows.columns, rows.observed[..., None]), rows.columns.shape[-1] + 1
-    parts = [slice(k, k + block) for k in range(0, len(good), block)]
+    both, noise = (rows.columns, rows.observed[..., None]), rows.noise
+    begins = np.arange(0, len(good), block)
+    counts = np.diff(np.append(begins, len(good)))[:, None]
     return Factors(
         _triangles(both, fitted, block, size),
-        _triangles(() if rows.noise is None else (rows.noise,), fitted, block, size),
+        _triangles((noise,) if noise is not None and noise.any() else (), fitted, block, size),
         _triangles(both, others, block, size),
-        np.array([fitted[p].sum(axis=0) for p in parts], dtype=np.float64),
-        np.array([others[p].sum(axis=0) for p in parts], dtype=np.float64),
-        np.array([rows.mark[p].mean(axis=0) for p in parts]),
+        np.add.reduceat(fitted, begins, dtype=np.float64),
+        np.add.reduceat(others, begins, dtype=np.float64),
+        np.add.reduceat(rows.mark, begins, dtype=np.float64) / counts,
     )
 
 
@@ -84,20 +89,55 @@ def _triangles(rows: tuple[Array, ...], good: NDArray[np.bool_], block: int, siz
     numbers together; the others are replaced by zeros, which do not change a triangle. No part: zeros. One block after
     the other, in the same place, which stays in the processor's cache."""
     steps, measured = good.shape
-    found = np.zeros((-(-steps // block), measured, size, size))
-    if not rows or not good.any() or not any(part.any() for part in rows):
-        return found
-    place = np.zeros((measured, max(block, size), size))
-    for k, first in enumerate(range(0, steps, block)):
-        here, at = good[first : first + block], 0
-        place[:, len(here) :] = 0.0
-        for part in rows:
-            place[:, : len(here), at : at + part.shape[-1]] = part[first : first + block].swapaxes(0, 1)
-            at += part.shape[-1]
-        if not here.all():
-            place[:, : len(here)][np.logical_not(here).T] = 0.0
-        found[k] = upper(place)
+    shape = (-(-steps // block), measured, size, size)
+    if not rows or not good.any():
+        return _zeros(shape)
+    found, place = np.empty(shape), np.empty((measured, size, max(block, size)))
+    for triangles, first in zip(found, range(0, steps, block), strict=True):
+        _fill(place, [part[first : first + block] for part in rows], good[first : first + block])
+        for triangle, columns in zip(triangles, place, strict=True):
+            _decompose(columns, triangle)
     return found
+
+
+def _decompose(columns: Array, into: Array) -> None:
+    """The triangle (K, K) of columns (K, T), which are overwritten, as LAPACK wants it: NumPy's `qr` copies them twice
+    more."""
+    size = len(columns)
+    np.multiply(dgeqrf(columns.T, overwrite_a=True)[0][:size], _above(size), out=into)
+
+
+@cache
+def _above(size: int) -> Array:
+    """1 where a triangle is not zero."""
+    return np.triu(np.ones((size, size)))
+
+
+def _fill(place: Array, parts: list[Array], good: NDArray[np.bool_]) -> None:
+    """Columns of a block into their place (R, K, T), zeros where a row is not `good` and behind them."""
+    steps, at = len(good), 0
+    place[..., steps:] = 0.0
+    for part in parts:
+        place[:, at : at + part.shape[-1], :steps] = part.transpose(1, 2, 0)
+        at += part.shape[-1]
+    if not good.all():
+        np.copyto(place[..., :steps], 0.0, where=np.logical_not(good).T[:, None])
+
+
+def _zeros(shape: tuple[int, ...]) -> Array:
+    """Zeros that take no memory: noise and rows set aside, where there are none."""
+    return np.broadcast_to(np.zeros(()), shape)
+
+
+def _is_nothing(part: Array) -> bool:
+    return not any(part.strides)
+
+
+def _one_after_another(parts: Sequence[Array]) -> Array:
+    """Arrays (B, ...) as one; those that are `_zeros` remain so."""
+    if all(map(_is_nothing, parts)):
+        return _zeros((sum(map(len, parts)), *parts[0].shape[1:]))
+    return np.concatenate(parts)
 
 
 def joined(parts: Iterable[Factors], most: int) -> Factors:
@@ -115,7 +155,7 @@ def joined(parts: Iterable[Factors], most: int) -> Factors:
 
 
 def _together(parts: list[Factors]) -> Factors:
-    return Factors(*map(np.concatenate, zip(*parts, strict=True)))
+    return Factors(*map(_one_after_another, zip(*parts, strict=True)))
 
 
 def _each(data: Factors, change: Callable[[Array], Array]) -> Factors:
@@ -130,13 +170,19 @@ def _halved(data: Factors) -> Factors:
     weight = samples.sum(axis=2, keepdims=True) + 1e-9
     mark = np.sum(even.mark.reshape(size // 2, 2, -1) * weight, axis=1) / np.sum(weight, axis=1)
     merged = _each(even, _paired)._replace(samples=samples.sum(axis=1), others=others.sum(axis=1), mark=mark)
-    return Factors(*(np.concatenate([m, last[size:]]) for m, last in zip(merged, data, strict=True)))
+    return Factors(*(_one_after_another((m, last[size:])) for m, last in zip(merged, data, strict=True)))
 
 
 def _paired(triangle: Array) -> Array:
-    if not triangle.any():
+    if _is_nothing(triangle):
         return triangle[0::2]
-    return upper(np.concatenate([triangle[0::2], triangle[1::2]], axis=-2))
+    found, size = np.empty((len(triangle) // 2, *triangle.shape[1:])), triangle.shape[-1]
+    place, each = np.empty((size, 2 * size)), triangle.reshape(len(found), 2, -1, size, size)
+    for into, (first, second) in zip(found, each, strict=True):
+        for row, a, b in zip(into, first, second, strict=True):
+            place[:, :size], place[:, size:] = a.T, b.T
+            _decompose(place, row)
+    return found
 
 
 def chosen(data: Factors, columns: list[int]) -> Factors:

@@ -15,6 +15,7 @@ from cylforce.signals.quick import new
 HEAD, TICK, SENT = "cylforce", "tick", "sent"  # pseudo-channels; can-utils takes no more than 15 characters
 _TICK_ID = 0x080
 _ID_BITS = 0x1FFFFFFF
+_SIXTEEN_DIGITS = 10**15  # the smallest such number
 _LINE = re.compile(
     r"\((\d+)\.(\d{1,9})\) +(\S+) +([\dA-Fa-f]{3}|[0-3][\dA-Fa-f]{7})"
     r"#(?:R([0-8]?)|((?:[\dA-Fa-f]{2}){0,8}))(?:_[\dA-Fa-f])?(?: +[RT])?\s*",
@@ -48,14 +49,6 @@ class Line(NamedTuple):
     data: bytes
 
 
-def line(channel: str, t_us: int, can_id: int, data: bytes) -> str:
-    """The line of a frame. Of a remote frame only the length is written: it has no data."""
-    time = str(t_us)  # divided as text: arithmetic with so large numbers takes longer than all else here
-    time = time if len(time) > 15 else time.zfill(16)
-    text = data.hex().upper() if not can_id & REMOTE else f"R{len(data) or ''}"
-    return f"({time[:-6]}.{time[-6:]}{_named(channel, can_id)}{text}\n"
-
-
 @lru_cache(maxsize=4096)
 def _named(channel: str, can_id: int) -> str:
     """Of all lines of an identifier."""
@@ -72,10 +65,26 @@ def _flagged(can_id: int) -> str:
 
 def event_line(event: Event | Sent, channel: str) -> str:
     """The line of an event or of a frame that we sent; `channel` is the bus."""
-    if isinstance(event, Tick):
-        return line(TICK, event.t_us, _TICK_ID, b"")
-    t_us, can_id, data = event
-    return line(SENT if isinstance(event, Sent) else channel, t_us, can_id, data)
+    return event_lines((event,), channel)
+
+
+def event_lines(events: Iterable[Event | Sent], channel: str) -> str:
+    """The lines of several, one after the other. Of a remote frame only the length is written: it has no data."""
+    lines = list[str]()
+    for event in events:
+        if isinstance(event, Frame):
+            t_us, can_id, data = event
+            name = _named(channel, can_id)
+        elif isinstance(event, Tick):
+            t_us, can_id, data, name = event.t_us, _TICK_ID, b"", _named(TICK, _TICK_ID)
+        else:
+            t_us, can_id, data = event
+            name = _named(SENT, can_id)
+        time = str(t_us)  # divided as text: arithmetic with so large numbers takes longer
+        time = time if t_us >= _SIXTEEN_DIGITS else time.zfill(16)
+        text = data.hex().upper() if can_id < REMOTE or not can_id & REMOTE else f"R{len(data) or ''}"
+        lines.append(f"({time[:-6]}.{time[-6:]}{name}{text}\n")
+    return "".join(lines)
 
 
 Parts = tuple[str, int, int, bytes]  # of a `Line`

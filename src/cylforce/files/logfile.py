@@ -24,9 +24,9 @@ from pydantic import BaseModel, ConfigDict, JsonValue
 
 import cylforce
 from cylforce.files.atomic import RecordingError, Tell, warn
-from cylforce.files.candump import HEAD, SENT, TICK, Line, Sent, event_line, line
+from cylforce.files.candump import HEAD, SENT, TICK, Line, Sent, event_lines
 from cylforce.files.rotation import Rotation, check_room, is_elsewhere, opened
-from cylforce.signals.events import Event
+from cylforce.signals.events import Event, Frame
 
 FORMAT = 1
 FLUSH_US = 500_000  # when the program is killed, no more than this is lost
@@ -75,7 +75,7 @@ def header_lines(header: Header, t_us: int) -> str:
     """The header as lines of candump text, all at the time that the log begins."""
     text = json.dumps({"format": FORMAT, **header.model_dump()}, allow_nan=False).encode()
     text += b" " * (-len(text) % 8)
-    return "".join(line(HEAD, t_us, _HEAD_ID, text[k : k + 8]) for k in range(0, len(text), 8))
+    return event_lines((Frame(t_us, _HEAD_ID, text[k : k + 8]) for k in range(0, len(text), 8)), HEAD)
 
 
 def header_from(path: Path, lines: Iterable[Line]) -> Header | None:
@@ -136,7 +136,7 @@ class LogWriter:
         self.failure: str | None = None
         self._logged = self._handed = 0  # the loop's counts: events, bytes
         self._kept = self._done = 0  # the thread's
-        self._lines: list[str] = []
+        self._events: list[Event | Sent] = []
         self._begun = self._now_us = self._failed_us = t_us
         self._told = False  # that it fails
         self._elsewhere = self._resumed = False  # the thread's: the file lost its name; a failure is over
@@ -166,8 +166,8 @@ class LogWriter:
         self._logged += 1
         self._now_us = event.t_us
         if self.failure is None:
-            self._lines.append(event_line(event, self._channel))
-            if len(self._lines) >= BLOCK_LINES or not 0 <= event.t_us - self._begun < FLUSH_US:
+            self._events.append(event)
+            if len(self._events) >= BLOCK_LINES or not 0 <= event.t_us - self._begun < FLUSH_US:
                 self._begun = event.t_us
                 self.flush()
 
@@ -192,9 +192,9 @@ class LogWriter:
         self._blocks.put(_Turn(header, t_us, again))
 
     def flush(self) -> None:
-        """Pass the lines gathered so far to the writing thread."""
-        block, events = "".join(self._lines).encode("ascii"), len(self._lines)
-        self._lines.clear()
+        """Pass the events gathered so far to the writing thread, as lines."""
+        block, events = event_lines(self._events, self._channel).encode("ascii"), len(self._events)
+        self._events.clear()
         if self._resumed:
             self._resumed = self._told = False
             self._tell(f"{self._path}: logging goes on")

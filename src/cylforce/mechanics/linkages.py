@@ -6,7 +6,6 @@ may reach over several joints (a loader's tilt cylinder), so every gradient has 
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import NamedTuple, Protocol
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from cylforce.mechanics.chain import Complex, Pin, Point, Pose, fixed, points
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import once
 
 
 class Stretch(NamedTuple):
@@ -62,17 +62,17 @@ class Linkages:
 
     each: tuple[Linkage, ...]
 
-    @cached_property
+    @once
     def _pins(self) -> tuple[Pin, ...]:
         return tuple(pin for linkage in self.each for pin in linkage.pins)
 
-    @cached_property
+    @once
     def _own(self) -> tuple[slice, ...]:
         """For each linkage the slice of its pins among all pins."""
         ends = accumulate((len(linkage.pins) for linkage in self.each), initial=0)
         return tuple(slice(*ends) for ends in pairwise(ends))
 
-    @cached_property
+    @once
     def _feet(self) -> list[int]:
         return [own.start for own in self._own]
 

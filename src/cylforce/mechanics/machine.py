@@ -1,7 +1,6 @@
 """The machine: links, linkages, cylinders and signals as immutable values; lengths, levers, forces, base parameters."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from cylforce.mechanics.chain import Complex, Point, Pose, point, pose
 from cylforce.mechanics.linkages import FourBar, Linkage, Linkages
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind, Signal
+from cylforce.signals.quick import once
 from cylforce.signals.units import STANDARD_GRAVITY
 
 FORCE_KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
@@ -97,28 +97,28 @@ class Machine:
         """Number of links N."""
         return len(self.links)
 
-    @cached_property
+    @once
     def outward(self) -> Array:
         """(N, N), 1 at [j, k] where link k lies beyond link j (k > j), else 0."""
         return np.triu(np.ones((self.size, self.size)), 1)
 
-    @cached_property
+    @once
     def identity(self) -> Array:
         """The unit matrix (N, N)."""
         return np.eye(self.size)
 
-    @cached_property
+    @once
     def reach(self) -> Array:
         """(N, N) [m], l_j at [j, k] where link k lies beyond link j (k > j), else 0."""
         return self.lengths[:, None] * self.outward
 
-    @cached_property
+    @once
     def arms(self) -> Complex:
         """(N,) [m] vector x + i z from each link's inner pin to its outer pin (last link: to the tool), in its own
         frame."""
         return np.append(self.lengths[:-1], self.tool)
 
-    @cached_property
+    @once
     def sum_outward(self) -> Array:
         """(N, N) matrix from the generalised forces Q_k of the absolute angles to joint torques: tau_j = sum_{k>=j} Q_k
         (mechanics/README.md, section 3)."""
@@ -133,7 +133,7 @@ class Machine:
         be closed."""
         return Geometry(*self._linkages.stretch(self.pose(theta)))
 
-    @cached_property
+    @once
     def _linkages(self) -> Linkages:
         return Linkages(tuple(cylinder.linkage for cylinder in self.cylinders))
 
@@ -141,36 +141,36 @@ class Machine:
         """The tooth line's place in chassis axes [m] and its derivatives (..., N) [m/rad]."""
         return point(self.pose(theta), self.size, self.tool)
 
-    @cached_property
+    @once
     def spans(self) -> tuple[tuple[int, ...], ...]:
         """For each cylinder the joints (from 0) that it acts on."""
         bodies = [[body for body, _ in cylinder.linkage.pins] for cylinder in self.cylinders]
         return tuple(tuple(range(min(b), max(b))) for b in bodies)
 
-    @cached_property
+    @once
     def four_bars(self) -> dict[str, FourBar]:
         """The four-bar linkages, by name of the cylinder that drives each."""
         return {c.name: c.linkage for c in self.cylinders if isinstance(c.linkage, FourBar)}
 
-    @cached_property
+    @once
     def carried(self) -> tuple[Cylinder, ...]:
         """The cylinders whose foot is on a link, not on the chassis."""
         return tuple(c for c in self.cylinders if c.linkage.pins[0][0] > 0)
 
-    @cached_property
+    @once
     def forces_measured(self) -> tuple[bool, ...]:
         """For each cylinder whether its force is measured: by a force pin, or at least by its head-side pressure."""
         seen = {s.index for s in self.signals if s.kind in (Kind.HEAD_PRESSURE, Kind.FORCE_PIN)}
         return tuple(c in seen for c in range(len(self.cylinders)))
 
-    @cached_property
+    @once
     def rows(self) -> tuple[int, ...]:
         """The joints (from 0) whose torque is measured: at least one cylinder acts on the joint, and the force of every
         cylinder that does is measured."""
         acting = [[c for c, span in enumerate(self.spans) if j in span] for j in range(self.size)]
         return tuple(j for j, cs in enumerate(acting) if cs and all(self.forces_measured[c] for c in cs))
 
-    @cached_property
+    @once
     def tables(self) -> tuple[tuple[Array, Array] | None, ...]:
         """For each cylinder that acts on one joint: (lengths in ascending order [m], joint angles [rad]), the first
         guess of `joint_angle`; None for the other cylinders."""

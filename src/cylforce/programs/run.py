@@ -131,11 +131,11 @@ class Daemon(Station[State]):
     def after_sync(self) -> None:
         """Publish the adaptation's state, log what has changed."""
         self._say_collisions(self.state.estimate.t_us)
-        if self.counts.steps % self._every[1] == 0:
+        if 1 in self.due:
             self._show_drift()
             self._show_unexplained()
-        if self._j1939 is not None and self.counts.steps % self._every[1] == 0:
-            self._j1939.publish(self.state.estimate)
+            if self._j1939 is not None:
+                self._j1939.publish(self.state.estimate)
         if self._j1939 is not None and self.counts.steps % self._second == 0:
             self._j1939.publish_totals(self.state.estimate.t_us, self.state.truck.total, self._books.lifetime)
         self._books.look(self.state)

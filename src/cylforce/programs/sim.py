@@ -3,13 +3,14 @@
 import secrets
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from cylforce.files.atomic import check_outputs, replacing
-from cylforce.files.candump import event_line
-from cylforce.files.logfile import Header, header_lines, running_versions
+from cylforce.files.candump import event_lines
+from cylforce.files.logfile import BLOCK_LINES, Header, header_lines, running_versions
 from cylforce.files.tables import SUFFIXES, Table, write_table
 from cylforce.files.truth import TruthWriter, truth_columns
 from cylforce.mechanics.installation import STANDARD
@@ -182,7 +183,8 @@ def write_log(play: Play, records: Iterable[Record], path: Path) -> None:
     events = bus_events(play.service, play.made, records, START_US, np.random.default_rng((play.seed, 3)))
     with replacing(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         file.write(header_lines(header(play), START_US))
-        file.writelines(event_line(event, "can0") for event in events)
+        for some in iter(lambda: list(islice(events, BLOCK_LINES)), []):
+            file.write(event_lines(some, "can0"))
 
 
 def header(play: Play) -> Header:

@@ -7,7 +7,6 @@ changes while the machine is parked. The drift is limited to what is physically 
 kilograms."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from cylforce.estimation.recursive import Root
 from cylforce.estimation.regressor import Rows
 from cylforce.service.pipeline import Unexplained
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import once
 
 MEMORY_SECONDS = 30.0  # s of empty motion after which old information has faded to 1/e; chosen
 STROKE_SECONDS = 3.0  # s, duration of a typical stroke, over which model errors keep their sign; chosen
@@ -67,7 +67,7 @@ class Adapter:
     expected: BetweenStrokes = BEFORE
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _limits(self) -> tuple[Array, Array]:
         friction = np.abs(self.tares.values[self.model.changing_friction])
         zero = np.array([ZERO_LIMIT * c.area_head for c in self.model.machine.cylinders])
@@ -79,7 +79,7 @@ class Adapter:
         """Updates that count as one independent measurement: model errors keep their sign for about one stroke."""
         return STROKE_SECONDS * self.model.filters.rate_hz / EVERY
 
-    @cached_property
+    @once
     def _spread(self) -> Array:
         """Prior standard errors (D,) of the drift."""
         return drift_spread(self.model, self.tares.values, self.expected)
@@ -91,14 +91,14 @@ class Adapter:
         root, spread = Root(factor, np.concatenate([self._sticking, drift])), np.diag(self._spread**2)
         return Drift(root, drift, spread, np.ones(2), 0, 0.0, following=False, seen=False)
 
-    @cached_property
+    @once
     def _remainder(self) -> Array:
         """Standard errors (4,) of what remains in an empty bucket, before anything is seen of it: anywhere in it."""
         machine = self.model.machine
         reach = machine.payload_reach
         return STICKS[1] * machine.rated_payload * np.array([1.0, reach, reach, reach**2], dtype=np.float64)
 
-    @cached_property
+    @once
     def _sticking(self) -> Array:
         """What remains there on average (4,), in the middle of the bucket, in units of these."""
         return STICKS[0] / STICKS[1] * np.array([1.0, 0.5, 0.0, 0.25], dtype=np.float64)
@@ -140,7 +140,7 @@ class Adapter:
         covariance = whole[end + d : -3].reshape(d, d)
         return Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], following=True, seen=True)
 
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         """The kernel's form of the adaptation. The spread of the drift is that of this machine: k^2 (2,) of friction
         and of zeros, one step of expectation maximisation an update, as between strokes (`commissioning.zeros`). A
@@ -158,6 +158,6 @@ class Adapter:
         arrays = [numbers(part) for part in (*parts, *room)]
         return self.kernel.KernelDrift(counts([r, k, n]), numbers(limits), [counts(x) for x in whole], arrays)
 
-    @cached_property
+    @once
     def _kinds(self) -> NDArray[np.int_]:
         return kinds(self.model)

@@ -3,7 +3,7 @@
 from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import inf, nan
 from struct import Struct
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from cylforce.signals.codec import Decoder, decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 # rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
 FASTEST = {
@@ -48,23 +48,23 @@ class Assembler:
 
     service: Service
 
-    @cached_property
+    @once
     def supervisor(self) -> Supervisor:
         """Watches who sends."""
         return Supervisor(self.service)
 
-    @cached_property
+    @once
     def decoders(self) -> dict[int, Decoder]:
         """Decoders of the sensors' PDOs by CAN identifier."""
         names = {s.name: k for k, s in enumerate(self.service.machine.signals)}
         return decoders(tuple(p for n in self.service.nodes for p in n.pdos), names)
 
-    @cached_property
+    @once
     def _quantum(self) -> tuple[float, ...]:
         size = {f.signal: f.scale for n in self.service.nodes for p in n.pdos for f in p.fields if f.code != "f"}
         return tuple(size.get(s.name, 0.0) for s in self.service.machine.signals)
 
-    @cached_property
+    @once
     def _plausible(self) -> tuple[tuple[float, float, float], ...]:
         """Per signal the fastest plausible change [SI/s], the period [s], and what noise and digits change [SI]."""
         return tuple(
@@ -72,11 +72,11 @@ class Assembler:
             for s, quantum in zip(self.service.machine.signals, self._quantum, strict=True)
         )
 
-    @cached_property
+    @once
     def _kernel(self) -> Any:  # noqa: ANN401 - of either form
         return choice.chosen()
 
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         machine, health, watcher = self.service.machine, self.service.health, self.supervisor
         found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
@@ -92,7 +92,7 @@ class Assembler:
         parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, limits]
         return self._kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
 
-    @cached_property
+    @once
     def _mapped(self) -> dict[int, tuple[int, int, Callable[..., tuple[Any, ...]]]]:
         """By identifier a sensor's PDO: its place, the size of its data, what gives its items."""
         found = {}
@@ -101,7 +101,7 @@ class Assembler:
             found[pdo.can_id] = (place, layout.size, layout.unpack_from)
         return found
 
-    @cached_property
+    @once
     def still(self) -> Numbers:
         """`moving` of `receive` where nothing moves."""
         return ZERO * len(self.service.machine.signals)
@@ -120,25 +120,31 @@ class Assembler:
             return inputs
         times, ids, parts = zip(*frames, strict=True)
         order = self._orders(ids)
-        if order is None or [*map(len, parts)] != order.sizes:
+        if order is None:
+            return self._by_turns(inputs, frames, moving)
+        if [*map(len, parts)] != order.sizes:
             return self._one_by_one(inputs, frames, moving)
         raw = order.layout.unpack(b"".join(parts))
         return self._judged(inputs, order.sorts, times, raw, moving)
 
+    def _by_turns(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
+        """The same of frames among which are unknown ones: what comes between them is judged together."""
+        begin = 0
+        for k, frame in enumerate(frames):
+            if frame.can_id not in self._mapped:
+                inputs = self._unknown(self.receive(inputs, frames[begin:k], moving), frame)
+                begin = k + 1
+        return self.receive(inputs, frames[begin:], moving)
+
     def _one_by_one(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
-        """The same of frames among which are unknown ones, or some of another length."""
-        for frame in frames:
-            t_us, can_id, data = frame
-            found = self._mapped.get(can_id)
-            if found is None:
-                inputs = self._unknown(inputs, frame)
-                continue
-            place, size, unpack = found
+        """The same of frames some of which are of another length."""
+        for t_us, can_id, data in frames:
+            place, size, unpack = self._mapped[can_id]
             sorts = array("q", (place, (len(data) > size) - (len(data) < size)))
             inputs = self._judged(inputs, sorts, (t_us,), unpack(data) if len(data) >= size else (), moving)
         return inputs
 
-    @cached_property
+    @once
     def _orders(self) -> Callable[[tuple[int, ...]], "FrameOrder | None"]:
         """How frames with these identifiers are read: those of a tick come in an order that hardly changes."""
         return lru_cache(maxsize=64)(self._order)
@@ -167,9 +173,8 @@ class Assembler:
     def leapt(self, inputs: Inputs) -> tuple[int, ...]:
         """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""
         found = self.still[:]
-        if not self._kernel.leapt(self._plan, inputs.kept, found):
-            return ()
-        return tuple([k for k, leapt in enumerate(found) if leapt])
+        self._kernel.leapt(self._plan, inputs.kept, found)
+        return tuple(k for k, leapt in enumerate(found) if leapt)
 
     def _noisy(self, k: int) -> bool:
         """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
@@ -190,12 +195,13 @@ class Assembler:
         """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
         the signal is invalid."""
         size = inputs.sizes[0]
-        found = ZERO * (2 * size + 1)
+        found = ZERO * (2 * size + 2)
         bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
-        reasons = tuple([REASONS[x] for x in found[size:-1]]) if bad else self._fine
-        return new(Sample, (t_us, np.frombuffer(found, count=size), reasons, REASONS[found[-1]]))
+        reasons = tuple([REASONS[x] for x in found[size:-2]]) if bad else self._fine
+        leapt = self.leapt(inputs) if found[-1] else ()
+        return new(Sample, (t_us, found[:size], reasons, REASONS[found[-2]], leapt))
 
-    @cached_property
+    @once
     def _fine(self) -> tuple[Reason, ...]:
         return (Reason.NONE,) * len(self.service.machine.signals)
 

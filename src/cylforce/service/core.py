@@ -2,13 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
-from cylforce.estimation.kernel.making import counts
-from cylforce.estimation.kernel.restricted import Counts
 from cylforce.estimation.model import Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
-from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import BEFORE, Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.booking import NONE_MISSED, Books, Missed, unseen
@@ -21,6 +17,7 @@ from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.weighing import Weigher
 from cylforce.signals.estimate import Reason, no_estimate
+from cylforce.signals.quick import once
 
 TICK_SLACK = 0.5  # periods by which a tick may be early or late
 
@@ -32,86 +29,70 @@ class Core:
     service: Service
     tares: Tares
     attached: Mapping[str, Tares] = field(default_factory=dict)  # the tares with each other tool
+    model: Model = field(init=False, repr=False, compare=False)  # whose parameters the tares are
+    assembler: Assembler = field(init=False, repr=False, compare=False)  # frames to samples
+    heard: frozenset[int] = field(init=False, repr=False, compare=False)  # identifiers of the sensors' PDOs
+    pipeline: Pipeline = field(init=False, repr=False, compare=False)  # samples to rows
+    weigher: Weigher = field(init=False, repr=False, compare=False)  # rows to weight
+    rocker: Rocker = field(init=False, repr=False, compare=False)  # rows to how a base without inertial sensor moves
+    recognizer: Recognizer = field(init=False, repr=False, compare=False)  # rows to whether it is this machine
 
-    @cached_property
+    def __post_init__(self) -> None:
+        """The parts that are asked in every step: a field is looked up several times as fast as a property."""
+        model, assembler = (
+            Model(self.service.machine, self.service.filters, self.tares.friction),
+            Assembler(self.service),
+        )
+        parts: dict[str, object] = {"model": model, "assembler": assembler, "heard": frozenset(assembler.decoders)}
+        parts |= {"pipeline": Pipeline(model, self.service.health.max_tilt), "weigher": Weigher(model, self.tares)}
+        parts |= {"rocker": Rocker(model, self.tares), "recognizer": Recognizer(model, self.tares)}
+        for name, part in parts.items():
+            object.__setattr__(self, name, part)
+
+    @once
     def fitted(self) -> dict[str, "Core"]:
         """The core with each tool, by its name."""
         others = {name: Core(self.service.fitted(name), tares) for name, tares in self.attached.items()}
         return {STANDARD: self, **others}
 
-    @cached_property
-    def model(self) -> Model:
-        """The model whose parameters the tares are."""
-        return Model(self.service.machine, self.service.filters, self.tares.friction)
-
-    @cached_property
-    def assembler(self) -> Assembler:
-        """Frames to samples."""
-        return Assembler(self.service)
-
-    @cached_property
-    def pipeline(self) -> Pipeline:
-        """Samples to rows."""
-        return Pipeline(self.model, self.service.health.max_tilt)
-
-    @cached_property
-    def weigher(self) -> Weigher:
-        """Rows to weight."""
-        return Weigher(self.model, self.tares)
-
-    @cached_property
+    @once
     def adapter(self) -> Adapter:
         """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
         friction may follow the oil much farther."""
         return Adapter(self.model, self.tares, BEFORE if self.adapts else self.tares.between_strokes)
 
-    @cached_property
-    def rocker(self) -> Rocker:
-        """Rows to how a base without an inertial sensor moves."""
-        return Rocker(self.model, self.tares)
-
-    @cached_property
-    def recognizer(self) -> Recognizer:
-        """Rows to whether this is the machine that was identified."""
-        return Recognizer(self.model, self.tares)
-
-    @cached_property
+    @once
     def interactor(self) -> Interactor:
         """Rows of an instant to forces and events."""
         return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1])
 
-    @cached_property
+    @once
     def monitor(self) -> Monitor:
         """Samples and rows to whether the sensors agree."""
         return Monitor(self.model, self.tares, self.limits[MAGNITUDE][1])
 
-    @cached_property
+    @once
     def limits(self) -> dict[str, tuple[float, float]]:
         """The declared range of every published value."""
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
 
-    @cached_property
-    def encoders(self) -> tuple[Encoder, ...]:
-        """What encodes our TPDOs."""
-        return encoders(self.service.publication)
+    @once
+    def encoders(self) -> dict[int, Encoder]:
+        """What encodes our TPDOs, by their numbers."""
+        return {each.number: each for each in encoders(self.service.publication)}
 
-    @cached_property
-    def moved_by(self) -> Counts:
-        """Per signal the number of the cylinder whose motion changes it; -1: that of any cylinder."""
-        return counts(s.index if s.kind in FORCE_KINDS else -1 for s in self.service.machine.signals)
-
-    @cached_property
+    @once
     def adapts(self) -> bool:
         """Whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow their
         errors."""
         return self.service.adapt and self.tares.identified
 
-    @cached_property
+    @once
     def longest_step(self) -> float:
         """Largest time between two ticks [periods]; after a longer one the filters start again."""
         return self.service.health.max_step_s * self.service.filters.rate_hz + TICK_SLACK
 
-    @cached_property
+    @once
     def period_us(self) -> int:
         """The fixed step [us]."""
         return round(1e6 / self.service.filters.rate_hz)

@@ -2,7 +2,6 @@
 (mechanics/README.md, section 8)."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Tares
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array, Force, Quantity, Reason, Status, invalid
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 from cylforce.signals.units import STANDARD_GRAVITY
 
 BLIND = 0.3  # times the rated force: a component with a larger standard error is INVALID; chosen
@@ -38,11 +37,11 @@ class ForceSensor:
     tares: Tares
     rated_force: float
 
-    @cached_property
+    @once
     def _blind(self) -> float:
         return BLIND * self.rated_force
 
-    @cached_property
+    @once
     def _poor(self) -> float:
         return POOR * self.rated_force
 
@@ -53,24 +52,20 @@ class ForceSensor:
         x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, worst, largest = shown
         fine = NONE if contact else WITHOUT
         if worst <= self._poor and largest <= self.rated_force and self.tares.identified:
-            parts = [new(Quantity, (*pair, OK, fine)) for pair in ((x, x_error), (z, z_error), (size, along))]
-            return new(Force, (*parts, self._direction(certain > 0.0, contact, angle, across), (xx, xz, zz)))
-        return new(
-            Force,
-            (
-                self._bounded(x, x_error, fine),
-                self._bounded(z, z_error, fine),
-                self._bounded(size, along, fine),
-                self._direction(certain > 0.0, contact, angle, across),
-                (xx, xz, zz),
-            ),
-        )
+            each_x = new(Quantity, (x, x_error, OK, fine))
+            each_z = new(Quantity, (z, z_error, OK, fine))
+            whole = new(Quantity, (size, along, OK, fine))
+        else:
+            each_x, each_z = self._bounded(x, x_error, fine), self._bounded(z, z_error, fine)
+            whole = self._bounded(size, along, fine)
+        direction = self._direction(certain > 0.0, contact, angle, across)
+        return new(Force, (each_x, each_z, whole, direction, (xx, xz, zz)))
 
     def _direction(self, certain: bool, contact: bool, angle: float, error: float) -> Quantity:
         """Direction [rad]: there is none of a force that is not there, and none of one that is not certain."""
         if not (contact and certain):
             return UNCERTAIN if contact else NO_CONTACT
-        return self._quantity(angle, error, Reason.NONE)
+        return self._quantity(angle, error, NONE)
 
     def _bounded(self, value: float, error: float, fine: Reason) -> Quantity:
         """A component or the magnitude; without contact NO_CONTACT is the reason why it is nearly zero."""

@@ -3,20 +3,22 @@ recording. The arithmetic is the kernel's (estimation/kernel/README.md)."""
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import inf, isfinite, prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cylforce.estimation.kernel import choice, making
-from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import Residual
+from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.signals.estimate import Array, Reason
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
+
+MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 
 
 class Sizes(NamedTuple):
@@ -44,6 +46,13 @@ class Pipe(NamedTuple):
     def smooth(self) -> Array:
         """Last three outputs (3, D) of their low-pass."""
         return self._part(3 * self.sizes.d, 3 * self.sizes.d).reshape(3, -1)
+
+    @property
+    def middle(self) -> Numbers:
+        """Their mean (D,)."""
+        d = self.sizes.d
+        outputs = (self.kept[3 * d : 4 * d], self.kept[4 * d : 5 * d], self.kept[5 * d : 6 * d])
+        return array("d", [(x + y + z) / 3.0 for x, y, z in zip(*outputs, strict=True)])
 
     @property
     def waiting(self) -> Array:
@@ -111,15 +120,15 @@ class Pipeline:
     most_tilted: float = inf  # rad, of the chassis
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.plan(self.model, self.kernel.KernelPlan)
 
-    @cached_property
+    @once
     def _sensors(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.sensors(self.model, self.kernel.KernelSensors, self.most_tilted)
 
-    def read(self, values: Array) -> Numbers | Reason:
+    def read(self, values: Numbers) -> Numbers | Reason:
         """Joint angles, cylinder forces and attitude (D,) of a sample (S,); or why it is not usable."""
         channels = ZERO * self._numbers.d
         for joint, cylinder, signal in self.model.channels.by_length:
@@ -128,12 +137,12 @@ class Pipeline:
             return Reason.TILT
         return channels if isfinite(sum(channels)) else Reason.END_STOP
 
-    @cached_property
+    @once
     def _sizes(self) -> tuple[int, int]:
         """Numbers of a state and of the rows of a step."""
         return self.kernel.state_size(self._plan), self.kernel.rows_size(self._plan)
 
-    @cached_property
+    @once
     def _numbers(self) -> Sizes:
         machine = self.model.machine
         channels = machine.size + len(machine.cylinders) + (6 if self.model.channels.inertial else 3)
@@ -159,6 +168,21 @@ class Pipeline:
         old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
         self.kernel.advance(self._plan, old, here, state, out, pipe.steps == 0)
         return new(Pipe, (pipe.steps + 1, state, self._numbers)), self._instant(out)
+
+    def moving(self, speed: Numbers) -> Numbers:
+        """Per signal whether it should change (1) at the speed (C,) [m/s] of the cylinders, so that a repeated value
+        means a frozen sensor: a pressure while its own cylinder moves, any other signal while any cylinder moves,
+        because the whole machine then shakes."""
+        by = self._moved_by
+        found = ZERO * len(by)
+        self.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
+        return found
+
+    @once
+    def _moved_by(self) -> Counts:
+        """Per signal the number of the cylinder whose motion changes it; -1: that of any cylinder."""
+        signals = self.model.machine.signals
+        return making.counts(s.index if s.kind in FORCE_KINDS else -1 for s in signals)
 
     def _filled(self, pipe: Pipe, here: Numbers, periods: int) -> Pipe:
         """The state one step before `here`."""

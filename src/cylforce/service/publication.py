@@ -1,12 +1,16 @@
 """The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
 
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from math import nan, pi, sin, sqrt, tan
+from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.mechanics.installation import Filters
 from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
@@ -205,31 +209,53 @@ def quality(q: Quantity) -> int:
     return q.status | q.reason << 2
 
 
+def timetable(table: tuple[Pdo, ...], rate_hz: float) -> tuple[tuple[int, ...], ...]:
+    """Numbers of the TPDOs that are sent at a step, at so many steps a second: at step k those of k modulo the length
+    of this table."""
+    every = {pdo.number: max(1, round(pdo.period_s * rate_hz)) for pdo in table}
+    return tuple(tuple(n for n, each in every.items() if k % each == 0) for k in range(lcm(*every.values())))
+
+
 class Encoder(NamedTuple):
-    """A TPDO of ours as it is encoded: its number, its layout, and what gives the values of its fields."""
+    """A TPDO of ours as it is encoded: its number, its layout, what gives the values of its fields, the `kernel`'s
+    limits (`inputs.quantise`) where that knows all fields (else empty), and room for its integers."""
 
     number: int
     layout: Layout
     values: Callable[[Estimate], Sequence[float]]
+    kernel: Any
+    limits: Numbers
+    room: Counts
 
     def data(self, estimate: Estimate) -> bytes:
         """Its bytes for an estimate."""
-        return packed(self.layout, self.values(estimate))
+        values, found = self.values(estimate), self.room[:]
+        if not self.limits:
+            return packed(self.layout, values)
+        self.kernel.quantise(len(found), self.limits, array("d", values), found)
+        return self.layout.struct.pack(*found)
 
 
 def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
     """The encoders of all TPDOs of a table."""
-    return tuple(Encoder(p.number, layout(p), _values([str(f.signal) for f in p.fields])) for p in table)
+    return tuple(_encoder(pdo) for pdo in table)
+
+
+def _encoder(pdo: Pdo) -> Encoder:
+    of = layout(pdo)
+    known = of.fields if all(field.fits for field in of.fields) else ()
+    limits = numbers(x for f in known for x in (f.low, f.high, f.scale, f.missing))
+    values = _values([str(f.signal) for f in pdo.fields])
+    return Encoder(pdo.number, of, values, choice.chosen(), limits, counts([0] * len(of.fields)))
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
     """What gives the values of these names: a force's in one look."""
-    paths = {
-        name: f"{of}.{part}.value" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)
-    }
+    paths = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
+    of_quality = {QUALITY[name]: path for name, path in paths.items()}
+    paths |= {GROSS: "gross", NET: "net"}
     if set(names) <= set(paths):
-        return attrgetter(*(paths[name] for name in names))
-    of_quality = {QUALITY[name]: path.removesuffix(".value") for name, path in paths.items()}
+        return attrgetter(*(f"{paths[name]}.value" for name in names))
     if set(names) <= set(of_quality):
         quantities = attrgetter(*(of_quality[name] for name in names))
         return lambda estimate: [quality(each) for each in quantities(estimate)]

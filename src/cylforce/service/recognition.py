@@ -6,7 +6,6 @@ and pressure zeros that have changed since (the same in all blocks), can explain
 the comparison anew, so that only motion clear of the ground is judged. Limits: `tools/studies/recognition.py`."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
 from cylforce.service.pipeline import Unexplained
 from cylforce.signals.estimate import Array
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 BLOCK_SECONDS = 2.0
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion
@@ -54,30 +53,30 @@ class Recognizer:
     tares: Tares
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return solver(self.model, self.tares, self.kernel)
 
-    @cached_property
+    @once
     def _spread(self) -> Array:
         """What friction and zeros may have changed by."""
         zeros = [SHIFT * c.area_head for c in self.model.machine.cylinders]
         return np.concatenate([FRICTION * np.abs(self.tares.values[self.model.changing_friction]), zeros])
 
-    @cached_property
+    @once
     def _memory(self) -> float:
         return correlated(self.model.filters)
 
-    @cached_property
+    @once
     def _prior(self) -> Array:
         """Information (4, 4) on a load before anything is seen."""
         return np.diag(load_spread(self.model.machine) ** -2.0)
 
-    @cached_property
+    @once
     def _size(self) -> int:
         return 5 + len(self._spread)
 
-    @cached_property
+    @once
     def _nothing(self) -> Array:
         """A block without a load, empty."""
         return np.zeros((self._size - 4, self._size - 4))
@@ -96,13 +95,13 @@ class Recognizer:
         parts = (left.rows, left.kept, usable)
         telling = self.kernel.gather(self._solver, *parts, self._spread, ZERO, 0, self._memory, gram)
         more, steps = gram if telling else state.gram, state.steps + 1
-        state = new(Recognition, (more, state.rows + telling, steps, *state[3:]))
+        state = new(Recognition, (more, state.rows + telling, steps) + state[3:])  # noqa: RUF005 - quicker
         if steps < self._block:
             return state
         moved = state.rows >= IN_MOTION * state.steps * len(usable)
         return self.interrupt(self._judged(state) if moved else state)
 
-    @cached_property
+    @once
     def _block(self) -> float:
         """Steps of a block."""
         return BLOCK_SECONDS * self.model.filters.rate_hz

@@ -1,6 +1,7 @@
 """What the service remembers from event to event, and what an event brings."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from cylforce.estimation.kernel.restricted import Numbers
@@ -89,31 +90,28 @@ class State(NamedTuple):
 
 class Output(NamedTuple):
     """What an event brought: `verdict` on a command (None: no command; 0: done; else an SDO abort code),
-    its `words`, what was decided and why; `estimate` and the `table` of the PDOs that carry it, which encodes them."""
+    its `words`, what was decided and why; `estimate` and the `table` of the PDOs that carry it, by their numbers, which
+    encodes them."""
 
     verdict: int | None = None
     estimate: Estimate | None = None
-    table: tuple[Encoder, ...] = ()
+    table: Mapping[int, Encoder] = MappingProxyType({})
     words: str = ""
 
     @property
     def frames(self) -> tuple[tuple[int, bytes], ...]:
         """(Number, data) of all PDOs, sent as they are."""
-        return tuple(self.due([each.number for each in self.table]))
+        return tuple(self.due(self.table))
 
     def data(self, number: int) -> bytes | None:
         """The bytes of one of them; None where there is no estimate."""
-        for each in self.table if self.estimate is not None else ():
-            if each.number == number:
-                return each.data(self.estimate) if self.estimate is not None else None
-        return None
+        return None if self.estimate is None else self.table[number].data(self.estimate)
 
-    def due(self, numbers: Collection[int]) -> Iterator[tuple[int, bytes]]:
+    def due(self, numbers: Iterable[int]) -> Iterator[tuple[int, bytes]]:
         """Those of these numbers, each when it is asked for: what is not sent is not encoded."""
         if self.estimate is not None:
-            for each in self.table:
-                if each.number in numbers:
-                    yield each.number, each.data(self.estimate)
+            for number in numbers:
+                yield number, self.table[number].data(self.estimate)
 
 
 NOTHING = Output()

@@ -4,7 +4,6 @@ from functools import partial
 from math import hypot
 
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service import commands
 from cylforce.service.adaptation import Drift
 from cylforce.service.booking import Beside, unseen
@@ -26,6 +25,7 @@ from cylforce.signals.estimate import (
     Quantity,
     Reason,
     Sample,
+    Status,
     degraded,
     each_component,
     held_estimate,
@@ -36,30 +36,31 @@ from cylforce.signals.estimate import (
     no_estimate,
     within,
 )
-from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.events import Event, Frame
 from cylforce.signals.quick import new
 
 __all__ = ["Core", "judged", "step"]
 
-MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
-DOUBTED, REJECTED = Level.DOUBTED, Level.REJECTED
+# a member of an enumeration takes longer to look up than a name
+FINE, DOUBTED, REJECTED = Level.FINE, Level.DOUBTED, Level.REJECTED
+INVALID, NONE = Status.INVALID, Reason.NONE
 
 
 def step(core: Core, state: State, event: Event) -> tuple[State, Output]:
     """The service: from one event the new state and the output to be sent. Does not raise for any frame."""
-    if isinstance(event, Tick):
+    if not isinstance(event, Frame):
         state = _tick(core.fitted[state.tool], state, event.t_us)
         return state, new(Output, (None, state.estimate, core.encoders, ""))
-    if event.can_id not in core.assembler.decoders:
+    if event.can_id not in core.heard:
         obeyed = _obey(core, state, event)
         if obeyed is not None:
             return obeyed
-    frames = (*state.frames, event)
-    state = new(State, state[:-1] + (frames,))  # noqa: RUF005 - copied twice, not four times: this is for every frame
-    return state if len(state.frames) < MOST_FRAMES else judged(core, state), NOTHING
+    frames = state.frames + (event,)  # noqa: RUF005 - for every frame: a sum of tuples is quicker
+    state = new(State, state[:-1] + (frames,))  # noqa: RUF005
+    return state if len(frames) < MOST_FRAMES else judged(core, state), NOTHING
 
 
 def judged(core: Core, state: State) -> State:
@@ -123,38 +124,45 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     """The state after a tick: sample, channels, filtered rows, load and force; or an estimate with the reason why there
     are none."""
     inputs = core.assembler.receive(state.inputs, state.frames, state.moving)
-    state = new(State, (inputs, *state[1:-1], ()))
     sample = core.assembler.sample(inputs, t_us)
-    if sample.late is not Reason.NONE and state.pipe is not None and not any(sample.reasons):
-        return state._replace(estimate=held_estimate(state.estimate, t_us, sample.late))
-    channels = _channels(core, sample)
-    if isinstance(channels, Reason):
-        strayed = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
-        return _lose(core, state, t_us, channels, strayed)
-    periods = (t_us - state.sampled_us) / core.period_us
-    if state.pipe is None or not TICK_SLACK < periods < core.longest_step:
-        reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
-        return _lose(core, state, t_us, reason)._replace(pipe=core.pipeline.begin(channels), sampled_us=t_us)
+    channels, periods = _channels(core, sample), (t_us - state.sampled_us) / core.period_us
+    fits = sample.late is NONE and TICK_SLACK < periods < core.longest_step
+    if not fits or state.pipe is None or isinstance(channels, Reason):
+        return _unsteady(core, new(State, (inputs, *state[1:-1], ())), sample, channels)
     pipe, instant = core.pipeline.advance(state.pipe, channels, round(periods))
-    usable, moving = instant.usable, _moving(core, instant.speed)
+    usable, moving = instant.usable, core.pipeline.moving(instant.speed)
     if pipe.steps <= core.model.settle_steps:
         nothing = _nothing(state, t_us, Reason.STARTING)
-        return state._replace(pipe=pipe, sampled_us=t_us, moving=moving, estimate=nothing)
+        begun = state._replace(inputs=inputs, pipe=pipe, sampled_us=t_us, moving=moving, frames=())
+        return begun._replace(estimate=nothing)
     plain = core.weigher.left(instant.kept, state.drift)
     rocking, left = core.rocker.step(state.rocking, plain, channels, state.weighing.lift, usable)
     parts, beside = (state.weighing, left, usable, t_us, state.drift), partial(_beside, core, state, channels)
     lifted = core.weigher.step(*parts, curled=_curled(core, channels), beside=beside)
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
-    (interaction, forces), leapt = pressed, core.assembler.leapt(state.inputs)
-    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, leapt)
-    seen = new(Samples, (sample.values, pipe, instant, left.torque, forces, *told))
+    (interaction, forces), torque = pressed, left.torque
+    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift.taken, sample.leapt)
+    seen = new(Samples, (sample.kept, pipe, instant, torque, forces, *told))
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state.drift, watch, load, left, usable)
     known = core.recognizer.step(state.recognition, plain, usable)
     moved = (inputs, pipe, weighing, drift, state.scale, t_us, state.estimate, moving, known, interaction, watch)
-    after = new(State, (*moved, *state[11:16], tuple(left.torque), rocking, ()))
+    after = new(State, moved + state[11:16] + (tuple(torque), rocking, ()))
     return _booked(after, _estimate(core, after, load, forces, t_us), state.weighing.books.booking)
+
+
+def _unsteady(core: Core, state: State, sample: Sample, channels: Numbers | Reason) -> State:
+    """The state after a tick that does not go on from the one before: signals are late or not usable, or it comes too
+    early or too late."""
+    if sample.late is not NONE and state.pipe is not None and not any(sample.reasons):
+        return state._replace(estimate=held_estimate(state.estimate, sample.t_us, sample.late))
+    if isinstance(channels, Reason):
+        strayed = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
+        return _lose(core, state, sample.t_us, channels, strayed)
+    reason = Reason.STARTING if state.pipe is None else Reason.TIME_JUMP
+    state = _lose(core, state, sample.t_us, reason)
+    return state._replace(pipe=core.pipeline.begin(channels), sampled_us=sample.t_us)
 
 
 def _beside(core: Core, state: State, channels: Numbers) -> Beside:
@@ -173,7 +181,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     """The state with its estimate and the working cycle advanced; with a new booking it ends, and the truck has one
     more bucket, whose mass follows the booking while that becomes more precise."""
     cycle, booking = advanced(state.cycle, estimate), state.weighing.books.booking
-    state = state._replace(estimate=estimate, cycle=cycle)
+    state = new(State, state[:6] + (estimate,) + state[7:12] + (cycle,) + state[13:])  # noqa: RUF005
     if booking is None or booking is before:
         return state
     if before is not None and not is_new(booking, before):
@@ -185,7 +193,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
 
 def _channels(core: Core, sample: Sample) -> Numbers | Reason:
     """Joint angles, cylinder forces and attitude (D,) of a sample; or the reason why it is not usable."""
-    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.values)
+    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.kept)
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> State:
@@ -216,7 +224,7 @@ def _watched(core: Core, state: State, seen: Samples, weighing: Weighing) -> tup
     """Whether the sensors agree after this instant; while they do not, nothing is booked; while that is not sure,
     bookings wait."""
     watch, books = core.monitor.step(state.watch, seen), weighing.books
-    if watch.suspicion.level is not Level.FINE and not watch.suspicion.waits:
+    if watch.suspicion.level is not FINE and not watch.suspicion.waits:
         books = unseen(books)
     probable, unsure = watch.unnoticed.probable, watch.unsure
     if books.withheld is not unsure or books.probable is not probable:
@@ -250,29 +258,24 @@ def _estimate(core: Core, state: State, load: Load, forces: Forces, t_us: int) -
     if state.weighing.tool.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
         load = invalid_load(Reason.OTHER_TOOL)
     rated = core.service.machine.rated_payload
-    load = new(Load, (_with_unnoticed(load.mass, state.watch.unnoticed), *load[1:]))
-    gross = within(less(load.mass, state.scale.zero), core.limits[GROSS], rated)
-    net = within(less(gross, state.scale.tare), core.limits[GROSS], rated)
+    if load.mass.status is not INVALID:
+        mass = _with_unnoticed(load.mass, state.watch.unnoticed)
+        load = new(Load, (mass, load.centre_x, load.centre_z))
+    (zero, tare), limits = state.scale, core.limits[GROSS]
+    gross = within(less(load.mass, zero), limits, rated)
+    net = within(less(gross, tare), limits, rated) if tare else gross
     events = state.interaction.contact.events
-    parts = (gross, net, forces.resultant, state.weighing.books.booking, forces.soil, events)
-    return new(Estimate, (t_us, load, *parts))
+    booking = state.weighing.books.booking
+    return new(Estimate, (t_us, load, gross, net, forces.resultant, booking, forces.soil, events))
 
 
 def _with_unnoticed(mass: Quantity, unnoticed: Unnoticed) -> Quantity:
     """The mass [kg] with what errors of signals add to its standard error."""
-    return new(Quantity, (mass.value, hypot(mass.standard_error, unnoticed.mass), *mass[2:]))
+    return new(Quantity, (mass.value, hypot(mass.standard_error, unnoticed.mass), mass.status, mass.reason))
 
 
 def _less_sure(forces: Forces, reason: Reason) -> Forces:
     return Forces(*(each_component(force, partial(degraded, reason=reason)) for force in forces))
-
-
-def _moving(core: Core, speed: Numbers) -> Numbers:
-    """Per signal whether it should change (1), so that a repeated value means a frozen sensor: a pressure while its own
-    cylinder moves, any other signal while any cylinder moves, because the whole machine then shakes."""
-    found, by = ZERO * len(core.moved_by), core.moved_by
-    core.pipeline.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
-    return found
 
 
 def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
@@ -282,10 +285,11 @@ def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
         found.append(Reason.NOT_THIS_MACHINE)
     if state.weighing.tool.off is not None:
         found.append(Reason.OTHER_TOOL)
-    if state.watch.suspicion.level is DOUBTED or state.watch.unsure:
+    if state.watch.suspicion.level is DOUBTED or state.weighing.books.withheld:
         found.append(Reason.SENSORS_DISAGREE)
-    if abs(t_us - state.inputs.long_us) < LONG_FRAME_US:
+    inputs = state.inputs
+    if abs(t_us - inputs.long_us) < LONG_FRAME_US:
         found.append(Reason.LONG_FRAME)
-    if state.inputs.spoofed(t_us):
+    if inputs.spoofed(t_us):
         found.append(Reason.OWN_IDENTIFIER)
     return found

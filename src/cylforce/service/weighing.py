@@ -3,7 +3,6 @@ tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -30,7 +29,7 @@ from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.pipeline import Unexplained, unexplained
 from cylforce.service.spill import EVERY_S, KEPT, changed_at, information, side_by_side
 from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
@@ -65,38 +64,38 @@ class Weigher:
     tares: Tares
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         patience = REST_SECONDS * self.model.filters.rate_hz
         limits = Limits(GATE, BREAK_AWAY, COLD, DRIFTED, self._memory, patience)
         return solver(self.model, self.tares, self.kernel, limits)
 
-    @cached_property
+    @once
     def _memory(self) -> float:
         """Number of consecutive samples that count as one independent sample."""
         return correlated(self.model.filters, self.tares.correlation)
 
-    @cached_property
+    @once
     def _long(self) -> float:
         """Number of samples after which older ones begin to fade."""
         return FORGET_SECONDS * self.model.filters.rate_hz
 
-    @cached_property
+    @once
     def _patience(self) -> float:
         """Number of samples that do not fit, after which a lift ends."""
         return PATIENCE_S * self.model.filters.rate_hz
 
-    @cached_property
+    @once
     def _settled(self) -> float:
         """Number of samples before a weight is shown."""
         return MIN_SECONDS * self.model.filters.rate_hz
 
-    @cached_property
+    @once
     def _looks(self) -> tuple[int, int]:
         """Samples between two looks for a spill, and for a booking."""
         return round(EVERY_S * self.model.filters.rate_hz), round(LATER_S * self.model.filters.rate_hz)
 
-    @cached_property
+    @once
     def _fresh(self) -> Lift:
         machine = self.model.machine
         root = known(np.zeros(4), load_spread(machine))
@@ -109,7 +108,7 @@ class Weigher:
         """A lift that follows another motion."""
         return self._fresh._replace(mixed=True)
 
-    @cached_property
+    @once
     def _still(self) -> Drift:
         """A drift that is known to be zero."""
         begun = Adapter(self.model, self.tares).begin()
@@ -185,7 +184,8 @@ class Weigher:
                 self.kernel.take(self._solver, left.rows, left.kept, work, numbers)
             self.kernel.conclude(self._solver, numbers, drift.values, drift.covariance, found)
         if not fits:
-            return lift._replace(kept=numbers, refused=lift.refused + 1), (numbers, found)
+            lift = new(Lift, (numbers, lift.taken, lift.refused + 1) + lift[3:])  # noqa: RUF005 - quicker
+            return lift, (numbers, found)
         rested = work[7 * rows :]
         if lift.mixed and lift.taken + 1 == self.model.settle_steps:
             return self._fresh._replace(taken=lift.taken + 1, rested=rested), (numbers, found)
@@ -193,7 +193,7 @@ class Weigher:
         lift = new(Lift, (numbers, lift.taken + 1, 0, moving, rested, *lift[5:]))
         return self._watched(lift, drift, beside), (numbers, found)
 
-    @cached_property
+    @once
     def _concluded(self) -> int:
         """How many numbers the kernel concludes from a lift."""
         return 7 + len(self.model.parameters) + len(self._still.values)
@@ -249,16 +249,15 @@ class Weigher:
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
     def _judge(self, lift: Lift, weight: Weight) -> Load:
-        doubt = self._doubt(lift, weight)
-        if doubt is not None:
+        if (doubt := self._doubt(lift, weight)) is not None:
             return invalid_load(doubt)
         status, reason = self._trust(lift, weight)
         mass = new(Quantity, (weight.mass, weight.standard_error, status, reason))
         if weight.mass < SMALLEST * self.model.machine.rated_payload:
             return new(Load, (mass, NO_LOAD, NO_LOAD))
-        (x, z), (error_x, error_z) = (weight.centre.real, weight.centre.imag), weight.centre_error
-        centre = [new(Quantity, (value, error, status, reason)) for value, error in ((x, error_x), (z, error_z))]
-        return new(Load, (mass, *centre))
+        centre, (error_x, error_z) = weight.centre, weight.centre_error
+        centre_x = new(Quantity, (centre.real, error_x, status, reason))
+        return new(Load, (mass, centre_x, new(Quantity, (centre.imag, error_z, status, reason))))
 
     def _trust(self, lift: Lift, weight: Weight) -> tuple[Status, Reason]:
         if weight.standard_error > GOOD_ENOUGH * self.model.machine.rated_payload:

@@ -75,8 +75,8 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
 
 
 class Raw(NamedTuple):
-    """How a field becomes a number on the bus: range and step of its SI values, range of the integers that carry a
-    value (None for a float), and what means "no value"; whether each value in range has such an integer (`fits`)."""
+    """How a field becomes a number on the bus: range, step and offset of its SI values, range of the integers that
+    carry a value (None for a float), and what means "no value"."""
 
     low: float
     high: float
@@ -84,46 +84,43 @@ class Raw(NamedTuple):
     offset: float
     integers: tuple[int, int] | None
     missing: int | float
-    fits: bool
+
+    @property
+    def fits(self) -> bool:
+        """Whether there is no offset, and each value in range has such an integer, or that which means "no value"."""
+        if self.offset or self.integers is None:
+            return False
+        least, most = self.integers
+        return all(
+            least <= end <= most or end == self.missing for end in (self.low / self.scale, self.high / self.scale)
+        )
 
 
 class Layout(NamedTuple):
-    """A PDO's `struct` and fields, for encoding; `whole`: of integers all of which fit, for each the range of its SI
-    values, step, offset and what means "no value"."""
+    """A PDO's `struct` and fields, for encoding."""
 
     struct: Struct
     fields: tuple[Raw, ...]
-    whole: tuple[tuple[float, float, float, float, float], ...] = ()
 
 
 @cache
 def layout(pdo: Pdo) -> Layout:
     """How a PDO is encoded."""
-    fields = tuple(map(_raw_field, pdo.fields))
-    whole = tuple((f.low, f.high, f.scale, f.offset, f.missing) for f in fields if f.fits)
-    return Layout(_struct(pdo), fields, whole if len(whole) == len(fields) else ())
+    return Layout(_struct(pdo), tuple(map(_raw_field, pdo.fields)))
 
 
 def _raw_field(f: Field) -> Raw:
-    integers = _RAW_RANGES.get(f.code)
-    ends = [(end - f.offset) / f.scale for end in (f.low, f.high)]
-    fits = integers is not None and all(isfinite(end) and integers[0] <= end <= integers[1] for end in ends)
-    return Raw(f.low, f.high, f.scale, f.offset, integers, not_available(f.code), fits)
+    return Raw(f.low, f.high, f.scale, f.offset, _RAW_RANGES.get(f.code), not_available(f.code))
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
     """Data from the SI values of all fields, in their order."""
-    if of.whole:
-        pairs = zip(of.whole, values, strict=True)
-        raws = [round((v - off) / scale) if low <= v <= high else none for (low, high, scale, off, none), v in pairs]
-        return of.struct.pack(*raws)
     return of.struct.pack(*_raws(of, values))
 
 
 def _raws(of: Layout, values: Sequence[float]) -> list[float]:
-    """What is sent of each value, where a field's range may be wider than its integers, or it is no integer."""
     raws = list[float]()
-    for (low, high, scale, offset, integers, missing, _), value in zip(of.fields, values, strict=True):
+    for (low, high, scale, offset, integers, missing), value in zip(of.fields, values, strict=True):
         if not low <= value <= high or not isfinite(value):
             raws.append(missing)
         elif integers is None:

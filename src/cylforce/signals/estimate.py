@@ -1,6 +1,7 @@
 """Samples and estimates: the values measured at a tick, the values estimated from them, and the reason where a value is
 withheld."""
 
+from array import array
 from collections.abc import Callable
 from enum import IntEnum
 from math import isfinite, nan
@@ -62,14 +63,20 @@ class Reason(IntEnum):
 
 
 class Sample(NamedTuple):
-    """The signals at a tick: SI `values` (S,) in the order of the machine's signals; per signal the reason why it is
-    not usable (NONE: usable); `late`: the reason why at least one value is not fresh but repeated from before (NONE:
-    all are fresh)."""
+    """The signals at a tick: SI values (S,) in the order of the machine's signals, `kept` as plain numbers; per signal
+    the reason why it is not usable (NONE: usable); `late`: the reason why at least one value is not fresh but repeated
+    from before (NONE: all are fresh); numbers of signals that `leapt` and stayed there."""
 
     t_us: int
-    values: Array
+    kept: "array[float]"
     reasons: tuple[Reason, ...]
     late: Reason
+    leapt: tuple[int, ...] = ()
+
+    @property
+    def values(self) -> Array:
+        """The values (S,)."""
+        return np.frombuffer(self.kept)
 
 
 class Quantity(NamedTuple):
@@ -160,7 +167,8 @@ class Load(NamedTuple):
 
 def invalid_load(reason: Reason) -> Load:
     """A load without a value, with the reason."""
-    return Load(invalid(reason), invalid(reason), invalid(reason))
+    nothing = invalid(reason)
+    return new(Load, (nothing, nothing, nothing))
 
 
 class Estimate(NamedTuple):

@@ -1,5 +1,5 @@
 """What sensors send, as `service.assembler` and `service.senders.supervision` judge it: the values of a frame when it
-comes, and at a tick which of them are usable.
+comes, and at a tick which of them are usable. And what we send of our values (`service.publication`).
 
 The state is one array: of each of S signals (S, 11) value, time of the last accepted and of the last value [us],
 reason, good, equal and implausible values in a row, leap, last implausible value, leaps believed, time after which the
@@ -8,9 +8,20 @@ last value was measured [us] (see `Channel`); of each of P PDOs (P, 3) time [us]
 with an unknown identifier, too short, too long; time of the last one that was too long, and of the last frame of
 somebody else with our identifiers [us]. `service.senders.inputs` gives them names."""
 
+from math import floor
 from typing import Any
 
-from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
+from cylforce.estimation.kernel.restricted import (
+    Count,
+    Counts,
+    Number,
+    Numbers,
+    as_counts,
+    as_numbers,
+    inner,
+    record,
+    whole,
+)
 
 SIGNAL: Count = 11  # numbers of a signal
 SENDER: Count = 3  # numbers of a PDO, or of a node
@@ -222,9 +233,9 @@ def room_for(p: KernelInputs, k: Count, seconds: Number) -> Number:
 
 
 def usable(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> Count:
-    """At a tick: `found` is the value of each signal (S,), the reason why it is not usable (S,), and the reason why one
-    of them is late; how many are not usable. The last value of a signal that is late or was refused is used for `hold`;
-    after that the signal is invalid."""
+    """At a tick: `found` is the value of each signal (S,), the reason why it is not usable (S,), the reason why one of
+    them is late, and how many have leapt; how many are not usable. The last value of a signal that is late or was
+    refused is used for `hold`; after that the signal is invalid."""
     for k in range(p.s):
         o = SIGNAL * k
         age, reason = t_us - state[o + 1], state[o + 3]
@@ -234,9 +245,11 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> Cou
         elif reason != GOOD or age > p.late[k]:
             found[2 * p.s] = STALE if reason == GOOD else reason
     distrust(p, state, t_us, found)
-    bad = 0
+    bad, found[2 * p.s + 1] = 0, 0.0
     for k in range(p.s):
         bad += found[p.s + k] != GOOD
+        if has_leapt(p, state, k):
+            found[2 * p.s + 1] += 1.0
     return bad
 
 
@@ -257,12 +270,26 @@ def distrust(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> N
             found[k] = max(found[k], why)
 
 
-def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> Count:
-    """`found` (S,): 1 where a signal leapt and stayed there; how many did."""
-    number = 0
+@inner
+def has_leapt(p: KernelInputs, state: Numbers, k: Count) -> Count:
+    """Whether a signal leapt and stayed there."""
+    by = state[SIGNAL * k + 9]
+    return 1 if by != 0.0 and abs(by) > room_for(p, k, 0.0) else 0
+
+
+def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> None:
+    """`found` (S,): 1 where a signal leapt and stayed there."""
     for k in range(p.s):
-        by = state[SIGNAL * k + 9]
-        if by != 0.0 and abs(by) > room_for(p, k, 0.0):
-            found[k] = 1.0
-            number += 1
-    return number
+        found[k] = has_leapt(p, state, k)
+
+
+def quantise(size: Count, limits: Numbers, values: Numbers, found: Counts) -> None:
+    """What is `found` to be sent of so many `values` (N,): the nearest integer, of two the even one, of those within
+    the `limits` (N, 4): smallest and largest value, step, and the integer that means "no value"."""
+    for i in range(size):
+        found[i] = whole(limits[4 * i + 3])
+        if limits[4 * i] <= values[i] <= limits[4 * i + 1]:
+            steps = values[i] / limits[4 * i + 2]
+            below = floor(steps)
+            odd, rest = below - 2.0 * floor(0.5 * below), steps - below
+            found[i] = whole(below + 1.0 if rest > 0.5 or (rest == 0.5 and odd != 0.0) else below)

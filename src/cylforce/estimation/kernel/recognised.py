@@ -1,13 +1,15 @@
 """What a block of motion tells: of whose machine it is (`service.recognition`), and of each signal's error
-(`service.plausibility.blocks` and `unnoticed`), in plain numbers."""
+(`service.plausibility.blocks` and `unnoticed`); what a tenth of a second tells of a base that rocks
+(`service.contact.rocking`); in plain numbers."""
 
 from math import cos, sin, sqrt
 
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.pushed import own_columns
-from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers
+from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
+from cylforce.estimation.kernel.rows import slips
 from cylforce.estimation.kernel.solver import KernelSolver, invert
-from cylforce.estimation.kernel.weighed import add, loaded, quadratic
+from cylforce.estimation.kernel.weighed import add, explain, loaded, quadratic, together, without_load
 
 OF_LOAD: Count = 4  # parameters of a load
 
@@ -51,6 +53,66 @@ def gather(
                 if x[i] != 0.0:
                     add(gram, i * size, x[i], x, 0, size)
     return telling
+
+
+def gather_block(
+    s: KernelSolver,
+    rows: Numbers,
+    usable: Numbers,
+    drift: Numbers,
+    unsure: Numbers,
+    before: Numbers,
+    frictions: Count,
+    unknown: Number,
+    errors: Numbers,
+    number: Count,
+    memory: Number,
+    left: Numbers,
+    change: Numbers,
+    believed: Numbers,
+    gram: Numbers,
+) -> Count:
+    """As `gather`, of a block of the plausibility: of the `drift` (D,), with the covariance `unsure` (D, D), so many
+    `frictions` are believed, no zeros. Their everyday changes are `before` (D,), of a friction (1 + `unknown`) times as
+    much while the drift is as uncertain as that. `left` (3 + D, R), `change` and `believed` (D,) are room for
+    results."""
+    for i in range(s.d):
+        believed[i], change[i] = 0.0, before[i]
+        if i < frictions:
+            believed[i] = drift[i]
+            change[i] *= 1.0 + unknown * sqrt(min(unsure[i * s.d + i] / (before[i] * before[i]), 1.0))
+    explain(s, rows, believed, left)
+    return gather(s, rows, left, usable, change, errors, number, memory, gram)
+
+
+def mislead(
+    p: KernelPlan,
+    s: KernelSolver,
+    rows: Numbers,
+    channels: Numbers,
+    load: Numbers,
+    pressed: Counts,
+    presses: Count,
+    per_bar: Numbers,
+    turned: Counts,
+    turns: Count,
+    by: Number,
+    values: Numbers,
+    angles: Numbers,
+    out: Numbers,
+) -> None:
+    """`out` (R, presses + turns): torque by a unit of each error. First forces: the columns `pressed` of the `rows`
+    (`rows.rows_size`), times so many newtons `per_bar`; then angles: `rows.slips` of the joints `turned` at the
+    channels (D,), with the parameters of the machine and a `load` (4,). `values` (P,) and `angles` (R, turns) are room
+    for results."""
+    together(s, load, 0, values)
+    slips(p, channels, values, turned, turns, by, angles)
+    size = presses + turns
+    for r in range(s.r):
+        for i in range(presses):
+            out[r * size + i] = s.scale * (rows[r * s.k + pressed[i]] * per_bar[i])
+        for i in range(turns):
+            out[r * size + presses + i] = s.scale * angles[r * turns + i]
 
 
 def turn_force(
@@ -101,3 +163,84 @@ def notice(
             at = i * size + first + h
             total += work[inverse + i] * ((lift[at] + running[at]) / memory)
         slopes[h] = total
+
+
+def rock(
+    p: KernelPlan,
+    s: KernelSolver,
+    rows: Numbers,
+    left: Numbers,
+    lift: Numbers,
+    channels: Numbers,
+    asked: Count,
+    swings: Number,
+    share: Number,
+    fits: Number,
+    prior: Number,
+    over: Numbers,
+    values: Numbers,
+    levers: Numbers,
+    state: Numbers,
+    wider: Numbers,
+) -> None:
+    """Variances of the first pin's acceleration forwards and upwards [m^2/s^4], the `state` (2,): after an instant
+    (`weighed.explain`) at the channels (D,), if it is `asked`, by a `share` of what explains best the torque that the
+    load of a lift leaves, its own variance subtracted. `swings` [m^2/s^4]: what the tilt shows of either; `prior`
+    [s^4/m^2]: information on an acceleration before anything is seen. What is no load at all, as contact or a dump,
+    leaves more than `fits` mean squares by the variance without what is found here, and is not asked: else it would
+    excuse more and more. `wider` (R,): what is added to the variance of each row; `over` (R,), `values` (P,) and
+    `levers` (R, 2) are room for results."""
+    without_load(s, rows, left, lift, over, values)
+    pin_levers(p, channels, values, levers)
+    if asked:
+        accelerate(s, left, swings, share, fits, prior, over, levers, state)
+    forward, upward = max(state[0], swings), max(state[1], swings)
+    for r in range(s.r):
+        a, b = levers[2 * r], levers[2 * r + 1]
+        wider[r] = a * a * forward + b * b * upward
+
+
+@inner
+def pin_levers(p: KernelPlan, channels: Numbers, values: Numbers, levers: Numbers) -> None:
+    """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
+    first moment about each joint, of the parameters `values` (P,), sum over the links beyond of (X + i Z)
+    exp(i q)."""
+    angle = channels[p.d - 3]
+    for j in range(p.n):
+        angle += channels[j]
+        x, z, t, u = values[3 * j + 1], values[3 * j + 2], cos(angle), sin(angle)
+        p.level[2 * j], p.level[2 * j + 1] = x * t - z * u, x * u + z * t
+    across, along = 0.0, 0.0
+    for j in range(p.n - 1, -1, -1):
+        along, across = along + p.level[2 * j], across + p.level[2 * j + 1]
+        if p.row[j] >= 0:
+            levers[2 * p.row[j]], levers[2 * p.row[j] + 1] = -across, along
+
+
+@inner
+def accelerate(
+    s: KernelSolver,
+    left: Numbers,
+    swings: Number,
+    share: Number,
+    fits: Number,
+    prior: Number,
+    over: Numbers,
+    levers: Numbers,
+    state: Numbers,
+) -> None:
+    """The `state` with the acceleration that explains best what the load leaves, `over` (R,)."""
+    misfit, aa, ab, bb, a_over, b_over = 0.0, prior, 0.0, prior, 0.0, 0.0
+    for r in range(s.r):
+        x, a, b = over[r], levers[2 * r], levers[2 * r + 1]
+        v = left[s.r + r] + left[2 * s.r + r] + swings * (a * a + b * b)
+        misfit += x * x / v
+        aa, ab, bb = aa + a * a / v, ab + a * b / v, bb + b * b / v
+        a_over, b_over = a_over + a * x / v, b_over + b * x / v
+    if misfit > fits * s.r:
+        return
+    size = aa * bb - ab * ab
+    forward, upward = (bb * a_over - ab * b_over) / size, (aa * b_over - ab * a_over) / size
+    forward, upward = forward * forward - bb / size, upward * upward - aa / size
+    state[0] = max(state[0] + share * (forward - state[0]), 0.0)
+    state[1] = max(state[1] + share * (upward - state[1]), 0.0)

@@ -32,6 +32,11 @@ def inner(function: F) -> F:
     return function
 
 
+def whole(number: Number) -> Count:
+    """A number that is whole, as an integer."""
+    return int(number)
+
+
 def as_numbers(given: Numbers) -> Numbers:
     """An array that a record keeps, as the kernel's functions take it."""
     return given

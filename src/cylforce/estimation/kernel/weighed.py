@@ -174,10 +174,16 @@ def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, o
         for i in range(4):
             total += s.other[4 * r + i] * lift[VALUES + i]
         over[r] = left[r] - total
+    together(s, lift, VALUES, values)
+
+
+@inner
+def together(s: KernelSolver, load: Numbers, begin: Count, values: Numbers) -> None:
+    """Parameters `values` (P,) of the machine and of the load (4,) that stands from `begin` on."""
     for i in range(s.p):
         values[i] = s.values[i]
     for i in range(s.loads):
-        values[s.load_at[2 * i]] += s.load[i] * lift[VALUES + s.load_at[2 * i + 1]]
+        values[s.load_at[2 * i]] += s.load[i] * load[begin + s.load_at[2 * i + 1]]
 
 
 @inner

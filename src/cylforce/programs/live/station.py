@@ -21,6 +21,7 @@ from cylforce.files.logfile import LogWriter
 from cylforce.mechanics.installation import Service
 from cylforce.programs.live.edge import Edge
 from cylforce.programs.live.notify import Manager
+from cylforce.service.publication import timetable
 from cylforce.service.state import Output
 from cylforce.signals.events import Event, Frame, Tick
 
@@ -54,8 +55,7 @@ class Station(Generic[S]):
         code: int | None = None,
     ) -> None:
         self._step, self.state = step, state
-        rate = service.filters.rate_hz
-        self._every = {pdo.number: max(1, round(pdo.period_s * rate)) for pdo in service.publication}
+        self._timetable = timetable(service.publication, service.filters.rate_hz)
         self.bus, self.log = bus, log
         self.counts = Counts()
         self._missed = self._said_us = 0
@@ -72,6 +72,11 @@ class Station(Generic[S]):
         self.edge = Edge(service, bus, self.node, self.commissioner.begin, self._bus_fault)
         self._timer = Timer(1.0 / service.filters.rate_hz)
         self.manager = Manager({})
+
+    @property
+    def due(self) -> tuple[int, ...]:
+        """Numbers of our PDOs that are sent at this step."""
+        return self._timetable[self.counts.steps % len(self._timetable)]
 
     def before_tick(self, t_us: int) -> None:
         """Called before each tick is logged."""
@@ -140,8 +145,7 @@ class Station(Generic[S]):
         self.before_tick(tick.t_us)
         self._keep(tick)
         self.state, out = self._step(self.state, tick)
-        now = [number for number, every in self._every.items() if self.counts.steps % every == 0]
-        for number, data in out.due(now):
+        for number, data in out.due(self.due):
             self.node.publish(number, data)
         self.node.produce_sync()
         self.network.poll(tick.t_us)

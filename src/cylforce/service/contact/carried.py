@@ -2,7 +2,7 @@
 
 from array import array
 from dataclasses import dataclass
-from functools import cached_property
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +14,7 @@ from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
 from cylforce.estimation.residual import load_spread
 from cylforce.mechanics.machine import Machine
 from cylforce.service.loading.lift import Lift
-from cylforce.signals.estimate import Array
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 FILLING_S = 5.0  # s of contact in which a bucket can be filled or emptied; chosen
 
@@ -36,11 +35,11 @@ class Carrier:
 
     machine: Machine
 
-    @cached_property
-    def _full(self) -> Array:
+    @once
+    def _full(self) -> list[float]:
         """A full bucket (4,)."""
         rated, middle = self.machine.rated_payload, self.machine.payload_reach / 2.0
-        return rated * np.array([1.0, middle, 0.0, middle**2])
+        return [rated, rated * middle, 0.0, rated * middle**2]
 
     def begin(self) -> KnownLoad:
         """Nothing is known of the load."""
@@ -56,6 +55,7 @@ class Carrier:
         """Covariance (4, 4) of the load: as weighed, and a bucket that fills while it is in contact."""
         if not state.filling:
             return state.covariance
-        filled = min(state.filling / FILLING_S, 1.0) * self._full
-        wider = np.frombuffer(state.covariance) + np.multiply.outer(filled, filled).ravel()
-        return array("d", wider.tobytes())
+        share = min(state.filling / FILLING_S, 1.0)
+        filled = [share * full for full in self._full]
+        wider = [a * b for a in filled for b in filled]
+        return array("d", map(add, state.covariance, wider))

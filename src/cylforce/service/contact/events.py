@@ -2,7 +2,6 @@
 
 from array import array
 from dataclasses import dataclass
-from functools import cached_property
 from math import erf, hypot, sqrt
 from typing import NamedTuple
 
@@ -11,7 +10,7 @@ from cylforce.estimation.kernel.solving import ZERO
 from cylforce.service.contact.noise import Solved
 from cylforce.service.contact.slope import NO_COURSE, Course, kink
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 # Fitted on machines of another generator (`tools/accuracy events --foreign`), see tools/studies/README.md.
 BEGINS = 100.0  # f' C^-1 f at which contact begins: 10 standard errors; empty motion reached 85 in 75 minutes
@@ -52,7 +51,7 @@ class Watcher:
     rated_payload: float
     dt: float
 
-    @cached_property
+    @once
     def _window(self) -> int:
         return max(2, round(RISE_S / self.dt))
 
@@ -70,12 +69,12 @@ class Watcher:
         recent = state.recent[2:] + array("d", (hypot(seen.x, seen.z), state.recent[-1] + went))
         since = min(state.since_stiff + dt, AGAIN_S)
         if not state.touching:
-            state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, *state[6:]))
+            state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, state.course, state.number, state.events))
             begins = seen.clearness > BEGINS and hypot(seen.x, seen.z + seen.weight) > SMALLEST * self.rated_force
             return self._begun(state, now, seen.clearness) if begins else state
         away = state.away + dt if seen.clearness < ENDS else 0.0
         seconds, path = state.seconds + dt, state.path + went
-        state = new(Touch, (True, away, seconds, path, since, recent, *state[6:]))
+        state = new(Touch, (True, away, seconds, path, since, recent, state.course, state.number, state.events))
         if away >= ENDING_S:
             return self._ended(state, now, seen.clearness)
         return self._slope(self._stiff(state, now, seen), now)

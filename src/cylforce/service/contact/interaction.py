@@ -2,7 +2,6 @@
 soil, which is the resultant less the load in the bucket."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from cylforce.estimation.kernel.restricted import Numbers
@@ -15,7 +14,7 @@ from cylforce.service.force import ForceSensor
 from cylforce.service.pipeline import Instant
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 from cylforce.signals.units import STANDARD_GRAVITY
 
 STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
@@ -44,19 +43,19 @@ class Interactor:
     tares: Tares
     rated_force: float
 
-    @cached_property
+    @once
     def _sensor(self) -> ForceSensor:
         return ForceSensor(self.tares, self.rated_force)
 
-    @cached_property
+    @once
     def _noise(self) -> Noise:
         return Noise(self.model, self.tares, self.rated_force)
 
-    @cached_property
+    @once
     def _carrier(self) -> Carrier:
         return Carrier(self.model.machine)
 
-    @cached_property
+    @once
     def _watcher(self) -> Watcher:
         return Watcher(self.rated_force, self.model.machine.rated_payload, 1.0 / self.model.filters.rate_hz)
 
@@ -108,7 +107,7 @@ class Interactor:
         lift = weighing.lift if known else None
         return self._carrier.step(state.carried, lift, state.contact.touching, self._watcher.dt)
 
-    @cached_property
+    @once
     def _acting(self) -> tuple[tuple[int, ...], ...]:
         return tuple(tuple(acting) for acting in self.model.acting)
 
@@ -116,6 +115,9 @@ class Interactor:
         """The usable rows (R,) whose cylinders move: 1, else 0."""
         speed, found = instant.speed, usable[:]
         for row, acting in enumerate(self._acting):
-            if all([abs(speed[c]) <= STILL for c in acting]):  # noqa: C419 - a list is quicker than a generator
+            for c in acting:
+                if abs(speed[c]) > STILL:
+                    break
+            else:
                 found[row] = 0.0
         return found

@@ -3,7 +3,6 @@ seen coming. The arithmetic is the kernel's (estimation/kernel/pushed.py)."""
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from cylforce.service.contact.hanging_mass import HEAVIEST
 from cylforce.service.force import CLEAR, prior
 from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 from cylforce.signals.units import STANDARD_GRAVITY
 
 # The figures below are measured on machines of another generator: see tools/studies/README.md.
@@ -60,7 +59,7 @@ class Noise:
     rated_force: float
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         rate = self.model.filters.rate_hz
         keep = float(np.exp(-1.0 / (FADING_S * rate)))
@@ -68,11 +67,11 @@ class Noise:
         limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate, heaviest=heaviest)
         return solver(self.model, self.tares, self.kernel, limits, prior(self.model.machine, self.rated_force))
 
-    @cached_property
+    @once
     def _rows(self) -> int:
         return len(self.model.machine.rows)
 
-    @cached_property
+    @once
     def _size(self) -> int:
         return self._rows**2 + len(self.model.machine.cylinders)
 
@@ -97,13 +96,13 @@ class Noise:
         self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, after, found)
         x, z, xx, xz, _, zz = found[2 * r : 2 * r + 6]
         seen = (x, z, xx, xz, zz, found[-5], found[-4], found)
-        return Unrest(after), new(Solved, seen)
+        return new(Unrest, (after,)), new(Solved, seen)
 
     def learn(self, state: Unrest, solved: Solved, load: Numbers, good: Numbers) -> Unrest:
         """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""
         after = state.kept[:]
         self.kernel.learn(self._solver, solved.kept, good, load, after)
-        return Unrest(after)
+        return new(Unrest, (after,))
 
     def show(self, solved: Solved, load: Numbers, covariance: Numbers, loaded: bool) -> tuple[Numbers, Numbers]:
         """What is published of the resultant, and of the force of the soil: less a load (4,) with covariance (4, 4) if

@@ -3,12 +3,9 @@ have in common. It does not correct the weight; it widens the error of every row
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
-from math import cos, sin
-from operator import add
 from typing import Any, NamedTuple
 
-from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
@@ -16,7 +13,7 @@ from cylforce.estimation.residual import MIN_SECONDS
 from cylforce.service.loading.lift import Lift
 from cylforce.service.pipeline import Unexplained
 from cylforce.signals.kinds import Kind
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
 # s after which is looked again, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth
@@ -61,19 +58,23 @@ class Rocker:
     tares: Tares
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def _lag(self) -> int:
         return max(round(LAG_SECONDS * self.model.filters.rate_hz), 1)
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return solver(self.model, self.tares, self.kernel)
 
-    @cached_property
+    @once
+    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+        return making.plan(self.model, self.kernel.KernelPlan)
+
+    @once
     def _share(self) -> float:
         return self._lag / (MEMORY_SECONDS * self.model.filters.rate_hz)
 
-    @cached_property
+    @once
     def _noise(self) -> float:
         """Variance of the angular acceleration that the tilt sensor's noise alone shows [rad^2/s^4]."""
         error = max((s.standard_error for s in self.model.machine.signals if s.kind is Kind.PITCH), default=0.0)
@@ -91,21 +92,17 @@ class Rocker:
         state = new(Rocking, (forward, upward, turning, pitches, total + channels[-3], number + 1, wider))
         if state.number >= self._lag:
             state = self._looked(state, left, channels, lift, usable)
-        return state, new(Unexplained, (*left[:2], state.wider)) if state.wider else left
+        return state, new(Unexplained, (left.rows, left.kept, state.wider)) if state.wider else left
 
     def _looked(self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers) -> Rocking:
         state = self._tilted(state)
-        over, values = ZERO * len(usable), ZERO * len(self.model.parameters)
-        self.kernel.without_load(self._solver, left.rows, left.kept, lift.kept, over, values)
-        levers = self._levers(channels, values)
         swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
         settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
-        if settled and all(usable):
-            variances = list(map(add, left.variance, left.rest))
-            wider = [variance + swings * (a * a + b * b) for variance, (a, b) in zip(variances, levers, strict=True)]
-            state = self._accelerated(state, over, wider, levers)
-        forward, upward = max(state.forward, swings), max(state.upward, swings)
-        return state._replace(wider=array("d", [a * a * forward + b * b * upward for a, b in levers]))
+        found, wider, rows = array("d", (state.forward, state.upward)), ZERO * len(usable), len(usable)
+        seen = (left.rows, left.kept, lift.kept, channels, settled and all(usable), swings)
+        work = (ZERO * rows, ZERO * len(self.model.parameters), ZERO * (2 * rows))
+        self.kernel.rock(self._plan, self._solver, *seen, self._share, FITS, 1.0 / WIDEST**2, *work, found, wider)
+        return state._replace(forward=found[0], upward=found[1], wider=wider)
 
     def _tilted(self, state: Rocking) -> Rocking:
         """With one mean pitch more."""
@@ -116,40 +113,3 @@ class Rocker:
         before, middle, after = pitches
         turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
         return state._replace(turning=state.turning + self._share * (turn**2 - state.turning))
-
-    def _levers(self, channels: Numbers, values: Numbers) -> list[tuple[float, float]]:
-        """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
-        first moment about each joint, of the parameters `values` (P,), sum over the links beyond of (X + i Z)
-        exp(i q)."""
-        size, angle = self.model.machine.size, channels[-3]
-        own = []
-        for j in range(size):
-            angle += channels[j]
-            x, z, t, u = values[3 * j + 1], values[3 * j + 2], cos(angle), sin(angle)
-            own.append((x * t - z * u, x * u + z * t))
-        across, along, found = 0.0, 0.0, [(0.0, 0.0)] * size
-        for j in range(size - 1, -1, -1):
-            along, across = along + own[j][0], across + own[j][1]
-            found[j] = (-across, along)
-        return [found[j] for j in self.model.machine.rows]
-
-    def _accelerated(
-        self, state: Rocking, over: Numbers, variances: list[float], levers: list[tuple[float, float]]
-    ) -> Rocking:
-        """With the acceleration that explains best what the load leaves, `over` (R,) [N m], its own variance
-        subtracted. What is no load at all, as contact or a dump, is not asked, by the variance without what is found
-        here: else it would excuse more and more."""
-        if sum(x * x / v for x, v in zip(over, variances, strict=True)) > FITS * len(over):
-            return state
-        aa = bb = 1.0 / WIDEST**2
-        ab = a_over = b_over = 0.0
-        for x, v, (a, b) in zip(over, variances, levers, strict=True):
-            aa, ab, bb = aa + a * a / v, ab + a * b / v, bb + b * b / v
-            a_over, b_over = a_over + a * x / v, b_over + b * x / v
-        size = aa * bb - ab * ab
-        forward, upward = (bb * a_over - ab * b_over) / size, (aa * b_over - ab * a_over) / size
-        forward, upward = forward * forward - bb / size, upward * upward - aa / size
-        return state._replace(
-            forward=max(state.forward + self._share * (forward - state.forward), 0.0),
-            upward=max(state.upward + self._share * (upward - state.upward), 0.0),
-        )

@@ -8,14 +8,14 @@ and the load's mass, are all that is kept of a block."""
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cylforce.estimation.drift import drift_spread, kinds
 from cylforce.estimation.kernel import choice, making
-from cylforce.estimation.kernel.making import counts
+from cylforce.estimation.kernel.making import counts, numbers
+from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
@@ -23,6 +23,7 @@ from cylforce.service.adaptation import BEFORE, Drift
 from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import once
 
 EVERY = 20  # steps between the samples that are used: neighbouring ones contain the same information
 SAMPLES = 5  # of a block: one second at 100 Hz
@@ -72,49 +73,49 @@ class Gatherer:
     tares: Tares
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def pressed(self) -> list[int]:
         """Cylinders whose force is measured."""
         return [c for c, measured in enumerate(self.model.machine.forces_measured) if measured]
 
-    @cached_property
+    @once
     def turned(self) -> list[int]:
         """Joints with an angle sensor."""
         seen = {s.index for s in self.model.machine.signals if s.kind is Kind.JOINT_ANGLE}
         return [j for j in range(self.model.machine.size) if j in seen]
 
-    @cached_property
+    @once
     def _before(self) -> Array:
         """Standard errors (D,) of the drift before anything is seen of it."""
         return drift_spread(self.model, self.tares.values, EXPECTED)
 
-    @cached_property
+    @once
     def _frictions(self) -> int:
         """How many of the drifts are frictions; the others are zeros."""
         return len(self.model.changing_friction)
 
-    def _everyday(self, drift: Drift) -> Array:
-        """Standard errors (D,) of everyday changes of friction and zeros: those of friction become smaller when the
-        adaptation has seen how it is now."""
-        spread = self._before.copy()
-        unknown = np.sqrt(np.minimum(np.diagonal(drift.covariance) / spread**2, 1.0))[: self._frictions]
-        spread[: self._frictions] *= 1.0 + (FRICTION / EXPECTED.friction - 1.0) * unknown
-        return spread
-
-    @cached_property
-    def _per_bar(self) -> Array:
+    @once
+    def _per_bar(self) -> Numbers:
         """Force [N] of a bar on the head side of each cylinder of `pressed`."""
-        return np.array([BAR * self.model.machine.cylinders[c].area_head for c in self.pressed])
+        return numbers(BAR * self.model.machine.cylinders[c].area_head for c in self.pressed)
 
-    @cached_property
-    def _zeros(self) -> list[int]:
-        """Numbers of the columns of these cylinders' forces."""
-        return [self.model.zero.start + c for c in self.pressed]
+    @once
+    def _places(self) -> tuple[Counts, Counts]:
+        """Numbers of the columns of these cylinders' forces; the joints of `turned`."""
+        return counts(self.model.zero.start + c for c in self.pressed), counts(self.turned)
 
-    @cached_property
+    @once
     def prior(self) -> Array:
         """Information (4 + D,) on load and everyday changes."""
         return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
+
+    def _everyday(self, drift: Drift) -> Array:
+        """Standard errors (D,) of everyday changes of friction and zeros, as in the kernel's `gather_block`: those of
+        friction become smaller when the adaptation has seen how it is now."""
+        spread = np.array(self._before)
+        unknown = np.sqrt(np.minimum(np.diagonal(drift.covariance) / spread**2, 1.0))[: self._frictions]
+        spread[: self._frictions] *= 1.0 + (FRICTION / EXPECTED.friction - 1.0) * unknown
+        return spread
 
     def _as_seen(self, drift: Drift) -> Array:
         """The same where friction and zeros of this machine, as its returns tell (cold oil), spread more than every
@@ -123,7 +124,7 @@ class Gatherer:
         wider = np.maximum(own / self._everyday(drift), 1.0)
         return np.asarray(self.prior / np.concatenate([np.ones(LOAD), wider**2]))
 
-    @cached_property
+    @once
     def memory(self) -> float:
         """Samples that count as an independent one."""
         return max(1.0, correlated(self.model.filters, self.tares.correlation) / EVERY)
@@ -143,47 +144,48 @@ class Gatherer:
         """The state after an interruption of the measurement: the running block starts anew."""
         return self.begin()._replace(load=state.load, errors=state.errors)
 
-    def step(self, state: Gathering, instant: Instant, channels: Array, drift: Drift) -> tuple[Gathering, Block | None]:
+    def step(
+        self, state: Gathering, instant: Instant, channels: Numbers, drift: Drift
+    ) -> tuple[Gathering, Block | None]:
         """One sample: an instant, the `channels` (D,) about which its slow rows are, drift so far. With the block's
         last sample the block, unless the machine hardly moved. Of the drift only friction is believed: a zero that
         drifts may be a fault."""
-        forces = instant.slow.columns[:, self._zeros] * self._per_bar
-        errors = self.tares.scale * np.concatenate([forces, self._angles(channels, state.load)], axis=1)
+        errors = self._errors(instant, channels, state.load)
         moves = max(map(abs, instant.speed)) > SLOWEST
         gram, telling = self._with_rows(state.gram, instant, drift, errors) if moves else (state.gram, 0)
         many = state.rows + telling
-        state = state._replace(gram=gram, errors=errors, rows=many, samples=state.samples + 1)
+        state = Gathering(state.load, gram, state.last, errors, many, state.samples + 1)
         if state.samples < SAMPLES:
             return state, None
         if state.rows < IN_MOTION * SAMPLES * len(errors):
             return self.interrupt(state), None
         return self._ended(state, self._as_seen(drift))
 
+    def _errors(self, instant: Instant, channels: Numbers, load: Array) -> Array:
+        """Torque (R, H) [N m] by a unit of each error. That of a reading of each of `turned` too large by one radian is
+        what it adds to what gravity of tares and `load` (4,) leaves, at `channels` (D,): g Re((X + i Z) exp(i q)) of
+        each link, and the levers, change."""
+        (pressed, turned), rows = self._places, instant.sizes.r
+        found, work = ZERO * (rows * self.size), (ZERO * len(self.tares.values), ZERO * (rows * len(turned)))
+        of = (pressed, len(pressed), self._per_bar, turned, len(turned), TILTED)
+        self.kernel.mislead(self._plan, self._solver, instant.kept, channels, load, *of, *work, found)
+        return np.frombuffer(found).reshape(rows, -1)
+
     def _with_rows(self, gram: Array, instant: Instant, drift: Drift, errors: Array) -> tuple[Array, int]:
         """The gram with the rows of one sample, in units of their standard errors; how many these are: none that is not
-        in motion."""
-        kernel, frictions, size = self.kernel, self._frictions, len(errors)
-        adapted = drift.values.copy()
-        adapted[frictions:] = 0.0
-        left, new = ZERO * ((3 + len(adapted)) * size), array("d", gram.tobytes())
-        kernel.explain(self._solver, instant.kept, adapted, left)
-        parts = (instant.kept, left, instant.usable, self._everyday(drift), errors, self.size, 1.0)
-        return np.frombuffer(new).reshape(gram.shape), kernel.gather(self._solver, *parts, new)
+        in motion. Friction changes less from day to day when the adaptation has seen how it is now."""
+        rows, drifts, new = len(errors), len(self._before), array("d", gram.tobytes())
+        seen = (instant.kept, instant.usable, drift.values, drift.covariance, self._before)
+        everyday, work = FRICTION / EXPECTED.friction - 1.0, (ZERO * ((3 + drifts) * rows), ZERO * drifts)
+        told = (*seen, self._frictions, everyday, errors, self.size, 1.0, *work, ZERO * drifts)
+        telling = self.kernel.gather_block(self._solver, *told, new)
+        return np.frombuffer(new).reshape(gram.shape), telling
 
-    @cached_property
+    @once
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return solver(self.model, self.tares, self.kernel)
 
-    def _angles(self, channels: Array, load: Array) -> Array:
-        """Torque (R, A) [N m] that a reading of each of `turned` too large by one radian adds to what gravity of tares
-        and `load` (4,) leaves, at `channels` (D,): g Re((X + i Z) exp(i q)) of each link, and the levers, change."""
-        found, turned = ZERO * (len(self.model.machine.rows) * len(self.turned)), counts(self.turned)
-        values = self.tares.values + self.model.load @ load
-        at = np.ascontiguousarray(channels)
-        self.kernel.slips(self._plan, at, values, turned, len(turned), TILTED, found)
-        return np.frombuffer(found).reshape(len(self.model.machine.rows), len(turned))
-
-    @cached_property
+    @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         return making.plan(self.model, self.kernel.KernelPlan)
 
@@ -195,12 +197,12 @@ class Gatherer:
         change[first : LOAD + len(self._before), -1] = -self.tares.scale * drift.values[own] / self._before[own]
         return np.asarray(change.T @ rows @ change)
 
-    def swung(self, channels: Array, force: complex) -> Array:
+    def swung(self, channels: Numbers, force: complex) -> Array:
         """Torque (R, H) [N m] that a unit of each error seems to take from a `force` x + i z [N] at the tool, at
         `channels` (D,): an angle that is read too large turns all that is beyond its joint."""
-        rows, turned, forces = len(self.model.machine.rows), counts(self.turned), len(self.pressed)
+        rows, (pressed, turned) = len(self.model.machine.rows), self._places
         found = ZERO * (rows * self.size)
-        self.kernel.turn_force(self._plan, channels, force.real, force.imag, turned, len(turned), forces, found)
+        self.kernel.turn_force(self._plan, channels, force.real, force.imag, turned, len(turned), len(pressed), found)
         return np.frombuffer(found).reshape(rows, self.size)
 
     def _ended(self, state: Gathering, prior: Array) -> tuple[Gathering, Block]:
@@ -210,8 +212,8 @@ class Gatherer:
         reduced = gram[known:, known:] - both.T @ inverse @ both
         square = np.maximum(np.diagonal(reduced)[:-1], 1e-12)
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
-        numbers = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self.memory)
-        left, mass, spread, weight = (np.array([x]) for x in numbers)
+        each = (reduced[-1, -1], masses[-1], np.sqrt(inverse[0, 0]), state.rows / self.memory)
+        left, mass, spread, weight = (np.array([x]) for x in each)
         block = Block(left, mass, spread, weight, reduced[:-1, -1], square, masses[:-1])
         hangs = explained(block, self.model.machine.rated_payload)
         load = np.where(hangs, load, 0.0)

@@ -5,7 +5,6 @@ stays below vacuum is off."""
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.quiet import Noises, begun, listened, longer, taken_back
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen: far above the noise of a speed
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
@@ -86,12 +85,12 @@ class Watching:
     machine: Machine
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def signals(self) -> list[int]:
         """Numbers (P,) of the signals."""
         return pressures(self.machine)
 
-    @cached_property
+    @once
     def _cylinders(self) -> list[int]:
         return [self.machine.signals[k].index for k in self.signals]
 
@@ -106,15 +105,14 @@ class Watching:
         """The measurement stopped: the running group starts anew."""
         return state._replace(readings=NONE, fresh=0)
 
-    def now(self, values: Array) -> Numbers:
+    def now(self, values: Numbers) -> Numbers:
         """The pressures (P,) among all signals (S,)."""
-        each = values.tolist()
-        return array("d", [each[k] for k in self.signals])
+        return array("d", [values[k] for k in self.signals])
 
     def step(self, state: Changes, now: Numbers, speed: Sequence[float]) -> Changes:
         """One step: the pressures (P,) `now`, speed (C,) [m/s] of the cylinders."""
         readings, fresh = state.readings + now, state.fresh + 1
-        state = new(Changes, (readings, fresh, *state[2:]))
+        state = new(Changes, (readings, fresh) + state[2:])  # noqa: RUF005 - quicker
         if min(now, default=NOTHING) < NOTHING:
             state = self._fallen(state)
         return self._grouped(state, speed) if fresh == GROUP else state
@@ -134,15 +132,16 @@ class Watching:
         readings, size = state.readings, len(self.signals)
         state = state._replace(readings=readings[-2 * FALL_STEPS * size :], fresh=0)
         way = array("d", [speed[c] for c in self._cylinders])
-        moved = np.array([abs(each) > MOVES for each in way])
-        if not moved.any():
+        moved = [abs(each) > MOVES for each in way]
+        if True not in moved:
             return state
         groups, begin = state.groups[:], len(readings) // size - GROUP
         self.kernel.group(size, readings, begin, way, MOVES, groups)
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
         tables = np.frombuffer(groups).reshape(4, GROUPS, size)
-        rests = self._rested(state.rests, readings, group, moved)
-        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], moved), rests=rests)
+        own = np.array(moved)
+        rests = self._rested(state.rests, readings, group, own)
+        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], own), rests=rests)
         ratios = ZERO * (2 * size)
         return self._compared(state, ratios) if self.kernel.compare(size, groups, ZERO * GROUPS, ratios) else state
 
@@ -158,12 +157,16 @@ class Watching:
 
     def _compared(self, state: Changes, ratios: Numbers) -> Changes:
         """With what the groups' `ratios` (2, P) say, of their means and of their noise; -1: nothing yet."""
-        ratio, noise = np.reshape(ratios, (2, -1))
-        judged, coloured = ratio >= 0.0, noise > COLOURED
-        still = (ratio <= np.where(state.constant, CHANGES, CONSTANT)) & ~coloured
-        constant = np.where(judged, still, state.constant)
-        if (constant == state.constant).all():
-            constant = state.constant
-        back = judged & ((ratio > CHANGES) | coloured)
-        noises, rests = (taken_back(each, back, GROUPS) for each in (state.noises, state.rests.noises))
-        return state._replace(constant=constant, noises=noises, rests=state.rests._replace(noises=rests))
+        size, before = len(self.signals), state.constant.tolist()
+        each = list(zip(ratios[:size], ratios[size:], before, strict=True))
+        now = [
+            ratio <= (CHANGES if was else CONSTANT) and not noise > COLOURED if ratio >= 0.0 else was
+            for ratio, noise, was in each
+        ]
+        constant = state.constant if now == before else np.array(now)
+        back = [ratio > CHANGES or (ratio >= 0.0 and noise > COLOURED) for ratio, noise, _ in each]
+        state = state._replace(constant=constant)
+        if True not in back:
+            return state
+        noises, rests = (taken_back(e, np.array(back), GROUPS) for e in (state.noises, state.rests.noises))
+        return state._replace(noises=noises, rests=state.rests._replace(noises=rests))

@@ -4,17 +4,18 @@ those of this motion: they are exchanged, or dead. A machine that does not slew 
 its tool: there only the vertical part counts."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.mechanics.machine import Machine
 from cylforce.service.contact.hanging_mass import hanging_weight
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.signals.estimate import Array, Force, Status
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import once
 
 # m over which the tool is driven, from which on the forces are doubted or rejected; chosen: one and a half times, and
 # three times the longest path of machines in order
@@ -45,7 +46,7 @@ class Driving:
     rated_force: float
     seconds: float  # between two steps
 
-    @cached_property
+    @once
     def _stands(self) -> bool:
         """Whether the machine stands while it digs."""
         return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
@@ -54,7 +55,7 @@ class Driving:
         """Nothing was driven."""
         return Driven(0.0, np.zeros(len(self.machine.rows)))
 
-    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Array) -> Driven:
+    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Numbers) -> Driven:
         """One step: the resultant, the tool's `velocity` [m/s] as x + i z, the `torque` (R,) [N m] that the tares
         leave. What resists takes back as much of the path."""
         speed = abs(velocity)

@@ -9,7 +9,6 @@ sensor's. Either must also be more probable than a blow, by which every pressure
 
 from array import array
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import exp, log, pi, sqrt
 from typing import Any, NamedTuple
 
@@ -24,7 +23,7 @@ from cylforce.service.plausibility.changing import NONE, pressures
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
-from cylforce.signals.quick import new
+from cylforce.signals.quick import new, once
 
 # Readings before and after a leap, and the degree of the curves. Chosen on foreign machines 1 to 5 (tools/faulting)
 BEFORE, AFTER, DEGREE = 10, 5, 3
@@ -61,12 +60,12 @@ class Leaping:
     rate_hz: float
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
-    @cached_property
+    @once
     def signals(self) -> list[int]:
         """Numbers (P,) of the signals."""
         return pressures(self.machine)
 
-    @cached_property
+    @once
     def exchanges(self) -> list[Pairs]:
         """What may be exchanged, as numbers of pressures: the sides of a cylinder; two cylinders' nodes."""
         places = {(s.index, s.kind): p for p, s in enumerate(self.machine.signals[k] for k in self.signals)}
@@ -77,13 +76,13 @@ class Leaping:
         ]
         return sides + nodes
 
-    @cached_property
+    @once
     def least(self) -> float:
         """Log likelihood ratio from which on a leap is doubted."""
         tests = 3600.0 * HOURS * self.rate_hz * (len(self.signals) + len(self.exchanges))
         return log(tests)
 
-    @cached_property
+    @once
     def _every(self) -> int:
         """Steps between two readings: no signal is repeated because it is sent less often."""
         periods = (self.machine.signals[k].period_s for k in self.signals)
@@ -94,12 +93,12 @@ class Leaping:
         """Steps between a leap and the reading at which it is doubted."""
         return AFTER * self._every
 
-    @cached_property
+    @once
     def _noise(self) -> Array:
         """Variance (P,) [Pa^2] of what a sensor says."""
         return np.array([max(self.machine.signals[k].standard_error, RESOLVED) ** 2 for k in self.signals])
 
-    @cached_property
+    @once
     def _curves(self) -> Array:
         """Curves (W, DEGREE + 1) and, last, a step, orthonormal."""
         t = np.arange(BEFORE + AFTER) - (BEFORE + AFTER - 1) / 2.0
@@ -107,7 +106,7 @@ class Leaping:
         found, _ = np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))
         return np.ascontiguousarray(found)
 
-    @cached_property
+    @once
     def _arbitrary(self) -> Array:
         """What it costs (2, P) [nats] that a step may be of any size that the sensor can show, either way, and that all
         readings after a blow may be anything: widths of the prior over those of what is found (Occam factors)."""
@@ -116,7 +115,7 @@ class Leaping:
         step = widths + log(2.0 * abs(float(self._curves[BEFORE:, -1].sum())))
         return np.stack([step, AFTER * (widths - 0.5)])
 
-    @cached_property
+    @once
     def _gate(self) -> Numbers:
         """Change (P,) [Pa] within a reading below which nothing is looked for: half of the least leap that could be
         doubted, that of two signals."""
@@ -144,9 +143,10 @@ class Leaping:
     def step(self, state: Leaps, now: Numbers, steps: int) -> Leaps:
         """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
         filled by linear interpolation."""
-        if steps % self._every or not now:
+        every = self._every
+        if steps % every or not now:
             return state
-        missing = (steps - state.steps) // self._every - 1
+        missing = (steps - state.steps) // every - 1
         if missing or not state.readings:
             state = self._filled(state, now, missing)
         size = len(now)
@@ -156,7 +156,7 @@ class Leaping:
             doubt = self.leap(np.frombuffer(readings).reshape(-1, size))
             if doubt.level is not Level.FINE:
                 return Leaps(readings, steps, doubt, steps)
-        return new(Leaps, (readings, steps, *state[2:]))
+        return new(Leaps, (readings, steps, state.doubt, state.since, state.votes))
 
     def _filled(self, state: Leaps, now: Numbers, missing: int) -> Leaps:
         """The state with readings in place of some that are missing; after too many it begins anew."""
@@ -209,7 +209,7 @@ class Leaping:
         share = (KNOWN + left / known) / (KNOWN + FREE)
         return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(share, 1.0)))
 
-    @cached_property
+    @once
     def _pairs(self) -> tuple[Counts, int]:
         """The pairs of each exchange as the kernel takes them, and the most that one has."""
         most = max(map(len, self.exchanges), default=0)

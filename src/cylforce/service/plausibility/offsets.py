@@ -6,7 +6,6 @@ against it. Errors that change the weight by less than HARMLESS do not matter: t
 block has more than a share of what is needed: several must agree."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.signals.estimate import Array
+from cylforce.signals.quick import once
 
 KEPT = 48  # blocks that vote
 # False alarms in an hour of motion, if the torque left were as it was at commissioning: every second each signal is
@@ -48,13 +48,13 @@ class Voting:
 
     gatherer: Gatherer
 
-    @cached_property
+    @once
     def limits(self) -> dict[Level, float]:
         """Evidence from which on a signal is doubted or rejected: chi-squared with one degree of freedom."""
         tests = 3600.0 * self.gatherer.size
         return {level: NormalDist().inv_cdf(0.5 * rate / tests) ** 2 for level, rate in FALSE_PER_HOUR.items()}
 
-    @cached_property
+    @once
     def _largest(self) -> Array:
         pressed, turned = len(self.gatherer.pressed), len(self.gatherer.turned)
         return np.repeat([LARGEST_BARS, LARGEST_ANGLE], (pressed, turned))

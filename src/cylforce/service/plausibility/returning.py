@@ -3,7 +3,6 @@ joints. If a signal stepped, it must explain them better without that step; if s
 explains them at all, so that some seconds in a row that a load explains take the doubt back."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import log
 
 import numpy as np
@@ -13,6 +12,7 @@ from cylforce.service.plausibility.leaping import Leaps
 from cylforce.service.plausibility.offsets import VOTES
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import once
 
 WRONGLY = 0.01  # probability with which a doubt of a fault is taken back (Wald's sequential test); by convention
 ENOUGH = -2.0 * log(WRONGLY)  # votes, twice the log likelihood ratio, that take it back
@@ -25,7 +25,7 @@ class Returning:
 
     gatherer: Gatherer
 
-    @cached_property
+    @once
     def _settled(self) -> int:
         """Steps after a leap from which on a block is of the time after it."""
         return EVERY * SAMPLES + self.gatherer.model.settle_steps

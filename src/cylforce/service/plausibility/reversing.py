@@ -5,7 +5,6 @@ friction may be anything between both, and change as far either way."""
 
 from array import array
 from dataclasses import dataclass
-from functools import cached_property
 from math import inf, sqrt
 from typing import NamedTuple
 
@@ -18,8 +17,8 @@ from cylforce.service.adaptation import Drift
 from cylforce.service.pipeline import Instant
 from cylforce.service.plausibility.changing import NONE
 from cylforce.service.plausibility.suspicion import SensorDoubt
-from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import once
 
 CLEAR = 3.0  # standard errors of the friction that a leap must exceed; by convention
 LAWS = ("coulomb", "load_dependent", "stribeck")  # of dry friction
@@ -41,7 +40,7 @@ class Reversing:
     tares: Tares
     steps: int
 
-    @cached_property
+    @once
     def _laws(self) -> tuple[dict[str, int], ...]:
         """Of each cylinder the columns of what a reversal turns round, by their law. Friction that is larger one way
         than the other (`directional`) is not among them: its mean is what it was."""
@@ -66,7 +65,7 @@ class Reversing:
         return Turns(at, way)
 
     def explains(
-        self, state: Turns, steps: int, doubt: SensorDoubt, speed: Numbers, values: Array, drift: Drift
+        self, state: Turns, steps: int, doubt: SensorDoubt, speed: Numbers, values: Numbers, drift: Drift
     ) -> bool:
         """Whether the step of a pressure that is doubted, at the last of the filters' `steps`, may be friction that
         turned round; `speed` (C,) [m/s] of the cylinders now, `values` (S,) of all signals."""
@@ -80,7 +79,7 @@ class Reversing:
         push = doubt.size * outward
         return (rests or push * state.way[c] > 0.0) and abs(push) <= 2.0 * (dry + CLEAR * error)
 
-    def _dry(self, c: int, values: Array, drift: Drift) -> tuple[float, float]:
+    def _dry(self, c: int, values: Numbers, drift: Drift) -> tuple[float, float]:
         """The most dry friction of a cylinder [N] and its standard error, at its force. By what it differs in creeping,
         it may be more when it turns round: the form of that is known no better than its size."""
         laws, tares = self._laws[c], self.tares
@@ -94,7 +93,7 @@ class Reversing:
         variance = float(row @ tares.covariance @ row + drift.covariance[adapted, adapted])
         return float(row @ tares.values + drift.values[adapted]), sqrt(variance)
 
-    def _force(self, c: int, values: Array) -> float:
+    def _force(self, c: int, values: Numbers) -> float:
         """Force of a cylinder's oil [N]."""
         cylinder, signals = self.model.machine.cylinders[c], self.model.machine.signals
         outward = {Kind.HEAD_PRESSURE: cylinder.area_head, Kind.ROD_PRESSURE: -cylinder.area_rod}

@@ -32,9 +32,16 @@ class Level(IntEnum):
     @classmethod
     def of(cls, value: float, limits: Mapping["Level", float]) -> "Level":
         """The highest level whose limit the value exceeds."""
-        return max((level for level, most in limits.items() if value > most), default=cls.FINE)
+        found = cls.FINE
+        for level, most in limits.items():
+            if value > most and level > found:
+                found = level
+        return found
 
 
+# a member of an enumeration takes longer to look up than a name
+FINE, LIGHT, STRAYED = Level.FINE, SensorFault.LIGHT, SensorFault.STRAYED
+STEPPED, SWAPPED = SensorFault.STEPPED, SensorFault.SWAPPED
 LATCHED = (
     SensorFault.BURST,
     SensorFault.SLIPPED,
@@ -60,12 +67,12 @@ class SensorDoubt(NamedTuple):
     @property
     def waits(self) -> bool:
         """Whether the next motion in the air will say more: bookings wait for it."""
-        return self.cause in (SensorFault.STEPPED, SensorFault.SWAPPED, SensorFault.STRAYED)
+        return self.cause is STEPPED or self.cause is SWAPPED or self.cause is STRAYED
 
     @property
     def follows(self) -> bool:
         """Whether friction and zeros are still adapted: an empty bucket below nothing may be a drift."""
-        return self.level is Level.FINE or self.cause is SensorFault.LIGHT
+        return self.level is FINE or self.cause is LIGHT
 
 
 NOTHING_SUSPECTED = SensorDoubt()

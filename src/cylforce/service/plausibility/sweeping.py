@@ -4,13 +4,13 @@ one after the other, say that a signal is wrong, though not which one; a bucket 
 for a part of a swing."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
+from cylforce.signals.quick import once
 
 # rad of slewing that no load explains, from which on the signals are doubted or rejected; chosen: more than one and a
 # half times the largest of machines in order, 0.60, which dump meanwhile; two swings, out and back
@@ -40,7 +40,7 @@ class Sweeping:
     seconds: float  # between two steps
     rate_hz: float
 
-    @cached_property
+    @once
     def _measured(self) -> set[Kind]:
         return {s.kind for s in self.machine.signals}
 

@@ -3,13 +3,13 @@ else sends ours. Pure, so that a replay of the log gives the same verdicts."""
 
 from array import array
 from dataclasses import dataclass
-from functools import cached_property
 
 from cylforce.estimation.kernel.inputs import SENDER
 from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.service.senders.inputs import QUIET_US, Inputs, LastHeartbeat, PdoRate
 from cylforce.signals.events import Frame
 from cylforce.signals.layout import Pdo
+from cylforce.signals.quick import once
 
 CONSUMER_FACTOR = 3  # a node counts as lost after three missing heartbeats
 FAST_CLOCK = 0.0158  # largest tolerance of a CAN node's oscillator (Bosch, CAN Specification 2.0, chapter 9)
@@ -22,31 +22,31 @@ class Supervisor:
 
     service: Service
 
-    @cached_property
+    @once
     def _nodes(self) -> dict[int, int]:
         return {_HEARTBEAT + node.node_id: k for k, node in enumerate(self.service.nodes)}
 
-    @cached_property
+    @once
     def pdos(self) -> tuple[tuple[SensorNode, Pdo], ...]:
         """Every PDO and who sends it, in the order of `Senders.pdos`."""
         return tuple((node, pdo) for node in self.service.nodes for pdo in node.pdos)
 
-    @cached_property
+    @once
     def periods_us(self) -> tuple[float, ...]:
         """Shortest periods."""
         return tuple(1e6 * pdo.period_s * (1.0 - FAST_CLOCK) for _, pdo in self.pdos)
 
-    @cached_property
+    @once
     def patience_us(self) -> tuple[float, ...]:
         """Of each PDO's node, the time after which it counts as lost."""
         return tuple(1e6 * CONSUMER_FACTOR * node.heartbeat_s for node, _ in self.pdos)
 
-    @cached_property
+    @once
     def senders(self) -> tuple[int, ...]:
         """The place of each PDO's node among the nodes."""
         return tuple(self._nodes[_HEARTBEAT + node.node_id] for node, _ in self.pdos)
 
-    @cached_property
+    @once
     def ours(self) -> frozenset[int]:
         """The identifiers that only our node sends."""
         own = self.service.node_id
