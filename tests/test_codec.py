@@ -63,15 +63,23 @@ def test_a_real_number_is_sent_as_one():
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "whole"),
-    [(-60.5, 66.5, True), (-61.0, 66.5, False), (-60.5, 67.0, False), (-WIDE, WIDE, False), (0.0, np.inf, False)],
+    ("low", "high", "offset", "fits"),
+    [
+        (-63.5, 63.5, 0.0, True),
+        (-64.0, 63.5, 0.0, True),  # the least is what means "no value"
+        (-64.5, 63.5, 0.0, False),
+        (-63.5, 64.0, 0.0, False),
+        (-WIDE, WIDE, 0.0, False),
+        (0.0, np.inf, 0.0, False),
+        (-1.0, 1.0, 3.0, False),
+    ],
 )
-def test_integers_that_all_fit_need_no_second_look(low, high, whole):
-    """-127 to 127 steps of half above 3."""
-    fields = pdo("b", low=low, high=high).fields
-    assert bool(layout(pdo("b", low=low, high=high)).whole) is whole
-    both = pdo("b")._replace(fields=(*fields, *pdo("b", low=0.0, high=1.0).fields))
-    assert len(layout(both).whole) == (2 if whole else 0)
+def test_values_that_all_have_an_integer_need_no_second_look(low, high, offset, fits):
+    """-127 to 127 steps of half; a float never."""
+    (field,) = layout(pdo("b", low=low, high=high, offset=offset)).fields
+    assert field.fits is fits
+    (real,) = layout(pdo("f", low=-1.0, high=1.0, offset=0.0)).fields
+    assert not real.fits
 
 
 def test_unused_bytes_are_zero_and_carry_nothing():

@@ -119,8 +119,8 @@ class _Trusting:
     def begin(self) -> Watch:
         return self._state
 
-    def interrupt(self, state: Watch, *, frozen: bool = False) -> Watch:
-        del frozen
+    def interrupt(self, state: Watch, **rest: object) -> Watch:
+        del rest
         return state
 
     def step(self, state: Watch, *rest: object) -> Watch:
