@@ -8,7 +8,7 @@ import pytest
 from cylforce.diagnosis.inference.posterior import NOTHING
 from cylforce.mechanics.workspace import drive_angles, driven, working_range
 from cylforce.programs.experiments.catalogue import SECONDS, catalogue
-from cylforce.programs.experiments.separation import Candidate, Separation, Told, _worth, said
+from cylforce.programs.experiments.separation import AGAIN, Candidate, Separation, Told, _worth, said
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import FASTEST
 from cylforce.simulation.simulator import draw_truth, simulate
@@ -92,3 +92,4 @@ def test_what_is_said():
         "move: tells 3.8 times as much as this recording does in the same time",
         "hold: tells more than 100 times as much as this recording does in the same time",
     ]
+    assert said([Told(AGAIN, 2.0)]) == [f"{AGAIN}: tells 2 times as much"]

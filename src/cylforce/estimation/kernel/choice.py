@@ -64,6 +64,7 @@ INTERPRETED: Any = SimpleNamespace(
             weighed.without_load,
             pushed.learn,
             recognised.gather,
+            recognised.everyday,
             recognised.gather_block,
             recognised.mislead,
             recognised.rock,

@@ -55,6 +55,17 @@ def gather(
     return telling
 
 
+def everyday(
+    s: KernelSolver, unsure: Numbers, before: Numbers, frictions: Count, unknown: Number, change: Numbers
+) -> None:
+    """The everyday `change` (D,) of friction and zeros: `before` (D,), of each of so many `frictions` (1 + `unknown`)
+    times as much while the drift, of the covariance `unsure` (D, D), is as uncertain as that."""
+    for i in range(s.d):
+        change[i] = before[i]
+        if i < frictions:
+            change[i] *= 1.0 + unknown * sqrt(min(unsure[i * s.d + i] / (before[i] * before[i]), 1.0))
+
+
 def gather_block(
     s: KernelSolver,
     rows: Numbers,
@@ -73,14 +84,11 @@ def gather_block(
     gram: Numbers,
 ) -> Count:
     """As `gather`, of a block of the plausibility: of the `drift` (D,), with the covariance `unsure` (D, D), so many
-    `frictions` are believed, no zeros. Their everyday changes are `before` (D,), of a friction (1 + `unknown`) times as
-    much while the drift is as uncertain as that. `left` (3 + D, R), `change` and `believed` (D,) are room for
-    results."""
+    `frictions` are believed, no zeros; with `everyday` changes. `left` (3 + D, R), `change` and `believed` (D,) are
+    room for results."""
+    everyday(s, unsure, before, frictions, unknown, change)
     for i in range(s.d):
-        believed[i], change[i] = 0.0, before[i]
-        if i < frictions:
-            believed[i] = drift[i]
-            change[i] *= 1.0 + unknown * sqrt(min(unsure[i * s.d + i] / (before[i] * before[i]), 1.0))
+        believed[i] = drift[i] if i < frictions else 0.0
     explain(s, rows, believed, left)
     return gather(s, rows, left, usable, change, errors, number, memory, gram)
 

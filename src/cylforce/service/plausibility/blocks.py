@@ -29,6 +29,7 @@ EVERY = 20  # steps between the samples that are used: neighbouring ones contain
 SAMPLES = 5  # of a block: one second at 100 Hz
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as in `recognition`
 FRICTION = 0.5  # of its identified value, by which friction may have changed while it is not known, as in `recognition`
+UNKNOWN = FRICTION / EXPECTED.friction - 1.0  # by how many times it is more than what differs between strokes
 BAR = 1e5  # Pa
 # m/s of the fastest cylinder, as MOVING of `step`. At rest the ground may push as a constant error does, whatever
 # friction is
@@ -110,12 +111,11 @@ class Gatherer:
         return np.concatenate([load_spread(self.model.machine) ** -2.0, np.ones_like(self._before)])
 
     def _everyday(self, drift: Drift) -> Array:
-        """Standard errors (D,) of everyday changes of friction and zeros, as in the kernel's `gather_block`: those of
-        friction become smaller when the adaptation has seen how it is now."""
-        spread = np.array(self._before)
-        unknown = np.sqrt(np.minimum(np.diagonal(drift.covariance) / spread**2, 1.0))[: self._frictions]
-        spread[: self._frictions] *= 1.0 + (FRICTION / EXPECTED.friction - 1.0) * unknown
-        return spread
+        """Standard errors (D,) of everyday changes of friction and zeros: those of friction become smaller when the
+        adaptation has seen how it is now."""
+        found = ZERO * len(self._before)
+        self.kernel.everyday(self._solver, drift.covariance, self._before, self._frictions, UNKNOWN, found)
+        return np.frombuffer(found)
 
     def _as_seen(self, drift: Drift) -> Array:
         """The same where friction and zeros of this machine, as its returns tell (cold oil), spread more than every
@@ -176,8 +176,8 @@ class Gatherer:
         in motion. Friction changes less from day to day when the adaptation has seen how it is now."""
         rows, drifts, new = len(errors), len(self._before), array("d", gram.tobytes())
         seen = (instant.kept, instant.usable, drift.values, drift.covariance, self._before)
-        everyday, work = FRICTION / EXPECTED.friction - 1.0, (ZERO * ((3 + drifts) * rows), ZERO * drifts)
-        told = (*seen, self._frictions, everyday, errors, self.size, 1.0, *work, ZERO * drifts)
+        work = (ZERO * ((3 + drifts) * rows), ZERO * drifts, ZERO * drifts)
+        told = (*seen, self._frictions, UNKNOWN, errors, self.size, 1.0, *work)
         telling = self.kernel.gather_block(self._solver, *told, new)
         return np.frombuffer(new).reshape(gram.shape), telling
 

@@ -16,7 +16,6 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.quiet import Noises, begun, listened, longer, taken_back
-from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
 from cylforce.signals.quick import new, once
 
@@ -135,25 +134,29 @@ class Watching:
         moved = [abs(each) > MOVES for each in way]
         if True not in moved:
             return state
-        groups, begin = state.groups[:], len(readings) // size - GROUP
-        self.kernel.group(size, readings, begin, way, MOVES, groups)
-        group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
-        tables = np.frombuffer(groups).reshape(4, GROUPS, size)
         own = np.array(moved)
-        rests = self._rested(state.rests, readings, group, own)
-        state = state._replace(groups=groups, noises=listened(state.noises, group, tables[:2], own), rests=rests)
+        groups, noises = self._heard(state.groups, state.noises, readings, way, own)
+        state = state._replace(groups=groups, noises=noises, rests=self._rested(state.rests, readings, own))
         ratios = ZERO * (2 * size)
         return self._compared(state, ratios) if self.kernel.compare(size, groups, ZERO * GROUPS, ratios) else state
 
-    def _rested(self, state: Rests, readings: Numbers, group: Array, moved: NDArray[np.bool_]) -> Rests:
-        """With the `group` (T, P), the last of all `readings`, of the pressures whose cylinders did not move."""
-        size, groups, rested = len(self.signals), state.groups[:], ~moved
+    def _heard(
+        self, groups: Numbers, noises: Noises, readings: Numbers, way: Numbers, which: NDArray[np.bool_]
+    ) -> tuple[Numbers, Noises]:
+        """Groups and noise with the last group of `readings`, of those pressures (P,) that are `which`; `way` (P,)."""
+        size, groups = len(self.signals), groups[:]
+        begin = len(readings) // size - GROUP
+        self.kernel.group(size, readings, begin, way, MOVES, groups)
+        group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
+        return groups, listened(noises, group, np.frombuffer(groups).reshape(4, GROUPS, size)[:2], which)
+
+    def _rested(self, state: Rests, readings: Numbers, moved: NDArray[np.bool_]) -> Rests:
+        """With the last group of `readings`, of the pressures whose cylinders did not move."""
+        rested = ~moved
         if not rested.any():
             return state._replace(noises=longer(state.noises, moved))
-        way = array("d", rested.astype(np.float64).tobytes())
-        self.kernel.group(size, readings, len(readings) // size - GROUP, way, MOVES, groups)
-        tables = np.frombuffer(groups).reshape(4, GROUPS, size)
-        return Rests(groups, longer(listened(state.noises, group, tables[:2], np.asarray(rested)), moved))
+        groups, noises = self._heard(*state, readings, array("d", rested.astype(np.float64).tobytes()), rested)
+        return Rests(groups, longer(noises, moved))
 
     def _compared(self, state: Changes, ratios: Numbers) -> Changes:
         """With what the groups' `ratios` (2, P) say, of their means and of their noise; -1: nothing yet."""

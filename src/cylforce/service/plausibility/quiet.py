@@ -60,7 +60,7 @@ def begun(size: int) -> Noises:
     return Noises(ZERO * ((NOISES + 1) * size))
 
 
-def listened(state: Noises, group: Array, groups: Array, moved: Array) -> Noises:
+def listened(state: Noises, group: Array, groups: Array, moved: NDArray[np.bool_]) -> Noises:
     """The state after a group (T, P), of the pressures whose cylinders `moved` (P,). `groups` (2, G, P): means and
     variances of the last groups in motion, with this one. What is heard while noise is gone is not remembered."""
     (size, pressures), kept, work = group.shape, state.kept[:], ZERO * NOISES
