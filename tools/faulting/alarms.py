@@ -1,5 +1,5 @@
 """How often the service doubts a machine in order: over recordings of a foreign generator, and as much digging of the
-project's own simulator and of reference machines as a time of this processor allows."""
+project's own simulator, and digging and empty motion of reference machines, as a time of this processor allows."""
 
 import argparse
 import json
@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +21,7 @@ from .leaps import AIR, CONTACT, WORK
 from .runs import followed
 from .works import ROOT, Case, events, foreign_case, reference_case, simulated_case
 
+EMPTY = "commissioning"  # recording of the empty machine, from which a reference machine was identified
 SOURCES = (("foreign, digging", (WORK,)), ("foreign, contact", (CONTACT,)), ("foreign, in the air", AIR))
 
 
@@ -58,10 +60,11 @@ def simulated(first: int, reference: int, minutes: float) -> Iterator[Alarms]:
         for source, machine, number in (
             ("simulated, digging", simulated_case, first + seed),
             ("reference, digging", reference_case, reference + seed),
+            ("reference, in the air", partial(reference_case, recording=EMPTY), reference + seed),
         ):
             if time.process_time() - begun > 60.0 * minutes:
                 return
-            yield judged(source, f"{source.split(',')[0]} {number}", machine(number))
+            yield judged(source, f"{source} {number}", machine(number))
 
 
 def summary(found: list[Alarms]) -> dict[str, dict[str, float]]:
@@ -95,11 +98,14 @@ def main() -> int:
     parser.add_argument("--reference", type=int, default=100, help="first seed of the reference machines")
     parser.add_argument("--minutes", type=float, default=5.0, help="of this processor, for simulated digging")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--verbose", action="store_true", help="a line for each recording")
     asked, found = parser.parse_args(), list[Alarms]()
     folder = Path(os.environ.get("CYLFORCE_SHARED", ROOT.parent / "shared")) / "data" / "foreign_machines"
     for part in (foreign(folder, asked.foreign), simulated(asked.simulated, asked.reference, asked.minutes)):
         for one in part:
             found.append(one)
+            if asked.verbose:
+                print(f"{one.name}: {one.hours:.3f} h, {len(one.doubts)} doubts", flush=True)
             for t, doubt in one.doubts:
                 print(f"{one.name}: {t:.2f} s {doubt.cause.name} {doubt.signals} {doubt.size:.4g}", flush=True)
     figures = summary(found)
