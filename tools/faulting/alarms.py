@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from functools import partial
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -97,17 +97,19 @@ def main() -> int:
     parser.add_argument("--simulated", type=int, default=100, help="first seed of the own simulator")
     parser.add_argument("--reference", type=int, default=100, help="first seed of the reference machines")
     parser.add_argument("--minutes", type=float, default=5.0, help="of this processor, for simulated digging")
+    parser.add_argument("--hours", type=float, default=float("inf"), help="of work in order, after which it ends, too")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--verbose", action="store_true", help="a line for each recording")
     asked, found = parser.parse_args(), list[Alarms]()
     folder = Path(os.environ.get("CYLFORCE_SHARED", ROOT.parent / "shared")) / "data" / "foreign_machines"
-    for part in (foreign(folder, asked.foreign), simulated(asked.simulated, asked.reference, asked.minutes)):
-        for one in part:
-            found.append(one)
-            if asked.verbose:
-                print(f"{one.name}: {one.hours:.3f} h, {len(one.doubts)} doubts", flush=True)
-            for t, doubt in one.doubts:
-                print(f"{one.name}: {t:.2f} s {doubt.cause.name} {doubt.signals} {doubt.size:.4g}", flush=True)
+    for one in chain(foreign(folder, asked.foreign), simulated(asked.simulated, asked.reference, asked.minutes)):
+        found.append(one)
+        if asked.verbose:
+            print(f"{one.name}: {one.hours:.3f} h, {len(one.doubts)} doubts", flush=True)
+        for t, doubt in one.doubts:
+            print(f"{one.name}: {t:.2f} s {doubt.cause.name} {doubt.signals} {doubt.size:.4g}", flush=True)
+        if sum(each.hours for each in found) >= asked.hours:
+            break
     figures = summary(found)
     Console().print(table(figures))
     if asked.json:
