@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import chain
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryDirectory
@@ -187,23 +188,40 @@ def table(found: dict[str, dict[str, float]]) -> Table:
     return shown
 
 
+def followed_by(case: Case, asked: argparse.Namespace, folder: Path) -> dict[str, Late]:
+    """Each way, in turn: what else this computer does concerns all of them."""
+    (folder / "probe.c").write_text(PROBE, encoding="utf-8")
+    subprocess.run(["cc", "-O2", "-o", folder / "probe", folder / "probe.c"], check=True)
+    found = {way: list[Late]() for way in ways(asked.bus)}
+    for k in range(asked.rounds):
+        for way, meanwhile in ways(asked.bus).items():
+            log = Path("/dev/full") if way == FULL else folder / f"{k}.log"
+            with meanwhile(), messages(way == UNREAD):
+                found[way].append(measured(case, asked.bus, asked.seconds / asked.rounds, log, folder / "probe"))
+    return {way: joined(each) for way, each in found.items()}
+
+
+def joined(parts: list[Late]) -> Late:
+    """Parts of one measurement."""
+    begun, sent, probe = (list(chain.from_iterable(part[k] for part in parts)) for k in range(3))
+    ok = sum(part.ok * len(part.begun) for part in parts) / len(begun)
+    return Late(begun, sent, probe, ok, sum(part.left_out for part in parts))
+
+
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="accuracy lateness", description=__doc__)
     parser.add_argument("--bus", default="virtual:lateness")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
+    parser.add_argument(
+        "--rounds", type=int, default=3, help="of which each measurement consists, in turn with the others"
+    )
     parser.add_argument("--seed", type=int, default=7, help="which simulated machine")
     parser.add_argument("--json", type=Path)
     asked, found = parser.parse_args(), dict[str, dict[str, float]]()
-    case = simulated_case(asked.seed)
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "probe.c").write_text(PROBE, encoding="utf-8")
-        subprocess.run(["cc", "-O2", "-o", folder / "probe", folder / "probe.c"], check=True)
-        for k, (way, meanwhile) in enumerate(ways(asked.bus).items()):
-            log = Path("/dev/full") if way == FULL else folder / f"{k}.log"
-            with meanwhile(), messages(way == UNREAD):
-                found[way] = figures(measured(case, asked.bus, asked.seconds, log, folder / "probe"))
+    with TemporaryDirectory() as folder:
+        for way, late in followed_by(simulated_case(asked.seed), asked, Path(folder)).items():
+            found[way] = figures(late)
     Console().print(table(found))
     if asked.json:
         asked.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
