@@ -38,7 +38,14 @@ ROOMS = {
     ),
     "gates": Room(
         ("service/step.py", "service/force.py", "service/recognition.py", "signals/estimate.py"),
-        ("test_codes.py", "test_truth.py", "test_recognition.py", "test_outage.py", "test_step.py"),
+        (
+            "test_codes.py",
+            "test_other_tool.py",
+            "test_recognition.py",
+            "test_outage.py",
+            "test_truth.py",
+            "test_step.py",
+        ),
     ),
     "plausibility": Room(
         ("service/plausibility/*.py", "estimation/kernel/heard.py"),
