@@ -16,7 +16,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from itertools import chain
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryDirectory
@@ -203,7 +202,9 @@ def followed_by(case: Case, asked: argparse.Namespace, folder: Path) -> dict[str
 
 def joined(parts: list[Late]) -> Late:
     """Parts of one measurement."""
-    begun, sent, probe = (list(chain.from_iterable(part[k] for part in parts)) for k in range(3))
+    begun = [late for part in parts for late in part.begun]
+    sent = [late for part in parts for late in part.sent]
+    probe = [late for part in parts for late in part.probe]
     ok = sum(part.ok * len(part.begun) for part in parts) / len(begun)
     return Late(begun, sent, probe, ok, sum(part.left_out for part in parts))
 
