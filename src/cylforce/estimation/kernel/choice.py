@@ -73,7 +73,7 @@ INTERPRETED: Any = SimpleNamespace(
             recognised.turn_force,
             recognised.notice,
             heard.suspicious,
-            heard.smooth_pressures,
+            heard.sure_leaps,
             heard.group,
             heard.compare,
             heard.listen,

@@ -172,14 +172,15 @@ class Leaping:
         """What leapt between the last AFTER `readings` (T, P) [Pa] and the BEFORE that are before them; the others show
         the noise, if there are LONGEST."""
         window = np.ascontiguousarray(readings[-BEFORE - AFTER :])
-        size, misfit, (pairs, most) = window.shape[1], ZERO * (2 * window.shape[1]), self._pairs
-        told = (DEGREE + 1, self._noise, float(FREE), self.least, pairs, len(self.exchanges), most)
-        none = self.kernel.smooth_pressures(size, window, len(window), self._curves, *told, misfit)
-        swapped = () if none else self._swapped(window, *np.frombuffer(misfit).reshape(2, size))
+        size, bends, (pairs, most) = window.shape[1], DEGREE + 1, self._pairs
+        told = (self._curves, bends, self._noise, float(FREE), float(KNOWN), self.least, pairs, len(self.exchanges))
+        room, misfit = ZERO * (2 * size * (bends + 2)), ZERO * (2 * size)
+        sure = self.kernel.sure_leaps(size, window, len(window), BEFORE, *told, most, room, misfit)
+        swapped = self._swapped(window, *np.frombuffer(misfit).reshape(2, size)) if sure > 1 else ()
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
             return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
-        return self._stepped(window, readings[: -BEFORE - AFTER])
+        return self._stepped(window, readings[: -BEFORE - AFTER]) if sure % 2 else NOTHING_SUSPECTED
 
     def _stepped(self, window: Array, earlier: Array) -> SensorDoubt:
         """The pressure that stepped alone, if one did."""
