@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import counts, numbers
@@ -217,23 +217,26 @@ def timetable(table: tuple[Pdo, ...], rate_hz: float) -> tuple[tuple[int, ...], 
 
 
 class Encoder(NamedTuple):
-    """A TPDO of ours as it is encoded: its number, its layout, what gives the values of its fields, the `kernel`'s
-    limits (`inputs.quantise`) where that knows all fields (else empty), and room for its integers."""
+    """A TPDO of ours as it is encoded: its number, its layout, what gives the values of its fields, what makes integers
+    of them by their `limits` (the kernel's `quantise`) where that knows all fields (else empty), room for these, and
+    what packs them."""
 
     number: int
     layout: Layout
     values: Callable[[Estimate], Sequence[float]]
-    kernel: Any
+    quantise: Callable[[int, Numbers, Numbers, Counts], None]
     limits: Numbers
     room: Counts
+    pack: Callable[..., bytes]
 
     def data(self, estimate: Estimate) -> bytes:
         """Its bytes for an estimate."""
-        values, found = self.values(estimate), self.room[:]
-        if not self.limits:
-            return packed(self.layout, values)
-        self.kernel.quantise(len(found), self.limits, array("d", values), found)
-        return self.layout.struct.pack(*found)
+        _, of, values, quantise, limits, room, pack = self
+        if not limits:
+            return packed(of, values(estimate))
+        found = room[:]
+        quantise(len(found), limits, array("d", values(estimate)), found)
+        return pack(*found)
 
 
 def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
@@ -246,7 +249,8 @@ def _encoder(pdo: Pdo) -> Encoder:
     known = of.fields if all(field.fits for field in of.fields) else ()
     limits = numbers(x for f in known for x in (f.low, f.high, f.scale, f.missing))
     values = _values([str(f.signal) for f in pdo.fields])
-    return Encoder(pdo.number, of, values, choice.chosen(), limits, counts([0] * len(of.fields)))
+    room = counts([0] * len(of.fields))
+    return Encoder(pdo.number, of, values, choice.chosen().quantise, limits, room, of.struct.pack)
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:

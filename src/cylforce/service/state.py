@@ -1,6 +1,6 @@
 """What the service remembers from event to event, and what an event brings."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -107,11 +107,10 @@ class Output(NamedTuple):
         """The bytes of one of them; None where there is no estimate."""
         return None if self.estimate is None else self.table[number].data(self.estimate)
 
-    def due(self, numbers: Iterable[int]) -> Iterator[tuple[int, bytes]]:
-        """Those of these numbers, each when it is asked for: what is not sent is not encoded."""
-        if self.estimate is not None:
-            for number in numbers:
-                yield number, self.table[number].data(self.estimate)
+    def due(self, numbers: Iterable[int]) -> list[tuple[int, bytes]]:
+        """Those of these numbers: what is not sent is not encoded."""
+        _, estimate, table, _ = self
+        return [] if estimate is None else [(number, table[number].data(estimate)) for number in numbers]
 
 
 NOTHING = Output()

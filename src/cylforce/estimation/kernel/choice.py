@@ -63,6 +63,7 @@ INTERPRETED: Any = SimpleNamespace(
             weighed.weigh_load,
             weighed.without_load,
             pushed.learn,
+            pushed.fill,
             recognised.gather,
             recognised.everyday,
             recognised.gather_block,

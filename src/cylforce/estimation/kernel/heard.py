@@ -48,9 +48,9 @@ def sure_leaps(
     """Whether a leap in `readings` (T, P), of which so many are `before` it, can exceed the `least` log likelihood
     ratio: 1, a pressure's step by what `curves` (T, bends + 1), of which the last is a step, leave, if the noise before
     was no more than the sensors' `noise` (P,); 2, an exchange of `pairs` (X, most, 2), -1: no more; 3, either; else 0.
-    `misfit` (2, P): minus the log likelihood [nats] of what the curves leave without and with the step, of a variance of
-    its own, but at least the noise, with so many degrees of freedom (`free`, and `known` of the noise before). `parts`
-    (P, 2, bends + 2): room."""
+    `misfit` (2, P): minus the log likelihood [nats] of what the curves leave without and with the step, of a variance
+    of its own, but at least the noise, with so many degrees of freedom (`free`, and `known` of the noise before).
+    `parts` (P, 2, bends + 2): room."""
     sure, o = 0, bends
     for i in range(p):
         for half in range(2):
