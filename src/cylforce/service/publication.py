@@ -2,10 +2,12 @@
 
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import accumulate, pairwise
 from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
+from struct import Struct
 from typing import NamedTuple
 
 from cylforce.estimation.kernel import choice
@@ -16,6 +18,7 @@ from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Estimate, Quantity
 from cylforce.signals.layout import Field, Pdo
+from cylforce.signals.quick import once
 from cylforce.signals.units import DEGREE
 
 GROSS, NET = "payload_gross", "payload_net"
@@ -32,6 +35,7 @@ SOIL = SOIL_X, SOIL_Z, SOIL_MAGNITUDE, SOIL_DIRECTION = "soil_x", "soil_z", "soi
 SOIL_X_ERROR, SOIL_Z_ERROR = "soil_x_standard_error", "soil_z_standard_error"
 OF_FORCE = {"force": FORCES, "soil": SOIL}
 PARTS = ("x", "z", "magnitude", "direction")
+FORCE_PATHS = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
 QUALITY = {name: f"{name}_quality" for name in (*FORCES, *SOIL)}
 EVENT_COUNT, EVENT_KIND, EVENT_CONFIDENCE = "event_count", "event_kind", "event_confidence"
 EVENT_X, EVENT_Z, EVENT_AGE = "event_x", "event_z", "event_age"
@@ -155,28 +159,23 @@ Value = Callable[[Estimate], float]
 def _force_values(names: tuple[str, ...], errors: tuple[str, ...], force: str) -> dict[str, Value]:
     """Components of a force, their qualities, and standard errors: at least one step of the published integer, so that
     none is ever sent as zero."""
-    parts = [_component(f"{force}.{part}") for part in PARTS]
+    paths = [f"{force}.{part}" for part in PARTS]
     found: dict[str, Value] = {}
-    for name, part in zip(names, parts, strict=True):
-        found |= {name: part.value, QUALITY[name]: part.quality}
+    for name, path in zip(names, paths, strict=True):
+        found |= {name: attrgetter(f"{path}.value"), QUALITY[name]: _quality(path)}
     for name, k, least in zip(errors, (0, 1, 3), (_N, _N, _DEG), strict=False):
-        found[name] = partial(parts[k].error, least)
+        found[name] = _error(paths[k], least)
     return found
 
 
-class _Component(NamedTuple):
-    value: Value
-    quality: Value
-    error: Callable[[float, Estimate], float]
+def _error(path: str, least: float) -> Value:
+    of: Callable[[Estimate], float] = attrgetter(f"{path}.standard_error")
+    return lambda estimate: max(of(estimate), least)
 
 
-def _component(path: str) -> _Component:
+def _quality(path: str) -> Value:
     of: Callable[[Estimate], Quantity] = attrgetter(path)
-    return _Component(
-        attrgetter(f"{path}.value"),
-        lambda estimate: float(quality(of(estimate))),
-        lambda least, estimate: max(of(estimate).standard_error, least),
-    )
+    return lambda estimate: float(quality(of(estimate)))
 
 
 def _last_event(e: Estimate) -> ContactEvent:
@@ -217,56 +216,80 @@ def timetable(table: tuple[Pdo, ...], rate_hz: float) -> tuple[tuple[int, ...], 
 
 
 class Encoder(NamedTuple):
-    """A TPDO of ours as it is encoded: its number, its layout, what gives the values of its fields, what makes integers
-    of them by their `limits` (the kernel's `quantise`) where that knows all fields (else empty), room for these, and
-    what packs them."""
+    """Some TPDOs of ours as they are encoded together: number and place of each in the data, their layouts, what gives
+    the values of all fields; what makes integers of these by their `limits` (the kernel's `quantise`) where that knows
+    all fields (else empty), room for the integers, and what packs them."""
 
-    number: int
-    layout: Layout
+    places: tuple[tuple[int, slice], ...]
+    layouts: tuple[Layout, ...]
     values: Callable[[Estimate], Sequence[float]]
     quantise: Callable[[int, Numbers, Numbers, Counts], None]
     limits: Numbers
     room: Counts
     pack: Callable[..., bytes]
 
-    def data(self, estimate: Estimate) -> bytes:
-        """Its bytes for an estimate."""
-        _, of, values, quantise, limits, room, pack = self
+    def data(self, estimate: Estimate) -> list[tuple[int, bytes]]:
+        """(Number, bytes) of each for an estimate."""
+        places, layouts, values, quantise, limits, room, pack = self
+        given = values(estimate)
         if not limits:
-            return packed(of, values(estimate))
+            parts = iter(given)
+            each = [packed(of, [next(parts) for _ in of.fields]) for of in layouts]
+            return [(number, data) for (number, _), data in zip(places, each, strict=True)]
         found = room[:]
-        quantise(len(found), limits, array("d", values(estimate)), found)
-        return pack(*found)
+        quantise(len(found), limits, array("d", given), found)
+        whole = pack(*found)
+        return [(number, whole[place]) for number, place in places]
 
 
-def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
-    """The encoders of all TPDOs of a table."""
-    return tuple(_encoder(pdo) for pdo in table)
+def encoder(table: tuple[Pdo, ...]) -> Encoder:
+    """The encoder of these TPDOs."""
+    layouts = tuple(layout(pdo) for pdo in table)
+    fields = [field for of in layouts for field in of.fields]
+    known = all(field.fits for field in fields)
+    limits = numbers(x for f in fields if known for x in (f.low, f.high, f.scale, f.missing))
+    values = _together([[str(f.signal) for f in pdo.fields] for pdo in table])
+    ends = [0, *accumulate(of.struct.size for of in layouts)]
+    places = tuple((pdo.number, slice(*cut)) for pdo, cut in zip(table, pairwise(ends), strict=True))
+    whole = Struct("<" + "".join(of.struct.format.removeprefix("<") for of in layouts))
+    return Encoder(places, layouts, values, choice.chosen().quantise, limits, counts([0] * len(fields)), whole.pack)
 
 
-def _encoder(pdo: Pdo) -> Encoder:
-    of = layout(pdo)
-    known = of.fields if all(field.fits for field in of.fields) else ()
-    limits = numbers(x for f in known for x in (f.low, f.high, f.scale, f.missing))
-    values = _values([str(f.signal) for f in pdo.fields])
-    room = counts([0] * len(of.fields))
-    return Encoder(pdo.number, of, values, choice.chosen().quantise, limits, room, of.struct.pack)
+def _together(names: Sequence[Sequence[str]]) -> Callable[[Estimate], Sequence[float]]:
+    """What gives the values of several lists of names: forces in one look, others list by list."""
+    whole = [name for some in names for name in some]
+    if len(names) == 1 or set(whole) <= set(FORCE_PATHS):
+        return _values(whole)
+    each = [_values(some) for some in names]
+    return lambda estimate: [value for values in each for value in values(estimate)]
+
+
+@dataclass(frozen=True)
+class Encoders:
+    """The encoders of our TPDOs."""
+
+    pdos: tuple[Pdo, ...]
+
+    @once
+    def of(self) -> Callable[[tuple[int, ...]], Encoder]:
+        """Gives that of some of them, by their numbers: those that are sent together."""
+        numbered = {pdo.number: pdo for pdo in self.pdos}
+        return lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
     """What gives the values of these names: a force's in one look."""
-    paths = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
-    of_quality = {QUALITY[name]: path for name, path in paths.items()}
-    paths |= {GROSS: "gross", NET: "net"}
+    of_quality = {QUALITY[name]: path for name, path in FORCE_PATHS.items()}
+    paths = FORCE_PATHS | {GROSS: "gross", NET: "net"}
     if set(names) <= set(paths):
         return attrgetter(*(f"{paths[name]}.value" for name in names))
     if set(names) <= set(of_quality):
         quantities = attrgetter(*(of_quality[name] for name in names))
-        return lambda estimate: [quality(each) for each in quantities(estimate)]
+        return lambda estimate: [q.status | q.reason << 2 for q in quantities(estimate)]
     values = [VALUES[name] for name in names]
     return lambda estimate: [value(estimate) for value in values]
 
 
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
     """(TPDO number, data) of all TPDOs in `table` for an estimate."""
-    return tuple((each.number, each.data(estimate)) for each in encoders(table))
+    return tuple(encoder(table).data(estimate))

@@ -155,18 +155,9 @@ class Monitor:
             and (changes.noises is before.noises or changes.lost == before.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        own = (
-            state.driven,
-            state.unnoticed,
-            state.swept,
-            seen.leapt,
-            state.light,
-            state.suspicion,
-            leaps,
-            state.lighter,
-            turned,
-        )
-        state = new(Watch, (state.gathering, state.blocks, state.offset, changes, *own))
+        now_is = [*state]
+        now_is[3], now_is[7], now_is[10], now_is[12] = changes, seen.leapt, leaps, turned
+        state = new(Watch, tuple(now_is))
         if seen.pipe.steps % EVERY == 0:
             told = state
             state = self._gathered(state, seen)
