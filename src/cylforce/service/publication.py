@@ -8,7 +8,7 @@ from itertools import accumulate, pairwise
 from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import counts, numbers
@@ -35,7 +35,6 @@ SOIL = SOIL_X, SOIL_Z, SOIL_MAGNITUDE, SOIL_DIRECTION = "soil_x", "soil_z", "soi
 SOIL_X_ERROR, SOIL_Z_ERROR = "soil_x_standard_error", "soil_z_standard_error"
 OF_FORCE = {"force": FORCES, "soil": SOIL}
 PARTS = ("x", "z", "magnitude", "direction")
-FORCE_PATHS = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
 QUALITY = {name: f"{name}_quality" for name in (*FORCES, *SOIL)}
 EVENT_COUNT, EVENT_KIND, EVENT_CONFIDENCE = "event_count", "event_kind", "event_confidence"
 EVENT_X, EVENT_Z, EVENT_AGE = "event_x", "event_z", "event_age"
@@ -43,6 +42,15 @@ BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
 _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers, in SI
 _CM, _MS, _PERCENT = 0.01, 1e-3, 0.01
+# Where quantities stand in an estimate; of which one a standard error is, and its least size: one step of the published
+# integer, so that none is ever sent as zero
+PLACES = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
+PLACES |= {GROSS: "gross", NET: "net"}
+OF_QUALITY = {PAYLOAD_QUALITY: "gross"} | {name: PLACES[of] for of, name in QUALITY.items()}
+ERRORS = {GROSS_ERROR: (GROSS, _KG), DIRECTION_ERROR: (DIRECTION, _DEG), X_ERROR: (FORCE_X, _N)}
+ERRORS |= {Z_ERROR: (FORCE_Z, _N), SOIL_X_ERROR: (SOIL_X, _N), SOIL_Z_ERROR: (SOIL_Z, _N)}
+OF_VALUE = {name: f"{place}.value" for name, place in PLACES.items()}
+OF_ERROR = {name: f"{PLACES[of]}.standard_error" for name, (of, _) in ERRORS.items()}
 _FAR, _OLD = 327.67, 4294967.294  # m and s, the largest that an INTEGER16 and an UNSIGNED32 carry
 FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
 _LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; a weight that uncertain is no weight
@@ -156,20 +164,12 @@ def published(estimate: Estimate) -> dict[str, float]:
 Value = Callable[[Estimate], float]
 
 
-def _force_values(names: tuple[str, ...], errors: tuple[str, ...], force: str) -> dict[str, Value]:
-    """Components of a force, their qualities, and standard errors: at least one step of the published integer, so that
-    none is ever sent as zero."""
-    paths = [f"{force}.{part}" for part in PARTS]
-    found: dict[str, Value] = {}
-    for name, path in zip(names, paths, strict=True):
-        found |= {name: attrgetter(f"{path}.value"), QUALITY[name]: _quality(path)}
-    for name, k, least in zip(errors, (0, 1, 3), (_N, _N, _DEG), strict=False):
-        found[name] = _error(paths[k], least)
-    return found
+def _value(path: str) -> Value:
+    return attrgetter(path)
 
 
 def _error(path: str, least: float) -> Value:
-    of: Callable[[Estimate], float] = attrgetter(f"{path}.standard_error")
+    of = _value(path)
     return lambda estimate: max(of(estimate), least)
 
 
@@ -185,15 +185,12 @@ def _last_event(e: Estimate) -> ContactEvent:
 
 _NO_EVENT = ContactEvent(0, 0, EventKind.NONE, nan, nan, nan)
 VALUES: dict[str, Value] = {
-    GROSS: lambda e: e.gross.value,
-    NET: lambda e: e.net.value,
-    GROSS_ERROR: lambda e: max(e.gross.standard_error, _KG),
-    **_force_values(FORCES, (X_ERROR, Z_ERROR, DIRECTION_ERROR), "force"),
-    PAYLOAD_QUALITY: lambda e: float(quality(e.gross)),
+    **{name: _value(path) for name, path in OF_VALUE.items()},
+    **{name: _error(path, ERRORS[name][1]) for name, path in OF_ERROR.items()},
+    **{name: _quality(path) for name, path in OF_QUALITY.items()},
     FORCE_QUALITY: lambda e: float(max((quality(q) for q in e.force.quantities[:3]), key=lambda byte: byte & 3)),
     BOOKED_COUNT: lambda e: float(e.booking.number % 65535) if e.booking else 0.0,
     BOOKED: lambda e: e.booking.mass if e.booking else nan,
-    **_force_values(SOIL, (SOIL_X_ERROR, SOIL_Z_ERROR), "soil"),
     EVENT_COUNT: lambda e: float(_last_event(e).number % 65535),
     EVENT_KIND: lambda e: float(_last_event(e).kind),
     EVENT_CONFIDENCE: lambda e: _last_event(e).confidence,
@@ -248,20 +245,11 @@ def encoder(table: tuple[Pdo, ...]) -> Encoder:
     fields = [field for of in layouts for field in of.fields]
     known = all(field.fits for field in fields)
     limits = numbers(x for f in fields if known for x in (f.low, f.high, f.scale, f.missing))
-    values = _together([[str(f.signal) for f in pdo.fields] for pdo in table])
+    values = _values([str(f.signal) for pdo in table for f in pdo.fields])
     ends = [0, *accumulate(of.struct.size for of in layouts)]
     places = tuple((pdo.number, slice(*cut)) for pdo, cut in zip(table, pairwise(ends), strict=True))
     whole = Struct("<" + "".join(of.struct.format.removeprefix("<") for of in layouts))
     return Encoder(places, layouts, values, choice.chosen().quantise, limits, counts([0] * len(fields)), whole.pack)
-
-
-def _together(names: Sequence[Sequence[str]]) -> Callable[[Estimate], Sequence[float]]:
-    """What gives the values of several lists of names: forces in one look, others list by list."""
-    whole = [name for some in names for name in some]
-    if len(names) == 1 or set(whole) <= set(FORCE_PATHS):
-        return _values(whole)
-    each = [_values(some) for some in names]
-    return lambda estimate: [value for values in each for value in values(estimate)]
 
 
 @dataclass(frozen=True)
@@ -278,16 +266,33 @@ class Encoders:
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
-    """What gives the values of these names: a force's in one look."""
-    of_quality = {QUALITY[name]: path for name, path in FORCE_PATHS.items()}
-    paths = FORCE_PATHS | {GROSS: "gross", NET: "net"}
-    if set(names) <= set(paths):
-        return attrgetter(*(f"{paths[name]}.value" for name in names))
-    if set(names) <= set(of_quality):
-        quantities = attrgetter(*(of_quality[name] for name in names))
-        return lambda estimate: [q.status | q.reason << 2 for q in quantities(estimate)]
-    values = [VALUES[name] for name in names]
-    return lambda estimate: [value(estimate) for value in values]
+    """What gives the values of these names: those that are alike in one look."""
+    alike = [[name for name in names if name in of] for of in (OF_VALUE, OF_ERROR, OF_QUALITY)]
+    if len(alike[0]) == len(names):
+        return _look([OF_VALUE[name] for name in names])
+    plain, errors, qualities = (
+        _look([of[name] for name in some]) for some, of in zip(alike, (OF_VALUE, OF_ERROR, OF_QUALITY), strict=True)
+    )
+    order = [name for some in alike for name in some]
+    others = [name for name in names if name not in order]
+    rest, least = [VALUES[name] for name in others], [ERRORS[name][1] for name in alike[1]]
+    places = [(order + others).index(name) for name in names]
+
+    def values(estimate: Estimate) -> list[float]:
+        found: list[float] = [*plain(estimate), *map(max, errors(estimate), least)]
+        found += [q.status | q.reason << 2 for q in qualities(estimate)]
+        found += [value(estimate) for value in rest]
+        return [found[place] for place in places]
+
+    return values
+
+
+def _look(paths: Sequence[str]) -> Callable[[Estimate], Sequence[Any]]:
+    """What gives the attributes of an estimate with these paths."""
+    if len(paths) > 1:
+        return attrgetter(*paths)
+    each = [attrgetter(path) for path in paths]
+    return lambda estimate: [get(estimate) for get in each]
 
 
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
