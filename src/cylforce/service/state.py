@@ -33,7 +33,8 @@ NO_SCALE = Scale()
 class Memory(NamedTuple):
     """What a restart does not change: zero and tare, the truck that is being loaded, the last booking, the name of the
     tool; the weight of a bucket that hangs and is not booked yet; or the mass [kg] of one that hung so long ago that it
-    may have been emptied (0: none)."""
+    may have been emptied (0: none); whether the parameters are `unconfirmed`: sealed on another controller, so that
+    they may be another machine's."""
 
     scale: Scale = NO_SCALE
     truck: Truck = NO_TRUCK
@@ -41,6 +42,7 @@ class Memory(NamedTuple):
     tool: str = STANDARD
     hanging: Weighed | None = None
     lost: float = 0.0
+    unconfirmed: bool = False
 
     def emptied(self) -> "Memory":
         """The bucket that hung may have been emptied since, and filled again."""
@@ -83,7 +85,8 @@ class State(NamedTuple):
     def memory(self) -> Memory:
         """What a restart does not change."""
         books = self.weighing.books
-        return Memory(self.scale, self.truck, books.booking, self.tool, books.candidate)
+        known = Memory(self.scale, self.truck, books.booking, self.tool, books.candidate)
+        return known._replace(unconfirmed=books.unconfirmed)
 
 
 NO_ENCODERS = Encoders(())

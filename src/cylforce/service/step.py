@@ -289,6 +289,8 @@ def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
         found.append(Reason.NOT_THIS_MACHINE)
     if state.weighing.tool.off is not None:
         found.append(Reason.OTHER_TOOL)
+    if state.weighing.books.unconfirmed:
+        found.append(Reason.NOT_CONFIRMED)
     if state.watch.suspicion.level is DOUBTED or state.weighing.books.withheld:
         found.append(Reason.SENSORS_DISAGREE)
     long_us, spoofed_us = state.inputs.marked_us
