@@ -188,8 +188,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     if booking is None or booking is before:
         return state
     if before is not None and not is_new(booking, before):
-        truck = refined(state.truck, booking.number, booking.dumped - before.dumped)
-        return state._replace(truck=truck)
+        return state._replace(truck=refined(state.truck, booking.number, booking.dumped - before.dumped))
     truck = loaded(state.truck, booking, state.scale.tare)
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
