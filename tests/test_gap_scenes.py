@@ -8,6 +8,7 @@ from cylforce.diagnosis.answer.shrinkage import tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
 from cylforce.diagnosis.inference.posterior import NOTHING
 from cylforce.diagnosis.inference.search import examined
+from cylforce.effects.fault import Place, places
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed
@@ -37,6 +38,24 @@ def test_a_machine_in_order_is_never_surely_out_of_order(reference):
     assert verdict.verdict in (Verdict.NO_GAP, Verdict.AMBIGUOUS)
     assert NOTHING in found.belief.credible
     assert sum(found.belief.of.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("late", "told"), [(0.4, False), (3.0, True)])
+def test_pressures_a_part_of_a_sample_late_are_everyday(reference, late, told):
+    """Nodes take their readings when they like: from start to start they are up to a sample apart. What is later than
+    that is a clock. (References and field alike had none between them.)"""
+    own = [signal for name, signal in places(MACHINE, Place.PRESSURE)]
+
+    def change(values):
+        found, k = values.copy(), np.arange(len(values))
+        for signal in own:
+            found[:, signal] = np.interp(k - late, k, values[:, signal])
+        return found
+
+    found, _ = concluded(reference, change=change)
+    of, clock = found.belief.of, ("clock_fault", "machine")
+    assert (max(of, key=lambda key: of[key]) == clock) is told
+    assert (of.get(clock, 0.0) > 0.1) is told
 
 
 def test_two_effects_are_both_named(reference):

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.model import Model
+from cylforce.service.state import Memory
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
-from cylforce.simulation.scenario import moves
+from cylforce.simulation.scenario import cycles, moves
 from scenarios import EXCAVATOR, identified, played, through
 from spoilt import samples
 from studies.recognition import recognised
@@ -53,3 +54,15 @@ def test_what_is_doubted_is_never_published_as_ok():
         assert Status.OK not in {q.status for q in quantities}
     state, estimates, _ = through(Core(LOADED.service, tares(OWN)), events)
     assert not any(q.reason is Reason.NOT_THIS_MACHINE for e in estimates for q in (e.gross, e.force.magnitude))
+
+
+def test_parameters_from_elsewhere_are_never_ok():
+    """Not with their own machine either: nobody but an engineer knows which it is."""
+    events = played(LOADED, cycles(MACHINE, np.random.default_rng((OWN, 8)), 2, swing=False), seed=OWN)
+    core = Core(LOADED.service, tares(OWN))
+    state, estimates, _ = through(core, events, core.begin(Memory(unconfirmed=True)))
+    values = [q for e in estimates for q in (e.gross, e.net, *e.force.quantities)]
+    assert Status.OK not in {q.status for q in values}
+    assert sum(q.reason is Reason.NOT_CONFIRMED for q in values) > len(values) // 3
+    assert state.memory.unconfirmed
+    assert state.memory.booking is not None

@@ -205,6 +205,11 @@ def test_what_other_parameters_do_not_change_stays(tmp_path):
     assert (after.weighing.books.candidate, missed.number, missed.mass) == (None, 1, 900.0)
     light = state._replace(watch=state.watch._replace(suspicion=SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, (0,))))
     assert new.continued(light).watch.suspicion.level is Level.FINE
+    assert not after.memory.unconfirmed
+    doubted = new.continued(state, unconfirmed=True)
+    assert doubted.memory.unconfirmed
+    assert new.continued(doubted).memory.unconfirmed  # the same, read again
+    assert not new.continued(doubted, unconfirmed=False).memory.unconfirmed
 
 
 def test_the_unit_asks_for_it():

@@ -10,8 +10,10 @@ import pytest
 import tomlkit
 
 from cylforce.commissioning.identification import Identification
+from cylforce.files import software
 from cylforce.programs.common.readings import model_of
-from cylforce.settings.identified import identified_seal, read_identified, write_identified
+from cylforce.programs.live.books import kept_by
+from cylforce.settings.identified import identified_seal, read_identified, seal_again, write_identified
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.settings.seal import Seal, broken, sealed
 from scenarios import EXCAVATOR
@@ -147,3 +149,25 @@ def test_every_flipped_character_of_a_seal_breaks_it():
         assert broken(content, Seal.model_validate(made.model_dump() | {key: other})) == ("seal",)
     assert broken({**content, "c": 0}, made) == ("c",)
     assert broken({"a": 1.5}, made) == ("b",)
+
+
+def test_a_file_of_another_controller_is_told_until_it_is_sealed_here(file, monkeypatch, tmp_path):
+    here = tmp_path / "machine-id"
+    here.write_text("0123456789abcdef0123456789abcdef\n")
+    monkeypatch.setattr(software, "MACHINE_ID", here)
+    assert kept_by(None, file).unconfirmed
+    assert not kept_by(None, None).unconfirmed  # of the data sheet
+    seal_again(file, MACHINE, "copied from the laptop")
+    assert read_identified(file, MACHINE).identified
+    assert not kept_by(None, file).unconfirmed
+    here.unlink()
+    assert kept_by(None, file).unconfirmed
+    assert here.name not in file.read_text()
+
+
+def test_a_seal_from_before_controllers_is_whole():
+    content = {"a": 1.5}
+    made = sealed(content, None, "2026-01-01", "why", "who")
+    older = {key: value for key, value in made.model_dump().items() if key != "controller"}
+    assert broken(content, Seal.model_validate(older)) == ()
+    assert older["sha256"] == "78f1722241612a1ea6c95cd3f34ab80f9a5d7fcf146d9078cec68094ca254720"  # as it was made then

@@ -25,6 +25,9 @@ SAME = 1.3**2 - 1.0
 USUALLY = 0.2  # convention: learnt ones trade weak effects for false alarms (measured, see the chapter)
 AT_CREEP = 1.0  # of friction that shows at creep: learnt alike on two generators (`tools/accuracy decisions --learn`)
 RUN_TO_RUN = ("coulomb_friction", "friction_level_change", "pressure_offset")  # learnt from a machine's own references
+# Of a sampling period: how far pressures and angles of different nodes are apart, each anything up to a period old when
+# it is taken (physics: standard deviation of the difference of two uniform numbers). From start to start it is another.
+AGES = 6.0**-0.5
 EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 
 # Of those, how large one machine's are: as stated, a half, a quarter; each as probable. Convention: steps of a factor

@@ -37,6 +37,7 @@ REASONS = {
     Reason.NOT_OPERATIONAL: "a sensor has restarted",
     Reason.NOT_IDENTIFIED: "not commissioned",
     Reason.NOT_THIS_MACHINE: "parameters of another machine, or a sensor has changed",
+    Reason.NOT_CONFIRMED: "parameters from another controller: seal them on this one",
     Reason.NO_CONTACT: "nothing touches the tool",
     Reason.NOT_CURLED: "bucket not curled: nothing is booked",
     Reason.TWO_PRODUCERS: "two nodes send a sensor's message",

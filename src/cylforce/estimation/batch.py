@@ -9,7 +9,7 @@ in the scores (corrected score, Nakamura 1990, doi:10.1093/biomet/77.1.127)."""
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg
+from numpy import linalg
 
 from cylforce.estimation.blocks import Factors, of_noise, of_others, residual_squares, scores, stacked_triangle
 from cylforce.estimation.priors.prior import Prior

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgeqrf
 
 from cylforce.signals.estimate import Array
 
@@ -103,6 +102,8 @@ def _triangles(rows: tuple[Array, ...], good: NDArray[np.bool_], block: int, siz
 def _decompose(columns: Array, into: Array) -> None:
     """The triangle (K, K) of columns (K, T), which are overwritten, as LAPACK wants it: NumPy's `qr` copies them twice
     more."""
+    from scipy.linalg.lapack import dgeqrf  # not needed by who reads results of recordings
+
     size = len(columns)
     np.multiply(dgeqrf(columns.T, overwrite_a=True)[0][:size], _above(size), out=into)
 

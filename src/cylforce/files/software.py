@@ -1,10 +1,12 @@
-"""Which software runs: one hash over all its files."""
+"""Which software runs: one hash over all its files; and on which controller."""
 
 import hashlib
 from functools import cache
 from pathlib import Path
 
 import cylforce
+
+MACHINE_ID = Path("/etc/machine-id")
 
 
 @cache
@@ -17,6 +19,16 @@ def software_sha256() -> str:
         whole.update(f"{path.relative_to(root).as_posix()}\0{path.stat().st_size}\0".encode())
         whole.update(path.read_bytes())
     return whole.hexdigest()
+
+
+def controller_id() -> str:
+    """What tells this controller from others: a hash of systemd's machine id, which itself is not to be passed on
+    (machine-id(5)). Empty where there is none."""
+    try:
+        said = MACHINE_ID.read_text().strip()
+    except (OSError, ValueError):
+        return ""
+    return hashlib.sha256(f"cylforce\0{said}".encode()).hexdigest()[:16] if said else ""
 
 
 def short(sha256: str) -> int:

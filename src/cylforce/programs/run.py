@@ -23,7 +23,7 @@ from cylforce.files.rotation import Rotation
 from cylforce.mechanics.installation import Service
 from cylforce.programs.common.addresses import read_code
 from cylforce.programs.common.readings import continued, header_of, make_core
-from cylforce.programs.live.books import Ledger, open_recorder, show_identity
+from cylforce.programs.live.books import Ledger, kept_by, open_recorder, sealed_as, show_identity
 from cylforce.programs.live.doubts import Doubts
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.notify import Manager
@@ -32,7 +32,7 @@ from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
 from cylforce.service.booking import Missed
 from cylforce.service.publication import frames
-from cylforce.service.state import NOTHING_KEPT, Memory, State
+from cylforce.service.state import Memory, State
 from cylforce.service.step import Core, step
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status, no_estimate
@@ -79,10 +79,9 @@ class Daemon(Station[State]):
         self._books = Ledger(self.node, recorder, kept, core.service.tools)
         self._show_identity = partial(show_identity, self.node, loaded, identified)
         self._show_identity()
-        self.reloading = Reloading(loaded, identified, self._take)
+        self.reloading, self._sealed = Reloading(loaded, identified, self._take), sealed_as(identified)
         self._doubts = Doubts(core.service.machine, self.node.emergencies, self._tell)
-        booked = kept.booking.number if kept.booking else 0
-        self._logged = LastLogged(Reason.STARTING, Status.INVALID, booked)
+        self._logged = LastLogged(Reason.STARTING, Status.INVALID, kept.booking.number if kept.booking else 0)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Join the bus. SIGHUP reads the identified file anew, except at a terminal: there it ends the service."""
@@ -95,7 +94,8 @@ class Daemon(Station[State]):
     def _take(self, new: Parameters) -> None:
         """From the next event on with other parameters; the log goes on in a new file, which begins with them."""
         self.core, self._step = new.core, partial(step, new.core)
-        self.state = new.core.continued(self.state)
+        self.state = new.core.continued(self.state, None if new.seal == self._sealed else new.elsewhere)
+        self._sealed = new.seal
         self._show_identity()
         if self.log is not None:
             self.log.header = self.log.header.model_copy(update={"identified_sha256": new.sha256})
@@ -103,7 +103,7 @@ class Daemon(Station[State]):
         for sentence in new.warnings:
             self._tell.warning("parameters", why=sentence)
         self._tell.info("reloaded", parameters=new.seal)
-        self._books.audit(now_us(), "reload", f"parameters: {new.seal}")
+        self._books.reloaded(now_us(), new.seal)
 
     def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
         """The step failed: the last that is on the bus are values that are none, and an emergency."""
@@ -283,7 +283,7 @@ def run_daemon(
     for sentence in warnings:
         warn(sentence)
     recorder = open_recorder(records, loaded, identified)
-    kept = recorder.kept if recorder else NOTHING_KEPT
+    kept = kept_by(recorder, identified)
     writer = _writer(header_of(loaded, identified, bus_name, kept), log, rotation) if log else None
 
     async def main() -> Counts:

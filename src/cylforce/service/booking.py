@@ -81,7 +81,8 @@ class Books(NamedTuple):
     the `remainder` in an empty one, when the lift has gone on for a while; the loaded weight that was booked last,
     while the bucket returns (`dumped`); the last booking; the last load that is not booked; whether the candidate is
     `remembered` from before an interruption: no load has hung since, so that it may be gone; whether bookings are
-    `withheld`, because it is not sure that the sensors agree; `probable` errors of the signals, None: not known."""
+    `withheld`, because it is not sure that the sensors agree; `probable` errors of the signals, None: not known;
+    whether the parameters are `unconfirmed`: they may be another machine's."""
 
     newest: Weighed | None = None
     candidate: Weighed | None = None
@@ -91,6 +92,7 @@ class Books(NamedTuple):
     remembered: bool = False
     withheld: bool = False
     probable: Probable | None = None
+    unconfirmed: bool = False
 
 
 def corrected(weight: Weighed, drift: Drift) -> float:
@@ -186,7 +188,8 @@ def unseen(books: Books) -> Books:
     """The state after a time in which the bucket may have been emptied and filled again: it is not known when, and
     whether, the load that hung left it."""
     missed = books.missed if books.candidate is None else _missed(books, books.candidate.mass, interrupted=True)
-    return Books(booking=books.booking, missed=missed, withheld=books.withheld, probable=books.probable)
+    begun = Books(booking=books.booking, missed=missed, withheld=books.withheld, probable=books.probable)
+    return begun._replace(unconfirmed=books.unconfirmed)
 
 
 def _missed(books: Books, mass: float, *, interrupted: bool) -> Missed:

@@ -12,7 +12,7 @@ from cylforce.service.contact.interaction import Interactor
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.plausibility.monitor import Monitor
-from cylforce.service.publication import MAGNITUDE, Encoder, encoders
+from cylforce.service.publication import MAGNITUDE, Encoders
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.weighing import Weigher
@@ -77,9 +77,9 @@ class Core:
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
 
     @once
-    def encoders(self) -> dict[int, Encoder]:
-        """What encodes our TPDOs, by their numbers."""
-        return {each.number: each for each in encoders(self.service.publication)}
+    def encoders(self) -> Encoders:
+        """What encodes our TPDOs."""
+        return Encoders(self.service.publication)
 
     @once
     def adapts(self) -> bool:
@@ -115,18 +115,22 @@ class Core:
             hanging, kept = None, kept.emptied()  # it was weighed with other tares
         missed = Missed(1, kept.lost, interrupted=True) if kept.lost else NONE_MISSED
         remembered = hanging is not None
-        weighing = weighing._replace(books=Books(None, hanging, None, kept.booking, missed, remembered))
+        books = Books(None, hanging, None, kept.booking, missed, remembered, unconfirmed=kept.unconfirmed)
+        weighing = weighing._replace(books=books)
         watch = self.monitor.begin()
         still = self.assembler.still
         state = State(inputs, None, weighing, drift, kept.scale, 0, nothing, still, known, contact, watch, kept.truck)
         return state._replace(tool=kept.tool)
 
-    def continued(self, state: State) -> State:
-        """The state of a service with other tares, with these from now on: estimators start anew, as after a restart. A
+    def continued(self, state: State, unconfirmed: bool | None = None) -> State:
+        """The state of a service with other tares, with these from now on (`unconfirmed` or not; None: as before):
+        estimators start anew, as after a restart. A
         load that hangs was weighed with the others and is not booked. Sensors, the operator's settings, NMT's order and
         a signal that was rejected stay."""
         begun = self.begin(state.memory._replace(hanging=None))
         books = unseen(state.weighing.books)._replace(probable=None)
+        if unconfirmed is not None:
+            books = books._replace(unconfirmed=unconfirmed)
         nothing = no_estimate(state.estimate.t_us, Reason.STARTING, books.booking, state.estimate.events)
         suspicion = state.watch.suspicion if state.watch.suspicion.latched else begun.watch.suspicion
         return begun._replace(

@@ -12,6 +12,7 @@ import tomlkit
 import cylforce
 from cylforce.estimation.model import FRICTION, BetweenStrokes, Model, Tares
 from cylforce.files.atomic import replacing
+from cylforce.files.software import controller_id
 from cylforce.settings.identified_file import IdentifiedAttachment, IdentifiedFile, IdentifiedParameter, Provenance
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.settings.seal import Seal, broken, sealed
@@ -88,7 +89,7 @@ def seal_again(path: Path, loaded: Loaded, reason: str) -> tuple[tuple[str, ...]
 
 
 def _write(path: Path, table: IdentifiedFile, reason: str) -> Seal:
-    made = sealed(table.content, table.seal, _now(), reason)
+    made = sealed(table.content, table.seal, _now(), reason, controller=controller_id())
     table = table.model_copy(update={"seal": made})
     with replacing(path) as temporary:
         temporary.write_text(_COMMENT + tomlkit.dumps(table.model_dump(mode="json")), encoding="utf-8")

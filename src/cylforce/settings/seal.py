@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, JsonValue
 
 class Seal(BaseModel):
     """`keys`: SHA-256 of each key of the file; `counter` grows with every seal; when, by whom and why; `before`: the
-    seal's own hash that was in the file before (empty: none); `sha256`: of all these."""
+    seal's own hash that was in the file before (empty: none); on which `controller` (`files.software`; empty: not
+    known); `sha256`: of all these."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -23,31 +24,37 @@ class Seal(BaseModel):
     reason: str
     before: str
     keys: dict[str, str]
+    controller: str = ""
     sha256: str
 
 
 def sealed(
-    content: Mapping[str, JsonValue], before: Seal | None, date: str, reason: str, who: str | None = None
+    content: Mapping[str, JsonValue],
+    before: Seal | None,
+    date: str,
+    reason: str,
+    who: str | None = None,
+    controller: str = "",
 ) -> Seal:
     """The seal of a file's content, which replaces the one `before`."""
-    said = {
-        "counter": 1 if before is None else before.counter + 1,
-        "date": date,
-        "who": user() if who is None else who,
-        "reason": reason,
-        "before": "" if before is None else before.sha256,
-        "keys": {key: _hash(value) for key, value in content.items()},
-    }
-    return Seal.model_validate({**said, "sha256": _hash(said)})
+    keys = {key: _hash(value) for key, value in content.items()}
+    number, earlier = (1, "") if before is None else (before.counter + 1, before.sha256)
+    said = {"counter": number, "date": date, "who": user() if who is None else who, "reason": reason}
+    made = Seal.model_validate({**said, "before": earlier, "keys": keys, "controller": controller, "sha256": ""})
+    return made.model_copy(update={"sha256": _own(made)})
 
 
 def broken(content: Mapping[str, JsonValue], seal: Seal) -> tuple[str, ...]:
     """The keys that are not as they were sealed; "seal" when the seal itself was changed."""
-    said = seal.model_dump(mode="json", exclude={"sha256"})
-    if _hash(said) != seal.sha256:
+    if _own(seal) != seal.sha256:
         return ("seal",)
     names = sorted(content.keys() | seal.keys.keys())
     return tuple(key for key in names if key not in content or _hash(content[key]) != seal.keys.get(key))
+
+
+def _own(seal: Seal) -> str:
+    """The hash of everything in it. Seals were made without a controller before."""
+    return _hash(seal.model_dump(mode="json", exclude={"sha256"} if seal.controller else {"sha256", "controller"}))
 
 
 def user() -> str:

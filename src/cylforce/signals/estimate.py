@@ -60,6 +60,7 @@ class Reason(IntEnum):
     SENSORS_DISAGREE = 28
     TWO_PRODUCERS = 30
     OWN_IDENTIFIER = 31
+    NOT_CONFIRMED = 32
 
 
 class Sample(NamedTuple):

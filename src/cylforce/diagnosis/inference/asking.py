@@ -18,7 +18,7 @@ from cylforce.diagnosis.columns.whitening import Floor
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.sizes import Column, Terms
-from cylforce.diagnosis.numbers import EXPECTED, GAP
+from cylforce.diagnosis.numbers import AGES, EXPECTED, GAP, USUALLY
 from cylforce.diagnosis.recordings.shaking import white_noise
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
@@ -160,7 +160,14 @@ class Asking:
     def machine(self, everyday: dict[str, float]) -> InOrder:
         """The machine as its references show it; a step is the field's alone."""
         plain = replace(self, step=None) if self.step else self
-        return InOrder(plain.scene, plain.references, everyday, len(self.floor.rms))
+        return InOrder(plain.scene, plain.references, self._ages | everyday, len(self.floor.rms))
+
+    @cached_property
+    def _ages(self) -> dict[str, float]:
+        """How far clocks are apart from one recording to another, of the least plausible lag."""
+        ages = AGES / self.viewer.model.filters.rate_hz
+        clocks = [p.about for p in self.problem.proposals if p.course is TimeCourse.CLOCK]
+        return {about.name: max(USUALLY, ages / about.low) for about in clocks}
 
     def noise_without(self, applied: Sequence[Applied]) -> Array:
         """Energy of the sensors' noise in what is left (R, 1+SMOOTH), per row and per block along each polynomial, in

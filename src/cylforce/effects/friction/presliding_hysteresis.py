@@ -1,12 +1,12 @@
 """Friction that builds up over a short distance after each reversal (Dahl, 1968)."""
 
 from dataclasses import dataclass
-from math import copysign, exp
 
 import numpy as np
 
 from cylforce.effects.fault import About, Place
 from cylforce.signals.estimate import Array
+from cylforce.signals.recurrence import clipped, followed
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +36,7 @@ class PreslidingHysteresis:
     def force(self, speed: Array, force: Array, t: Array) -> Array:
         """Force per newton of f: z - sgn(v) (T,); z is integrated exactly over the movement beyond the `slack`, from
         z = 0 at the first sample."""
-        bent, z, lag = np.empty_like(speed), 0.0, 0.0
-        for k, step in enumerate((speed * np.gradient(t)).tolist()):
-            lag += step
-            moved = copysign(max(abs(lag) - self.slack, 0.0), lag)
-            lag -= moved
-            sign = copysign(1.0, moved)
-            bent[k] = z = sign + (z - sign) * exp(-abs(moved) / self.way)
+        steps = speed * np.gradient(t)
+        moved = steps - np.diff(clipped(steps, self.slack), prepend=0.0)
+        bent = followed(np.copysign(1.0, moved), np.exp(-np.abs(moved) / self.way))
         return np.asarray(bent - np.tanh(speed / self.rounding))

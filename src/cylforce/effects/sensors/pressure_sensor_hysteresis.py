@@ -1,13 +1,13 @@
 """A pressure sensor that reads less while the pressure rises than while it falls."""
 
 from dataclasses import dataclass
-from math import copysign, exp
 
 import numpy as np
 
 from cylforce.effects.fault import About, Place
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
+from cylforce.signals.recurrence import clipped, followed
 
 STILL = 0.1  # share of the play by which a reading moves at least, and not by noise alone; chosen
 
@@ -58,12 +58,7 @@ class PressureSensorHysteresis:
     def _branch(self, pressure: Array, width: float) -> Array:
         """Where between both branches (-1 falling .. 1 rising) the reading of the pressures (T,) [Pa] is; in the middle
         at the first sample."""
-        found, z = np.zeros_like(pressure), 0.0
-        for k, step in enumerate(np.diff(pressure).tolist(), 1):
-            if self.opening:
-                side = copysign(1.0, step)
-                z = side + (z - side) * exp(-abs(step) / self.opening)
-            elif width:
-                z = min(max(z + 2.0 * step / width, -1.0), 1.0)
-            found[k] = z
-        return found
+        steps = np.diff(pressure, prepend=pressure[:1])
+        if self.opening:
+            return followed(np.copysign(1.0, steps), np.exp(-np.abs(steps) / self.opening))
+        return clipped(2.0 * steps / width, 1.0) if width else np.zeros_like(steps)

@@ -26,8 +26,8 @@ from cylforce.canopen.dictionary.object_dictionary import (
     TRUCK,
 )
 from cylforce.canopen.node import Node
-from cylforce.files.atomic import check_ordinary
-from cylforce.files.software import short, software_sha256
+from cylforce.files.atomic import check_ordinary, warn
+from cylforce.files.software import controller_id, short, software_sha256
 from cylforce.mechanics.installation import STANDARD
 from cylforce.records.audit import Audit
 from cylforce.records.recorder import Recorder
@@ -36,7 +36,7 @@ from cylforce.service.booking import Weighed
 from cylforce.service.commands import KG, PRODUCT, TARGET, TRAILER
 from cylforce.service.loading.cycle import LastBucket, ended
 from cylforce.service.loading.truck import Truck
-from cylforce.service.state import Memory, State
+from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.settings.identified import identified_seal
 from cylforce.settings.machine_file import Loaded
 from cylforce.settings.seal import user
@@ -78,6 +78,10 @@ class Ledger:
         more = f" (before it {self._withheld} entries were withheld: too many)" if self._withheld else ""
         self._withheld = 0
         self._recorder.put(Audit(t_us, who, f"{what}{more}"))
+
+    def reloaded(self, t_us: int, seal: str) -> None:
+        """The parameters were read anew."""
+        self.audit(t_us, "reload", f"parameters: {seal}")
 
     def look(self, state: State) -> None:
         """Hand over what changed; show it."""
@@ -193,6 +197,20 @@ def open_recorder(path: Path | None, loaded: Loaded, identified: Path | None = N
         ("parameters", sealed_as(identified)),
     )
     return Recorder(path, Start(now_us(), cylforce.__version__, loaded.service.machine.name, user(), now))
+
+
+def kept_by(recorder: Recorder | None, identified: Path | None) -> Memory:
+    """What was kept from before this start, and whether the identified parameters are yet to be confirmed."""
+    kept, elsewhere = recorder.kept if recorder else NOTHING_KEPT, from_elsewhere(identified)
+    if elsewhere:
+        warn(f"{identified}: is of another controller: nothing is OK until `cylforce seal` confirms it here")
+    return kept._replace(unconfirmed=elsewhere)
+
+
+def from_elsewhere(identified: Path | None) -> bool:
+    """Whether the parameters were sealed on another controller, so that they may be another machine's."""
+    seal = None if identified is None else identified_seal(identified)
+    return identified is not None and (seal.controller if seal else "") != controller_id()
 
 
 def sealed_as(identified: Path | None) -> str:

@@ -11,7 +11,7 @@ import structlog
 from cylforce.files.atomic import RecordingError, check_ordinary
 from cylforce.files.logfile import file_sha256
 from cylforce.programs.common.readings import make_core
-from cylforce.programs.live.books import sealed_as
+from cylforce.programs.live.books import from_elsewhere, sealed_as
 from cylforce.programs.live.notify import Manager
 from cylforce.service.core import Core
 from cylforce.settings.machine_file import Loaded
@@ -20,12 +20,14 @@ NO_FILE = "the service runs without an identified file: start it again with --id
 
 
 class Parameters(NamedTuple):
-    """What was read of an identified file: the core with its tares, the file's hash, its seal in words, warnings."""
+    """What was read of an identified file: the core with its tares, the file's hash, its seal in words, warnings;
+    whether it is from elsewhere."""
 
     core: Core
     sha256: str
     seal: str
     warnings: tuple[str, ...]
+    elsewhere: bool = False
 
 
 def read_anew(loaded: Loaded, identified: Path) -> Parameters:
@@ -36,7 +38,9 @@ def read_anew(loaded: Loaded, identified: Path) -> Parameters:
     begun = file_sha256(identified)
     core = make_core(loaded, identified, warnings.append)
     core.begin()  # what is computed once is computed here, beside the loop
-    found = Parameters(core, file_sha256(identified), sealed_as(identified), tuple(warnings))
+    found = Parameters(
+        core, file_sha256(identified), sealed_as(identified), tuple(warnings), from_elsewhere(identified)
+    )
     if not begun == found.sha256 == file_sha256(identified):
         raise RecordingError(f"{identified}: was replaced while it was read: reload again")
     return found

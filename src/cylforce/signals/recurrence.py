@@ -1,0 +1,61 @@
+"""Recurrences along samples, in which each value follows from the one before. Blocks of samples are followed beside one
+another: first what a whole block does to the value before it, then the values between."""
+
+from math import isqrt
+
+import numpy as np
+
+from cylforce.signals.estimate import Array
+
+
+def clipped(steps: Array, most: float) -> Array:
+    """z (T,) with z_k = z_(k-1) + steps_k, but within -most..most; from 0 on: the play operator. Steps after each other
+    are again a step between limits."""
+    rows, last = _blocks(steps, 0.0), len(steps)
+    step, low, high = np.zeros(rows.shape[1]), np.full(rows.shape[1], -np.inf), np.full(rows.shape[1], np.inf)
+    for row in rows:
+        step += row
+        for limit in (low, high):
+            _within(limit, row, most)
+    z, value = np.empty_like(step), 0.0
+    for block, parts in enumerate(zip(step.tolist(), low.tolist(), high.tolist(), strict=True)):
+        z[block], value = value, min(max(value + parts[0], parts[1]), parts[2])
+    found = np.empty_like(rows)
+    for row, into in zip(rows, found, strict=True):
+        into[:] = _within(z, row, most)
+    return found.T.ravel()[:last]
+
+
+def _within(value: Array, step: Array, most: float) -> Array:
+    """One step of it, in place."""
+    value += step
+    np.maximum(value, -most, out=value)
+    return np.minimum(value, most, out=value)
+
+
+def followed(aims: Array, kept: Array) -> Array:
+    """z (T,) with z_k = aim_k + (z_(k-1) - aim_k) kept_k; from 0 on."""
+    keep, add, last = _blocks(kept, 1.0), _blocks(aims * (1.0 - kept), 0.0), len(aims)
+    factor, offset = np.ones(keep.shape[1]), np.zeros(keep.shape[1])
+    for row, more in zip(keep, add, strict=True):
+        factor *= row
+        offset *= row
+        offset += more
+    z, value = np.empty_like(factor), 0.0
+    for block, (times, plus) in enumerate(zip(factor.tolist(), offset.tolist(), strict=True)):
+        z[block], value = value, value * times + plus
+    found = np.empty_like(keep)
+    for row, more, into in zip(keep, add, found, strict=True):
+        z *= row
+        z += more
+        into[:] = z
+    return found.T.ravel()[:last]
+
+
+def _blocks(values: Array, rest: float) -> Array:
+    """(L, B): B blocks of L samples one after the other, as columns; the last one filled up with `rest`."""
+    length = isqrt(len(values)) + 1
+    count = -(-len(values) // length)
+    whole = np.full(length * count, rest)
+    whole[: len(values)] = values
+    return np.ascontiguousarray(whole.reshape(count, length).T)
