@@ -1,7 +1,7 @@
 """Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
 a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
 those of this motion: they are exchanged, or dead. A machine that does not slew drives into the heap, which then pushes
-its tool: there only the vertical part counts."""
+its tool: there only the vertical part counts, for what hangs, too."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
@@ -63,7 +63,7 @@ class Driving:
             return state
         (xx, xz, zz), along = resultant.covariance, velocity / speed
         x, z = resultant.x.value, resultant.z.value
-        z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
+        z += hanging_weight(x, z, xx, xz, self.machine.rated_payload) if self._stands else max(-z, 0.0)
         push = x * along.real * self._stands + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
         way = speed * self.seconds
