@@ -5,12 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cylforce.commissioning.identification import identify
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
+from cylforce.programs.common.readings import model_of, recorded_segments
+from cylforce.programs.sim import run_sim
 from cylforce.service.adaptation import FRICTION_RANGE, Adapter
 from cylforce.settings.machine_file import load
 from instants import ALL, NONE, unexplained_of
 from scenarios import EXCAVATOR, moved
+from studies.parked import rows_of
 
 SURE = np.full(3, 100.0**2)
 
@@ -130,3 +134,17 @@ def test_what_no_motion_shows_is_not_known_better_for_being_waited_for(bench):
     for columns in np.tile(blind, (4, 1, 1)):
         drift = bench.adapter.step(drift, unexplained_of(columns, np.zeros(3), SURE), ALL)
     assert 0.333 < drift.covariance[-1, -1] / begun.covariance[-1, -1] <= 1.0
+
+
+def test_the_study_of_standing_still_takes_drifts_in_units_of_their_prior(tmp_path):
+    """A column of the study is the torque by one prior standard error, over the row's error."""
+    loaded, log = load(EXCAVATOR), tmp_path / "moves.log"
+    run_sim(EXCAVATOR, scenario="moves", seed=1, duration=60.0, log=log)
+    found = identify(model_of(loaded), recorded_segments(loaded, log), refuse=False)
+    adapter = Adapter(found.model, found.tares)
+    data, begun = rows_of(loaded, adapter, found.tares, log), adapter.begin()
+    assert data.columns.shape[1:] == (3, begun.values.size)
+    zero = found.model.changing.tolist().index(found.model.zero.start)
+    lever = np.abs(data.columns[:, 0, zero]) * found.tares.row_error[0] / np.sqrt(begun.covariance[zero, zero])
+    boom = loaded.service.machine.cylinders[0]
+    assert 0.2 < lever.min() < lever.max() < boom.length_high

@@ -32,7 +32,7 @@ STEPS = 60
 DT = 0.01
 
 
-@pytest.fixture(params=["interpreted", "compiled"])
+@pytest.fixture(params=["interpreted", pytest.param("compiled", marks=pytest.mark.compiled)])
 def kernel(request, monkeypatch):
     """Each form of the kernel; the tests need both."""
     found = choice.INTERPRETED if request.param == "interpreted" else choice.choice().kernel
@@ -306,6 +306,7 @@ def test_what_a_slipped_angle_adds_is_that_of_gravity_and_levers(kernel, name):
     np.testing.assert_allclose(np.reshape(found, (len(rows), -1)), wanted[:, rows].T, rtol=1e-9, atol=1e-3)
 
 
+@pytest.mark.compiled
 def test_both_forms_give_the_same_bits(monkeypatch):
     """A digging cycle: every number of the state, and the bytes of every PDO."""
     loaded = load(CONFIG / "excavator_20t.toml")
@@ -335,6 +336,7 @@ def test_a_kernel_of_another_source_is_refused_with_a_sentence():
     )
 
 
+@pytest.mark.compiled
 def test_a_kernel_for_another_processor_is_refused_with_a_sentence(monkeypatch):
     def foreign(name):
         raise ImportError("wrong ELF class")

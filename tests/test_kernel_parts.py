@@ -22,7 +22,7 @@ from scenarios import CONFIG, EXCAVATOR
 SEED = 83
 
 
-@pytest.fixture(params=["interpreted", "compiled"])
+@pytest.fixture(params=["interpreted", pytest.param("compiled", marks=pytest.mark.compiled)])
 def kernel(request, monkeypatch):
     """Each form of the kernel."""
     found = choice.INTERPRETED if request.param == "interpreted" else choice.choice().kernel

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import numbers
 from cylforce.service.plausibility.changing import GROUP
-from cylforce.service.plausibility.leaping import AFTER, BEFORE, LONGEST, Leaping
+from cylforce.service.plausibility.leaping import AFTER, BEFORE, DEGREE, FREE, KNOWN, LONGEST, Leaping
 from cylforce.service.plausibility.quiet import CODES, QUIET, TENTH, begun, listened, taken_back
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.step import Core
@@ -121,6 +121,48 @@ def test_only_what_changes_by_more_than_what_is_around_it_is_looked_at(form):
     assert not suspicious(100.0, 100.0, 100.0)
     assert not suspicious(4.8, 5.7, 4.8)  # 1.5 x 5.7 - 0.5 x 15.3 = 0.9
     assert suspicious(4.8, 5.9, 4.8)  # 1.1
+
+
+def misfit(readings, noise, step=False):
+    """Minus the log likelihood of what the best curve leaves, by least squares, without and with the noise before."""
+    curves = np.stack([*(T**k for k in range(DEGREE + 1)), *([T[BEFORE - 1] < T] if step else [])], axis=1)
+    left = np.sum((readings - curves @ np.linalg.lstsq(curves, readings, rcond=None)[0]) ** 2) / noise**2
+    share = (KNOWN + left) / (KNOWN + FREE)
+    return 0.5 * FREE * np.log(max(left / FREE, 1.0)), 0.5 * (FREE + KNOWN) * np.log(max(share, 1.0))
+
+
+def ratios(window, noise, exchanges):
+    """Log likelihood ratios of a step of each pressure, of each exchange; the misfits without and with a step."""
+    plain, stepped = ([misfit(x, noise, step) for x in window.T] for step in (False, True))
+    steps = [max(a - b for a, b in zip(*both, strict=True)) for both in zip(plain, stepped, strict=True)]
+
+    def better(a, b):
+        return plain[a][0] - misfit(np.concatenate([window[:BEFORE, a], window[BEFORE:, b]]), noise)[0]
+
+    swaps = [sum(2.0 * min(better(a, b), better(b, a)) for a, b in pairs) for pairs in exchanges]
+    return steps, swaps, [x[0] for x in plain + stepped]
+
+
+@pytest.mark.parametrize("form", [choice.INTERPRETED, choice.chosen()], ids=["interpreted", "chosen"])
+def test_arrays_are_asked_only_of_what_can_be_sure(leaping, form):
+    """Six pressures, one with a step of up to 60 times the sensor's noise, two exchanged that are as far apart: what
+    the kernel says at the first look, and what least squares say, with and without step or exchange."""
+    rng, noise = np.random.default_rng(16), leaping.machine.signals[leaping.signals[0]].standard_error
+    pairs, most = leaping._pairs
+    told = (leaping._curves, DEGREE + 1, np.full(6, noise**2), float(FREE), float(KNOWN), leaping.least, pairs)
+    seen = set()
+    for k in range(300):
+        window = smooth(rng)
+        window[:, 1] = window[:, 0] + rng.uniform(0.0, 60.0) * noise + rng.normal(0.0, NOISE, SIZE)
+        window[BEFORE:, 2] += rng.uniform(0.0, 60.0) * noise * (k % 3 == 0)
+        window = exchanged(window, (0, 1)) if k % 2 == 0 else window
+        room, found = numbers(np.zeros(12 * (DEGREE + 3))), numbers(np.zeros(12))
+        sure = form.sure_leaps(6, window, SIZE, BEFORE, *told, len(leaping.exchanges), most, room, found)
+        steps, swaps, misfits = ratios(window, noise, leaping.exchanges)
+        assert sure == (max(steps) > leaping.least) + 2 * (max(swaps) > leaping.least)
+        np.testing.assert_allclose(found, misfits, atol=1e-5)
+        seen.add(sure)
+    assert seen == {0, 1, 2, 3}
 
 
 def test_when_all_of_them_are_hit_none_stepped(leaping):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import cylforce
 from cylforce.can.opening import open_bus
 from cylforce.programs.run import Daemon
 from cylforce.service.state import NOTHING_KEPT
@@ -18,7 +19,7 @@ from cylforce.signals.events import Frame
 from scenarios import EXCAVATOR, identified
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = ROOT / "src" / "cylforce"
+SOURCE = Path(cylforce.__file__).parent
 MOST = 16  # hops that a reader keeps in mind
 
 

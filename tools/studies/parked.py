@@ -58,7 +58,7 @@ def recorded(seed: int, friction: str, minutes: float) -> Data:
 def rows_of(loaded: Loaded, adapter: Adapter, tares: Tares, path: Path) -> Data:
     """What adaptation would be shown, every EVERY-th step."""
     model, parts = adapter.model, []
-    spread = 1.0 / np.diag(adapter.begin().root.factor)
+    spread = np.sqrt(np.diag(adapter.begin().covariance))
     for piece in chunks(model, recorded_segments(loaded, path)):
         rows = model.filtered.run(model.channels.run(piece).motion)
         for k in range(model.settle_steps, len(rows.torque), EVERY):

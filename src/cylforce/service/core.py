@@ -12,7 +12,7 @@ from cylforce.service.contact.interaction import Interactor
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.plausibility.monitor import Monitor
-from cylforce.service.publication import MAGNITUDE, Encoder, encoders
+from cylforce.service.publication import MAGNITUDE, Encoders
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.weighing import Weigher
@@ -77,9 +77,9 @@ class Core:
         return {str(f.signal): (f.low, f.high) for p in self.service.publication for f in p.fields}
 
     @once
-    def encoders(self) -> dict[int, Encoder]:
-        """What encodes our TPDOs, by their numbers."""
-        return {each.number: each for each in encoders(self.service.publication)}
+    def encoders(self) -> Encoders:
+        """What encodes our TPDOs."""
+        return Encoders(self.service.publication)
 
     @once
     def adapts(self) -> bool:

@@ -2,10 +2,12 @@
 
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import accumulate, pairwise
 from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
+from struct import Struct
 from typing import Any, NamedTuple
 
 from cylforce.estimation.kernel import choice
@@ -16,6 +18,7 @@ from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Estimate, Quantity
 from cylforce.signals.layout import Field, Pdo
+from cylforce.signals.quick import once
 from cylforce.signals.units import DEGREE
 
 GROSS, NET = "payload_gross", "payload_net"
@@ -39,6 +42,15 @@ BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
 _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers, in SI
 _CM, _MS, _PERCENT = 0.01, 1e-3, 0.01
+# Where quantities stand in an estimate; of which one a standard error is, and its least size: one step of the published
+# integer, so that none is ever sent as zero
+PLACES = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
+PLACES |= {GROSS: "gross", NET: "net"}
+OF_QUALITY = {PAYLOAD_QUALITY: "gross"} | {name: PLACES[of] for of, name in QUALITY.items()}
+ERRORS = {GROSS_ERROR: (GROSS, _KG), DIRECTION_ERROR: (DIRECTION, _DEG), X_ERROR: (FORCE_X, _N)}
+ERRORS |= {Z_ERROR: (FORCE_Z, _N), SOIL_X_ERROR: (SOIL_X, _N), SOIL_Z_ERROR: (SOIL_Z, _N)}
+OF_VALUE = {name: f"{place}.value" for name, place in PLACES.items()}
+OF_ERROR = {name: f"{PLACES[of]}.standard_error" for name, (of, _) in ERRORS.items()}
 _FAR, _OLD = 327.67, 4294967.294  # m and s, the largest that an INTEGER16 and an UNSIGNED32 carry
 FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
 _LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; a weight that uncertain is no weight
@@ -152,31 +164,18 @@ def published(estimate: Estimate) -> dict[str, float]:
 Value = Callable[[Estimate], float]
 
 
-def _force_values(names: tuple[str, ...], errors: tuple[str, ...], force: str) -> dict[str, Value]:
-    """Components of a force, their qualities, and standard errors: at least one step of the published integer, so that
-    none is ever sent as zero."""
-    parts = [_component(f"{force}.{part}") for part in PARTS]
-    found: dict[str, Value] = {}
-    for name, part in zip(names, parts, strict=True):
-        found |= {name: part.value, QUALITY[name]: part.quality}
-    for name, k, least in zip(errors, (0, 1, 3), (_N, _N, _DEG), strict=False):
-        found[name] = partial(parts[k].error, least)
-    return found
+def _value(path: str) -> Value:
+    return attrgetter(path)
 
 
-class _Component(NamedTuple):
-    value: Value
-    quality: Value
-    error: Callable[[float, Estimate], float]
+def _error(path: str, least: float) -> Value:
+    of = _value(path)
+    return lambda estimate: max(of(estimate), least)
 
 
-def _component(path: str) -> _Component:
+def _quality(path: str) -> Value:
     of: Callable[[Estimate], Quantity] = attrgetter(path)
-    return _Component(
-        attrgetter(f"{path}.value"),
-        lambda estimate: float(quality(of(estimate))),
-        lambda least, estimate: max(of(estimate).standard_error, least),
-    )
+    return lambda estimate: float(quality(of(estimate)))
 
 
 def _last_event(e: Estimate) -> ContactEvent:
@@ -186,15 +185,12 @@ def _last_event(e: Estimate) -> ContactEvent:
 
 _NO_EVENT = ContactEvent(0, 0, EventKind.NONE, nan, nan, nan)
 VALUES: dict[str, Value] = {
-    GROSS: lambda e: e.gross.value,
-    NET: lambda e: e.net.value,
-    GROSS_ERROR: lambda e: max(e.gross.standard_error, _KG),
-    **_force_values(FORCES, (X_ERROR, Z_ERROR, DIRECTION_ERROR), "force"),
-    PAYLOAD_QUALITY: lambda e: float(quality(e.gross)),
+    **{name: _value(path) for name, path in OF_VALUE.items()},
+    **{name: _error(path, ERRORS[name][1]) for name, path in OF_ERROR.items()},
+    **{name: _quality(path) for name, path in OF_QUALITY.items()},
     FORCE_QUALITY: lambda e: float(max((quality(q) for q in e.force.quantities[:3]), key=lambda byte: byte & 3)),
     BOOKED_COUNT: lambda e: float(e.booking.number % 65535) if e.booking else 0.0,
     BOOKED: lambda e: e.booking.mass if e.booking else nan,
-    **_force_values(SOIL, (SOIL_X_ERROR, SOIL_Z_ERROR), "soil"),
     EVENT_COUNT: lambda e: float(_last_event(e).number % 65535),
     EVENT_KIND: lambda e: float(_last_event(e).kind),
     EVENT_CONFIDENCE: lambda e: _last_event(e).confidence,
@@ -217,52 +213,88 @@ def timetable(table: tuple[Pdo, ...], rate_hz: float) -> tuple[tuple[int, ...], 
 
 
 class Encoder(NamedTuple):
-    """A TPDO of ours as it is encoded: its number, its layout, what gives the values of its fields, the `kernel`'s
-    limits (`inputs.quantise`) where that knows all fields (else empty), and room for its integers."""
+    """Some TPDOs of ours as they are encoded together: number and place of each in the data, their layouts, what gives
+    the values of all fields; what makes integers of these by their `limits` (the kernel's `quantise`) where that knows
+    all fields (else empty), room for the integers, and what packs them."""
 
-    number: int
-    layout: Layout
+    places: tuple[tuple[int, slice], ...]
+    layouts: tuple[Layout, ...]
     values: Callable[[Estimate], Sequence[float]]
-    kernel: Any
+    quantise: Callable[[int, Numbers, Numbers, Counts], None]
     limits: Numbers
     room: Counts
+    pack: Callable[..., bytes]
 
-    def data(self, estimate: Estimate) -> bytes:
-        """Its bytes for an estimate."""
-        values, found = self.values(estimate), self.room[:]
-        if not self.limits:
-            return packed(self.layout, values)
-        self.kernel.quantise(len(found), self.limits, array("d", values), found)
-        return self.layout.struct.pack(*found)
+    def data(self, estimate: Estimate) -> list[tuple[int, bytes]]:
+        """(Number, bytes) of each for an estimate."""
+        places, layouts, values, quantise, limits, room, pack = self
+        given = values(estimate)
+        if not limits:
+            parts = iter(given)
+            each = [packed(of, [next(parts) for _ in of.fields]) for of in layouts]
+            return [(number, data) for (number, _), data in zip(places, each, strict=True)]
+        found = room[:]
+        quantise(len(found), limits, array("d", given), found)
+        whole = pack(*found)
+        return [(number, whole[place]) for number, place in places]
 
 
-def encoders(table: tuple[Pdo, ...]) -> tuple[Encoder, ...]:
-    """The encoders of all TPDOs of a table."""
-    return tuple(_encoder(pdo) for pdo in table)
+def encoder(table: tuple[Pdo, ...]) -> Encoder:
+    """The encoder of these TPDOs."""
+    layouts = tuple(layout(pdo) for pdo in table)
+    fields = [field for of in layouts for field in of.fields]
+    known = all(field.fits for field in fields)
+    limits = numbers(x for f in fields if known for x in (f.low, f.high, f.scale, f.missing))
+    values = _values([str(f.signal) for pdo in table for f in pdo.fields])
+    ends = [0, *accumulate(of.struct.size for of in layouts)]
+    places = tuple((pdo.number, slice(*cut)) for pdo, cut in zip(table, pairwise(ends), strict=True))
+    whole = Struct("<" + "".join(of.struct.format.removeprefix("<") for of in layouts))
+    return Encoder(places, layouts, values, choice.chosen().quantise, limits, counts([0] * len(fields)), whole.pack)
 
 
-def _encoder(pdo: Pdo) -> Encoder:
-    of = layout(pdo)
-    known = of.fields if all(field.fits for field in of.fields) else ()
-    limits = numbers(x for f in known for x in (f.low, f.high, f.scale, f.missing))
-    values = _values([str(f.signal) for f in pdo.fields])
-    return Encoder(pdo.number, of, values, choice.chosen(), limits, counts([0] * len(of.fields)))
+@dataclass(frozen=True)
+class Encoders:
+    """The encoders of our TPDOs."""
+
+    pdos: tuple[Pdo, ...]
+
+    @once
+    def of(self) -> Callable[[tuple[int, ...]], Encoder]:
+        """Gives that of some of them, by their numbers: those that are sent together."""
+        numbered = {pdo.number: pdo for pdo in self.pdos}
+        return lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
-    """What gives the values of these names: a force's in one look."""
-    paths = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
-    of_quality = {QUALITY[name]: path for name, path in paths.items()}
-    paths |= {GROSS: "gross", NET: "net"}
-    if set(names) <= set(paths):
-        return attrgetter(*(f"{paths[name]}.value" for name in names))
-    if set(names) <= set(of_quality):
-        quantities = attrgetter(*(of_quality[name] for name in names))
-        return lambda estimate: [quality(each) for each in quantities(estimate)]
-    values = [VALUES[name] for name in names]
-    return lambda estimate: [value(estimate) for value in values]
+    """What gives the values of these names: those that are alike in one look."""
+    alike = [[name for name in names if name in of] for of in (OF_VALUE, OF_ERROR, OF_QUALITY)]
+    if len(alike[0]) == len(names):
+        return _look([OF_VALUE[name] for name in names])
+    plain, errors, qualities = (
+        _look([of[name] for name in some]) for some, of in zip(alike, (OF_VALUE, OF_ERROR, OF_QUALITY), strict=True)
+    )
+    order = [name for some in alike for name in some]
+    others = [name for name in names if name not in order]
+    rest, least = [VALUES[name] for name in others], [ERRORS[name][1] for name in alike[1]]
+    places = [(order + others).index(name) for name in names]
+
+    def values(estimate: Estimate) -> list[float]:
+        found: list[float] = [*plain(estimate), *map(max, errors(estimate), least)]
+        found += [q.status | q.reason << 2 for q in qualities(estimate)]
+        found += [value(estimate) for value in rest]
+        return [found[place] for place in places]
+
+    return values
+
+
+def _look(paths: Sequence[str]) -> Callable[[Estimate], Sequence[Any]]:
+    """What gives the attributes of an estimate with these paths."""
+    if len(paths) > 1:
+        return attrgetter(*paths)
+    each = [attrgetter(path) for path in paths]
+    return lambda estimate: [get(estimate) for get in each]
 
 
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
     """(TPDO number, data) of all TPDOs in `table` for an estimate."""
-    return tuple((each.number, each.data(estimate)) for each in encoders(table))
+    return tuple(encoder(table).data(estimate))

@@ -1,7 +1,5 @@
 """What the service remembers from event to event, and what an event brings."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from cylforce.estimation.kernel.restricted import Numbers
@@ -14,7 +12,7 @@ from cylforce.service.loading.cycle import NO_CYCLE, Cycle
 from cylforce.service.loading.truck import NO_TRUCK, Truck
 from cylforce.service.pipeline import Pipe
 from cylforce.service.plausibility.monitor import Watch
-from cylforce.service.publication import Encoder
+from cylforce.service.publication import Encoders
 from cylforce.service.recognition import Recognition
 from cylforce.service.senders.inputs import Inputs
 from cylforce.service.weighing import Weighing
@@ -91,30 +89,31 @@ class State(NamedTuple):
         return known._replace(unconfirmed=books.unconfirmed)
 
 
+NO_ENCODERS = Encoders(())
+
+
 class Output(NamedTuple):
     """What an event brought: `verdict` on a command (None: no command; 0: done; else an SDO abort code),
-    its `words`, what was decided and why; `estimate` and the `table` of the PDOs that carry it, by their numbers, which
-    encodes them."""
+    its `words`, what was decided and why; `estimate` and the `table` of the PDOs that carry it, which encodes them."""
 
     verdict: int | None = None
     estimate: Estimate | None = None
-    table: Mapping[int, Encoder] = MappingProxyType({})
+    table: Encoders = NO_ENCODERS
     words: str = ""
 
     @property
     def frames(self) -> tuple[tuple[int, bytes], ...]:
         """(Number, data) of all PDOs, sent as they are."""
-        return tuple(self.due(self.table))
+        return tuple(self.due(tuple(pdo.number for pdo in self.table.pdos)))
 
     def data(self, number: int) -> bytes | None:
         """The bytes of one of them; None where there is no estimate."""
-        return None if self.estimate is None else self.table[number].data(self.estimate)
+        return next((data for _, data in self.due((number,))), None)
 
-    def due(self, numbers: Iterable[int]) -> Iterator[tuple[int, bytes]]:
-        """Those of these numbers, each when it is asked for: what is not sent is not encoded."""
-        if self.estimate is not None:
-            for number in numbers:
-                yield number, self.table[number].data(self.estimate)
+    def due(self, numbers: tuple[int, ...]) -> list[tuple[int, bytes]]:
+        """Those of these numbers: what is not sent is not encoded."""
+        _, estimate, table, _ = self
+        return [] if estimate is None or not numbers else table.of(numbers).data(estimate)
 
 
 NOTHING = Output()

@@ -16,6 +16,7 @@ from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.plausibility.unnoticed import Unnoticed
 from cylforce.service.publication import GROSS
+from cylforce.service.senders.inputs import QUIET_US
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
@@ -181,19 +182,21 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     """The state with its estimate and the working cycle advanced; with a new booking it ends, and the truck has one
     more bucket, whose mass follows the booking while that becomes more precise."""
     cycle, booking = advanced(state.cycle, estimate), state.weighing.books.booking
-    state = new(State, state[:6] + (estimate,) + state[7:12] + (cycle,) + state[13:])  # noqa: RUF005
+    parts = [*state]
+    parts[6], parts[12] = estimate, cycle
+    state = new(State, tuple(parts))
     if booking is None or booking is before:
         return state
     if before is not None and not is_new(booking, before):
-        truck = refined(state.truck, booking.number, booking.dumped - before.dumped)
-        return state._replace(truck=truck)
+        return state._replace(truck=refined(state.truck, booking.number, booking.dumped - before.dumped))
     truck = loaded(state.truck, booking, state.scale.tare)
     return state._replace(truck=truck, ended=cycle, cycle=Cycle(state.estimate.t_us))
 
 
 def _channels(core: Core, sample: Sample) -> Numbers | Reason:
     """Joint angles, cylinder forces and attitude (D,) of a sample; or the reason why it is not usable."""
-    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.kept)
+    fine = sample.reasons is core.assembler.fine or not any(sample.reasons)
+    return core.pipeline.read(sample.kept) if fine else max(sample.reasons)
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> State:
@@ -289,9 +292,9 @@ def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
         found.append(Reason.NOT_CONFIRMED)
     if state.watch.suspicion.level is DOUBTED or state.weighing.books.withheld:
         found.append(Reason.SENSORS_DISAGREE)
-    inputs = state.inputs
-    if abs(t_us - inputs.long_us) < LONG_FRAME_US:
+    long_us, spoofed_us = state.inputs.marked_us
+    if abs(t_us - long_us) < LONG_FRAME_US:
         found.append(Reason.LONG_FRAME)
-    if inputs.spoofed(t_us):
+    if abs(t_us - spoofed_us) < QUIET_US:
         found.append(Reason.OWN_IDENTIFIER)
     return found

@@ -28,45 +28,83 @@ def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Co
     return 0
 
 
-def smooth_pressures(
+def sure_leaps(
     p: Count,
     readings: Numbers,
     size: Count,
+    before: Count,
     curves: Numbers,
     bends: Count,
     noise: Numbers,
     free: Number,
+    known: Number,
     least: Number,
     pairs: Counts,
     exchanges: Count,
     most: Count,
+    parts: Numbers,
     misfit: Numbers,
 ) -> Count:
-    """Whether no leap in `readings` (T, P) can be sure, as all that `curves` (T, bends + 1), of which the last is a
-    step, leave of them is less than the `least` log likelihood ratio. `misfit` (2, P): minus the log likelihood [nats]
-    of what the curves leave without and with the step, of a variance of its own, but at least the `noise` (P,), with
-    so many degrees of freedom; `pairs` (X, most, 2) of pressures that may be exchanged, -1: no more."""
-    sure, before = 0, 0.0
+    """Whether a leap in `readings` (T, P), of which so many are `before` it, can exceed the `least` log likelihood
+    ratio: 1, a pressure's step by what `curves` (T, bends + 1), of which the last is a step, leave, if the noise before
+    was no more than the sensors' `noise` (P,); 2, an exchange of `pairs` (X, most, 2), -1: no more; 3, either; else 0.
+    `misfit` (2, P): minus the log likelihood [nats] of what the curves leave without and with the step, of a variance
+    of its own, but at least the noise, with so many degrees of freedom (`free`, and `known` of the noise before).
+    `parts` (P, 2, bends + 2): room."""
+    sure, o = 0, bends
     for i in range(p):
-        left = squares_of(readings, i, p, size, 0.0)
-        for k in range(bends + 1):
-            along = 0.0
-            for t in range(size):
-                along += curves[t * (bends + 1) + k] * readings[t * p + i]
-            before, left = left, left - along * along
-        misfit[i] = 0.5 * free * log(max(before / (free * noise[i]), 1.0))
-        misfit[p + i] = 0.5 * free * log(max(left / (free * noise[i]), 1.0))
-        if misfit[i] - misfit[p + i] > least:
+        for half in range(2):
+            project(p, readings, half * before, before if half == 0 else size, i, curves, bends + 1, parts)
+        left = crossed(parts, bends, i, i)
+        along = parts[2 * i * (bends + 2) + o] + parts[(2 * i + 1) * (bends + 2) + o]
+        stepped = left - along * along
+        misfit[i], misfit[p + i] = unlikely(left, noise[i], free, 0.0), unlikely(stepped, noise[i], free, 0.0)
+        by = unlikely(left, noise[i], free, known) - unlikely(stepped, noise[i], free, known)
+        if max(by, misfit[i] - misfit[p + i]) > least:
             sure = 1
     for x in range(exchanges):
         total = 0.0
         for m in range(most):
             a, b = pairs[2 * (x * most + m)], pairs[2 * (x * most + m) + 1]
             if a >= 0:
-                total += 2.0 * min(misfit[a], misfit[b])
+                largest = max(noise[a], noise[b])
+                first = misfit[a] - unlikely(crossed(parts, bends, a, b), largest, free, 0.0)
+                total += 2.0 * min(first, misfit[b] - unlikely(crossed(parts, bends, b, a), largest, free, 0.0))
         if total > least:
-            sure = 1
-    return 1 - sure
+            return sure + 2
+    return sure
+
+
+@inner
+def project(
+    p: Count, x: Numbers, begin: Count, end: Count, i: Count, curves: Numbers, number: Count, parts: Numbers
+) -> None:
+    """What readings of one pressure, from `begin` on, have along a `number` of `curves` (T, number), and the sum of
+    their squares: the first or the second half of `parts` (P, 2, number + 1)."""
+    o = (2 * i + (1 if begin > 0 else 0)) * (number + 1)
+    for k in range(number + 1):
+        total = 0.0
+        for t in range(begin, end):
+            total += x[t * p + i] * (curves[t * number + k] if k < number else x[t * p + i])
+        parts[o + k] = total
+
+
+@inner
+def crossed(parts: Numbers, bends: Count, a: Count, b: Count) -> Number:
+    """What the curves through the first readings of one pressure and the last ones of another leave, in squares."""
+    first, last = 2 * a * (bends + 2), (2 * b + 1) * (bends + 2)
+    left = parts[first + bends + 1] + parts[last + bends + 1]
+    for k in range(bends):
+        along = parts[first + k] + parts[last + k]
+        left -= along * along
+    return left
+
+
+@inner
+def unlikely(left: Number, noise: Number, free: Number, known: Number) -> Number:
+    """Minus the log likelihood [nats] of what is left, in squares, of a variance of its own, but at least the `noise`;
+    with `known` degrees of freedom of the noise before: Student's."""
+    return 0.5 * (free + known) * log(max((known + left / noise) / (known + free), 1.0))
 
 
 def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:

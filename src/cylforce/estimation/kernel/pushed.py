@@ -263,3 +263,10 @@ def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest:
             expected = found[s.r + r] + unrest[r * s.r + r] + variance
             variance *= 1.0 + (min(left * left / expected, s.largest) - 1.0) / s.learning
         unrest[o + r] = max(variance, s.row_error[r] * s.row_error[r])
+
+
+def fill(known: Numbers, full: Numbers, share: Number, found: Numbers) -> None:
+    """Covariance (4, 4) of a load, as it is `known`, in a bucket that may have got a share of `full` (4,) since."""
+    for i in range(4):
+        for j in range(4):
+            found[4 * i + j] = known[4 * i + j] + share * full[i] * (share * full[j])

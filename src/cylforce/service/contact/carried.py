@@ -1,12 +1,11 @@
 """The load that the force of the soil does not contain: as the weighing knows it."""
 
-from array import array
-from dataclasses import dataclass
-from operator import add
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
@@ -34,12 +33,13 @@ class Carrier:
     """The load of one machine."""
 
     machine: Machine
+    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @once
-    def _full(self) -> list[float]:
+    def _full(self) -> Numbers:
         """A full bucket (4,)."""
         rated, middle = self.machine.rated_payload, self.machine.payload_reach / 2.0
-        return [rated, rated * middle, 0.0, rated * middle**2]
+        return numbers([rated, rated * middle, 0.0, rated * middle**2])
 
     def begin(self) -> KnownLoad:
         """Nothing is known of the load."""
@@ -55,7 +55,6 @@ class Carrier:
         """Covariance (4, 4) of the load: as weighed, and a bucket that fills while it is in contact."""
         if not state.filling:
             return state.covariance
-        share = min(state.filling / FILLING_S, 1.0)
-        filled = [share * full for full in self._full]
-        wider = [a * b for a in filled for b in filled]
-        return array("d", map(add, state.covariance, wider))
+        found = ZERO * 16
+        self.kernel.fill(state.covariance, self._full, min(state.filling / FILLING_S, 1.0), found)
+        return found

@@ -102,14 +102,14 @@ class Rocker:
         seen = (left.rows, left.kept, lift.kept, channels, settled and all(usable), swings)
         work = (ZERO * rows, ZERO * len(self.model.parameters), ZERO * (2 * rows))
         self.kernel.rock(self._plan, self._solver, *seen, self._share, FITS, 1.0 / WIDEST**2, *work, found, wider)
-        return state._replace(forward=found[0], upward=found[1], wider=wider)
+        return new(Rocking, (*found, *state[2:-1], wider))
 
     def _tilted(self, state: Rocking) -> Rocking:
         """With one mean pitch more."""
         pitches = (*state.pitches, state.total / state.number)[-3:]
-        state = state._replace(pitches=pitches, total=0.0, number=0)
-        if len(pitches) < 3:
-            return state
-        before, middle, after = pitches
-        turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
-        return state._replace(turning=state.turning + self._share * (turn**2 - state.turning))
+        turning = state.turning
+        if len(pitches) == 3:
+            before, middle, after = pitches
+            turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
+            turning += self._share * (turn**2 - turning)
+        return new(Rocking, (state.forward, state.upward, turning, pitches, 0.0, 0, state.wider))

@@ -235,4 +235,6 @@ def cost(block: Block, x: Array | float, rated: float) -> Array:
 
 def explained(block: Block, rated: float) -> bool:
     """Whether a load explains a block as it is."""
-    return bool(cost(block, 0.0, rated)[0] < CONTACT * block.weight[0])
+    left, mass, spread, weight = (each.item() for each in block[:4])
+    hangs = LEAST * rated - 3.0 * spread < mass < MOST * rated
+    return bool(hangs and left < CONTACT * weight)

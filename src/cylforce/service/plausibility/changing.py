@@ -3,8 +3,9 @@ that does not, apart from white noise, is stuck; one that falls to nothing at on
 stays below vacuum is off."""
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,6 +91,12 @@ class Watching:
         return pressures(self.machine)
 
     @once
+    def _chosen(self) -> Callable[[Numbers], tuple[float, ...]]:
+        """Gives the pressures of all signals."""
+        signals = self.signals
+        return itemgetter(*signals) if len(signals) > 1 else lambda values: tuple(values[k] for k in signals)
+
+    @once
     def _cylinders(self) -> list[int]:
         return [self.machine.signals[k].index for k in self.signals]
 
@@ -106,7 +113,7 @@ class Watching:
 
     def now(self, values: Numbers) -> Numbers:
         """The pressures (P,) among all signals (S,)."""
-        return array("d", [values[k] for k in self.signals])
+        return array("d", self._chosen(values))
 
     def step(self, state: Changes, now: Numbers, speed: Sequence[float]) -> Changes:
         """One step: the pressures (P,) `now`, speed (C,) [m/s] of the cylinders."""

@@ -31,7 +31,9 @@ FREE = BEFORE + AFTER - DEGREE - 2  # degrees of freedom of what a curve with a 
 # Readings, in pieces as long as these, from which the noise before is known; what they leave counts as much as what is
 # left now (degrees of freedom of Student's t). Chosen on the same: noise changes from second to second
 PIECES, KNOWN = 6, FREE
-LONGEST = (PIECES + 1) * (BEFORE + AFTER)
+WINDOW = BEFORE + AFTER
+KEPT = PIECES * WINDOW
+LONGEST = KEPT + WINDOW
 # Log likelihood ratio of a leap: an order of signals that is right exceeds it once in ten hours, if each of its
 # moments is tested for each leap (Markov's inequality: the ratio's mean is one)
 HOURS = 10.0
@@ -43,13 +45,14 @@ Pairs = tuple[tuple[int, int], ...]
 class Leaps(NamedTuple):
     """State, of P pressures: the last `readings` (T, P) [Pa], one after the other; `steps` of the filters at the last
     one; the leap that is doubted, the steps `since` which it is, and what seconds in the air said against it
-    (`votes`)."""
+    (`votes`); readings `before` those, which are asked seldom."""
 
     readings: Numbers = NONE
     steps: int = 0
     doubt: SensorDoubt = NOTHING_SUSPECTED
     since: int = 0
     votes: float = 0.0
+    before: Numbers = NONE
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,7 @@ class Leaping:
 
     def interrupt(self, state: Leaps) -> Leaps:
         """The measurement stopped, and the filters begin anew: what was read before says nothing of what follows."""
-        return state._replace(readings=NONE, steps=0, since=0)
+        return state._replace(readings=NONE, before=NONE, steps=0, since=0)
 
     def strayed(self, state: Leaps, signals: tuple[int, ...]) -> Leaps:
         """These `signals` were outside their range for so long that the measurement stopped: what a pressure says when
@@ -149,19 +152,20 @@ class Leaping:
         missing = (steps - state.steps) // every - 1
         if missing or not state.readings:
             state = self._filled(state, now, missing)
-        size = len(now)
-        readings = state.readings[(1 - LONGEST) * size :] + now
-        before = len(readings) // size - AFTER
-        if before >= BEFORE and self.kernel.suspicious(size, readings, before, self._gate):
-            doubt = self.leap(np.frombuffer(readings).reshape(-1, size))
+        size, readings, before = len(now), state.readings + now, state.before
+        if len(readings) == 2 * WINDOW * size:
+            before, readings = (before + readings[: WINDOW * size])[-KEPT * size :], readings[WINDOW * size :]
+        last = len(readings) // size - AFTER
+        if last >= BEFORE and self.kernel.suspicious(size, readings, last, self._gate):
+            doubt = self.leap(np.frombuffer((before + readings)[-LONGEST * size :]).reshape(-1, size))
             if doubt.level is not Level.FINE:
-                return Leaps(readings, steps, doubt, steps)
-        return new(Leaps, (readings, steps, state.doubt, state.since, state.votes))
+                return Leaps(readings, steps, doubt, steps, before=before)
+        return new(Leaps, (readings, steps, state.doubt, state.since, state.votes, before))
 
     def _filled(self, state: Leaps, now: Numbers, missing: int) -> Leaps:
         """The state with readings in place of some that are missing; after too many it begins anew."""
         if not 0 <= missing <= AFTER or not state.readings:
-            return state._replace(readings=NONE)
+            return state._replace(readings=NONE, before=NONE)
         before, filled = state.readings[-len(now) :], state
         for k in range(1, missing + 1):
             between = array("d", [a + (b - a) * k / (missing + 1) for a, b in zip(before, now, strict=True)])
@@ -171,15 +175,16 @@ class Leaping:
     def leap(self, readings: Array) -> SensorDoubt:
         """What leapt between the last AFTER `readings` (T, P) [Pa] and the BEFORE that are before them; the others show
         the noise, if there are LONGEST."""
-        window = np.ascontiguousarray(readings[-BEFORE - AFTER :])
-        size, misfit, (pairs, most) = window.shape[1], ZERO * (2 * window.shape[1]), self._pairs
-        told = (DEGREE + 1, self._noise, float(FREE), self.least, pairs, len(self.exchanges), most)
-        none = self.kernel.smooth_pressures(size, window, len(window), self._curves, *told, misfit)
-        swapped = () if none else self._swapped(window, *np.frombuffer(misfit).reshape(2, size))
+        window = np.ascontiguousarray(readings[-WINDOW:])
+        size, bends, (pairs, most) = window.shape[1], DEGREE + 1, self._pairs
+        told = (self._curves, bends, self._noise, float(FREE), float(KNOWN), self.least, pairs, len(self.exchanges))
+        room, misfit = ZERO * (2 * size * (bends + 2)), ZERO * (2 * size)
+        sure = self.kernel.sure_leaps(size, window, len(window), BEFORE, *told, most, room, misfit)
+        swapped = self._swapped(window, *np.frombuffer(misfit).reshape(2, size)) if sure > 1 else ()
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
             return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
-        return self._stepped(window, readings[: -BEFORE - AFTER])
+        return self._stepped(window, readings[:-WINDOW]) if sure % 2 else NOTHING_SUSPECTED
 
     def _stepped(self, window: Array, earlier: Array) -> SensorDoubt:
         """The pressure that stepped alone, if one did."""
@@ -196,9 +201,9 @@ class Leaping:
 
     def _known(self, earlier: Array) -> Array | None:
         """Variance (P,) [Pa^2] of what curves left of readings (T, P) before; None of too few."""
-        if len(earlier) < PIECES * (BEFORE + AFTER):
+        if len(earlier) < KEPT:
             return None
-        each = earlier.reshape(PIECES, BEFORE + AFTER, -1) - earlier.reshape(PIECES, BEFORE + AFTER, -1)[:, :1]
+        each = earlier.reshape(PIECES, WINDOW, -1) - earlier.reshape(PIECES, WINDOW, -1)[:, :1]
         left = (each**2).sum(axis=1) - ((self._curves[:, :-1].T @ each) ** 2).sum(axis=1)
         return np.asarray(np.maximum(left.mean(axis=0) / (FREE + 1), self._noise))
 

@@ -61,7 +61,7 @@ class Watch(NamedTuple):
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
         would be wrong; the force would be, too. Or whether it will be known soon."""
-        return self.offset.unsure or self.suspicion.waits
+        return self.offset.unsure or (self.suspicion is not NOTHING_SUSPECTED and self.suspicion.waits)
 
 
 class Samples(NamedTuple):
@@ -155,21 +155,21 @@ class Monitor:
             and (changes.noises is before.noises or changes.lost == before.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        own = (
-            state.driven,
-            state.unnoticed,
-            state.swept,
-            seen.leapt,
-            state.light,
-            state.suspicion,
-            leaps,
-            state.lighter,
-            turned,
-        )
-        state = new(Watch, (state.gathering, state.blocks, state.offset, changes, *own))
+        now_is = [*state]
+        now_is[3], now_is[7], now_is[10], now_is[12] = changes, seen.leapt, leaps, turned
+        state = new(Watch, tuple(now_is))
         if seen.pipe.steps % EVERY == 0:
-            state, looked = self._gathered(state, seen), True
+            told = state
+            state = self._gathered(state, seen)
+            looked = looked or self._says_more(told, state)
         return state._replace(suspicion=self._suspicion(state)) if looked else state
+
+    def _says_more(self, before: Watch, state: Watch) -> bool:
+        """Whether a sample may have changed what is suspected: something is, or the sample says something else."""
+        nothing = before.suspicion is NOTHING_SUSPECTED and state.leaps.doubt is NOTHING_SUSPECTED
+        same = state.offset is before.offset and state.light is before.light
+        ways = (state.driven.path, state.swept.angle) == (before.driven.path, before.swept.angle)
+        return not (nothing and same and ways)
 
     def _leapt(self, state: Watch, now: Numbers, seen: Samples) -> tuple[Leaps, Turns]:
         """Leaps of the pressures `now` (P,) but those of friction that turned round."""

@@ -81,8 +81,8 @@ class Noticing:
 
     def _wider(self, state: Unnoticed, slopes: Array, torques: Array) -> Unnoticed:
         """With what errors of signals do at the moment."""
-        wrong = float(np.linalg.norm(slopes * state.probable.expected))
-        return state._replace(slopes=slopes, torques=torques, mass=wrong)
+        wrong = slopes * state.probable.expected
+        return state._replace(slopes=slopes, torques=torques, mass=sqrt(float(wrong @ wrong)))
 
     def _with(self, state: Unnoticed, block: Array) -> Unnoticed:
         """With one more second of the lift, (K, K)."""
