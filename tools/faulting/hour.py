@@ -114,7 +114,7 @@ def rows_of(loaded: Loaded, values: Array) -> Iterator[list[Frame]]:
     pdos = [pdo for node in loaded.service.nodes for pdo in node.pdos]
     for first in range(0, len(values), ROWS):
         piece = values[first : first + ROWS]
-        times = 1e-6 * PERIOD_US * np.arange(len(piece))
+        times = 1e-6 * PERIOD_US * np.arange(len(piece), dtype=np.float64)
         for _, frames in groupby(as_frames(Table(times, piece, names), pdos), key=lambda frame: frame.t_us):
             yield list(frames)
 
