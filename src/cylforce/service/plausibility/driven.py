@@ -63,8 +63,9 @@ class Driving:
             return state
         (xx, xz, zz), along = resultant.covariance, velocity / speed
         x, z = resultant.x.value, resultant.z.value
+        x *= self._stands  # the heap's push says nothing of the mass either
         z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
-        push = x * along.real * self._stands + z * along.imag
+        push = x * along.real + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
         way = speed * self.seconds
         if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):
