@@ -4,6 +4,7 @@ by somebody else."""
 import numpy as np
 import pytest
 
+from cylforce.estimation.kernel.inputs import NEVER
 from cylforce.service.assembler import Assembler
 from cylforce.service.senders.inputs import QUIET_US
 from cylforce.service.senders.supervision import FAST_CLOCK, Supervisor
@@ -193,6 +194,18 @@ def test_a_node_that_booted_must_send_heartbeats_and_one_that_never_did_need_not
     assert lost(1_000_000 + patience + 1) is missed
 
 
+def test_a_heartbeat_that_was_never_heard_is_not_begun_by_pdos():
+    """Of no node: its PDOs come unevenly, then not for longer than its patience, then again."""
+    assembler = Assembler(load(EXCAVATOR).service)
+    inputs, pdos = assembler.begin(), assembler.supervisor.pdos
+    patience = int(max(assembler.supervisor.patience_us))
+    for t in (0, 4_000, 14_000, 18_000, 18_000 + 2 * patience):
+        sent = [Frame(1_000_000 + t + k, pdo.can_id, bytes(8)) for k, (_, pdo) in enumerate(pdos)]
+        inputs = assembler.receive(inputs, sent, assembler.still)
+    assert any(pdo.excess for pdo in inputs.pdos)
+    assert {node.t_us for node in inputs.nodes} == {NEVER}
+
+
 def names(pdo):
     return {field.signal for field in pdo.fields}
 
@@ -212,6 +225,15 @@ def test_our_own_identifier_from_somebody_else_degrades_for_two_seconds(work):
     assert during == {Status.DEGRADED}
     assert any(reason is Reason.OWN_IDENTIFIER for _, _, reason in reasons)
     assert not any(reason is Reason.OWN_IDENTIFIER for t, _, reason in reasons if t >= QUIET_US)
+
+
+def test_our_own_identifier_from_somebody_else_changes_nothing_else():
+    assembler = Assembler(load(EXCAVATOR).service)
+    supervisor, inputs = assembler.supervisor, assembler.begin()
+    for can_id in sorted(supervisor.ours):
+        found = supervisor.received(inputs, Frame(1_000_000, can_id, bytes(8)))
+        assert found.kept[:-1].tobytes() == inputs.kept[:-1].tobytes()
+        assert (found.spoofed(1_000_000), found.spoofed(1_000_000 + QUIET_US)) == (True, False)
 
 
 def test_requests_to_us_are_nobody_elses():

@@ -42,13 +42,16 @@ def test_every_fault_stands_once_and_in_order():
     assert set(numbers) <= set(range(1, contract.FAULTS + 1))
 
 
-@pytest.mark.parametrize("row", contract.rows(), ids=lambda row: f"fault {row.number}")
-def test_the_tests_that_show_a_fault_exist(row):
-    assert row.shown
-    for shown in row.shown:
-        file, _, name = shown.partition("::")
+SHOWN = {f"fault {row.number}": row.shown for row in contract.rows()} | {a.done: a.shown for a in contract.attacks()}
+
+
+@pytest.mark.parametrize("fault", SHOWN)
+def test_the_tests_that_show_a_fault_exist(fault):
+    assert SHOWN[fault]
+    for test in SHOWN[fault]:
+        file, _, name = test.partition("::")
         tree = ast.parse((HERE.parent / file).read_text(encoding="utf-8"))
-        assert name in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}, shown
+        assert name in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}, test
 
 
 class Told:

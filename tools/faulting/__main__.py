@@ -95,12 +95,17 @@ def main() -> int:
         found.append(scenario(case, order, fault, asked.seed + len(found)))
         if asked.verbose:
             print(told(found[-1], case), flush=True)
-    figures = {**summary(found), "false_per_hour": false / hours, "hours_in_order": hours, "false_alarms": false}
+        if asked.json:  # after each one: what ran counts, also when it is stopped
+            asked.json.write_text(written(found, hours, false) + "\n", encoding="utf-8")
     Console().print(table(found))
-    print(json.dumps(figures, indent=1))
-    if asked.json:
-        asked.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    print(written(found, hours, false))
     return 0
+
+
+def written(found: list[Found], hours: float, false: int) -> str:
+    """The figures so far, with false alarms in hours of work in order."""
+    order = {"false_per_hour": false / hours, "hours_in_order": hours, "false_alarms": false}
+    return json.dumps(summary(found) | order, indent=1)
 
 
 def told(one: Found, case: Case) -> str:

@@ -1,5 +1,5 @@
 """How often the service doubts a machine in order: over recordings of a foreign generator, and as much digging of the
-project's own simulator and of reference machines as a time of this processor allows."""
+project's own simulator, and digging and empty motion of reference machines, as a time of this processor allows."""
 
 import argparse
 import json
@@ -7,7 +7,8 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from itertools import count
+from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,11 +16,14 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.service.plausibility.suspicion import Level, SensorDoubt
+from weighing.bucket import reference
 
 from .leaps import AIR, CONTACT, WORK
 from .runs import followed
-from .works import ROOT, Case, events, foreign_case, reference_case, simulated_case
+from .works import ROOT, Case, events, foreign_case, opened, reference_case, simulated_case
 
+EMPTY = "commissioning"  # recording of the empty machine, from which a reference machine was identified
+NAMES = {"excavator": "reference", "loader": "reference, wheel loader"}
 SOURCES = (("foreign, digging", (WORK,)), ("foreign, contact", (CONTACT,)), ("foreign, in the air", AIR))
 
 
@@ -58,10 +62,21 @@ def simulated(first: int, reference: int, minutes: float) -> Iterator[Alarms]:
         for source, machine, number in (
             ("simulated, digging", simulated_case, first + seed),
             ("reference, digging", reference_case, reference + seed),
+            ("reference, in the air", partial(reference_case, recording=EMPTY), reference + seed),
         ):
             if time.process_time() - begun > 60.0 * minutes:
                 return
-            yield judged(source, f"{source.split(',')[0]} {number}", machine(number))
+            yield judged(source, f"{source} {number}", machine(number))
+
+
+def recorded(folders: list[Path]) -> Iterator[Alarms]:
+    """Those of the reference machines of folders, standing ones: KIND_SEED, as this tool and `weighing` leave them."""
+    for place in sorted(place for folder in folders for place in folder.glob("*_*/truth/work.json")):
+        machine = place.parents[1]
+        kind, *numbers = machine.name.split("_")
+        for source, recording in (("digging", None), ("in the air", EMPTY)) if len(numbers) == 1 else ():
+            case = opened(reference(kind, int(numbers[0]), 0, machine.parent, lift=True), recording)
+            yield judged(f"{NAMES[kind]}, {source}", f"{kind} {numbers[0]}, {source}", case)
 
 
 def summary(found: list[Alarms]) -> dict[str, dict[str, float]]:
@@ -91,17 +106,24 @@ def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="accuracy alarms", description=__doc__)
     parser.add_argument("--foreign", type=int, nargs="*", default=list(range(1, 11)), help="machines of the generator")
+    parser.add_argument("--recorded", type=Path, nargs="*", default=[], help="folders of recorded reference machines")
     parser.add_argument("--simulated", type=int, default=100, help="first seed of the own simulator")
     parser.add_argument("--reference", type=int, default=100, help="first seed of the reference machines")
     parser.add_argument("--minutes", type=float, default=5.0, help="of this processor, for simulated digging")
+    parser.add_argument("--hours", type=float, default=float("inf"), help="of work in order, after which it ends, too")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--verbose", action="store_true", help="a line for each recording")
     asked, found = parser.parse_args(), list[Alarms]()
     folder = Path(os.environ.get("CYLFORCE_SHARED", ROOT.parent / "shared")) / "data" / "foreign_machines"
-    for part in (foreign(folder, asked.foreign), simulated(asked.simulated, asked.reference, asked.minutes)):
-        for one in part:
-            found.append(one)
-            for t, doubt in one.doubts:
-                print(f"{one.name}: {t:.2f} s {doubt.cause.name} {doubt.signals} {doubt.size:.4g}", flush=True)
+    made = simulated(asked.simulated, asked.reference, asked.minutes)
+    for one in chain(foreign(folder, asked.foreign), recorded(asked.recorded), made):
+        found.append(one)
+        if asked.verbose:
+            print(f"{one.name}: {one.hours:.3f} h, {len(one.doubts)} doubts", flush=True)
+        for t, doubt in one.doubts:
+            print(f"{one.name}: {t:.2f} s {doubt.cause.name} {doubt.signals} {doubt.size:.4g}", flush=True)
+        if sum(each.hours for each in found) >= asked.hours:
+            break
     figures = summary(found)
     Console().print(table(figures))
     if asked.json:

@@ -41,9 +41,9 @@ class Case(NamedTuple):
         return self.loaded.service.filters.rate_hz
 
 
-def reference_case(seed: int) -> Case:
-    """A reference machine, recorded unless it is in the cache."""
-    return opened(reference("excavator", seed, CYCLES, CACHE, lift=True))
+def reference_case(seed: int, recording: str | None = None) -> Case:
+    """A reference machine, recorded unless it is in the cache, digging or with another of its recordings."""
+    return opened(reference("excavator", seed, CYCLES, CACHE, lift=True), recording)
 
 
 def foreign_case(folder: Path, name: str, recording: str | None = None) -> Case:

@@ -34,11 +34,18 @@ ROOMS = {
     "codec": Room(("signals/codec.py",), ("test_codec.py",)),
     "assembler": Room(
         ("service/assembler.py", "service/senders/*.py", "estimation/kernel/inputs.py"),
-        ("test_codes.py", "test_assembler.py", "test_who_sends.py", "test_kernel.py", "test_step.py"),
+        ("test_codes.py", "test_assembler.py", "test_kernel_parts.py", "test_who_sends.py", "test_step.py"),
     ),
     "gates": Room(
         ("service/step.py", "service/force.py", "service/recognition.py", "signals/estimate.py"),
-        ("test_codes.py", "test_truth.py", "test_recognition.py", "test_outage.py", "test_step.py"),
+        (
+            "test_codes.py",
+            "test_other_tool.py",
+            "test_recognition.py",
+            "test_outage.py",
+            "test_truth.py",
+            "test_step.py",
+        ),
     ),
     "plausibility": Room(
         ("service/plausibility/*.py", "estimation/kernel/heard.py"),
