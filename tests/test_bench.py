@@ -1,10 +1,10 @@
 """The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
 
 A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.30 with the compiled kernel, 0.41
-beside many other programs, and 2.1 with the interpreted one. Against filterpy's update a step is 4.8 to 5.1, its
-kernel's residual, recursion, weight and forces take 4.4 to 5.1 us; decoding a frame is 0.08 of canopen's, interpreted
-0.59. The limits are a third above: what is done to the step in Python varies by a tenth between processors, and more
-beside other programs.
+beside many other programs, and 2.1 with the interpreted one. Against filterpy's update a step is 4.9 to 5.6 beside
+other programs, its kernel's residual, recursion, weight and forces take 4.2 to 5.1 us; decoding a frame is 0.08 of
+canopen's, interpreted 0.59. The limits are a third above, that of the step above its least: what is done to the step in
+Python varies by a tenth between processors, and more beside other programs.
 """
 
 import json
@@ -58,7 +58,7 @@ def test_a_step_beside_others(tmp_path):
     if chosen() is not INTERPRETED:
         assert 0.0 < found["rows_us"] < 5.0
         assert 0.0 < found["solve_us"] < 5.9
-        assert 0.0 < found["step_over_filterpy"] < 6.8
+        assert 0.0 < found["step_over_filterpy"] < 6.5
 
 
 def test_where_the_time_goes(tmp_path):
