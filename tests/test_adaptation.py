@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cylforce.commissioning.identification import identify
-from cylforce.estimation.model import Model
+from cylforce.estimation.model import BetweenStrokes, Model
 from cylforce.estimation.regressor import Rows
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
@@ -81,6 +81,29 @@ def test_it_stays_within_what_is_physical(bench):
         assert np.all(drift.values[:6] >= low)
         assert np.all(drift.values[:6] <= high)
         assert np.all(np.abs(drift.values[6:]) <= zero)
+
+
+def test_what_one_friction_tells_of_the_oil_holds_for_the_others(bench):
+    """The bucket's cylinder alone moves, with twice its friction: the boom's has risen about as much then, less
+    certainly; did frictions differ each by itself, it would stay as it was."""
+    adapter = bench.adapter
+    true = np.concatenate([[0.0, 0.0, 3e3, 0.0, 0.0, 1e4], np.zeros(3)])
+    told = {}
+    for strokes in (None, BetweenStrokes(0.25, 1e4)):
+        alone = Adapter(adapter.model, adapter.tares, strokes)
+        drift = alone.begin()
+        for columns in bench.columns:
+            own = columns.copy()
+            own[:2] = 0.0
+            left = unexplained_of(own, alone.columns(Rows(own, np.zeros(3))) @ (true - drift.values), SURE)
+            drift = alone.step(drift, left, ALL)
+        told[strokes] = drift
+    reference = np.array([3e3] * 3 + [1e4] * 3)
+    alike, apart = (drift.values[:6] / reference for drift in told.values())
+    assert apart[3] == pytest.approx(0.0, abs=0.05)
+    assert 0.5 * alike[5] < alike[3] < 1.5 * alike[5]
+    errors = np.sqrt(np.diagonal(told[None].covariance))[:6] / reference
+    assert errors[3] > errors[5]
 
 
 def mass_of(bench, values):

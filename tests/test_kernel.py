@@ -268,12 +268,17 @@ def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
     wanted = update(kept_root, rows, observed, 60.0 * variance)
     information = wanted.factor.T @ wanted.factor
     np.testing.assert_allclose(found.root.factor.T @ found.root.factor, information, rtol=1e-9, atol=1e-9)
-    prior = np.concatenate([np.zeros(4), adapter._spread**-2.0])
-    covariance = np.linalg.inv(information + np.diag(prior))
+    prior = np.zeros((n, n))
+    prior[4:, 4:] = np.linalg.inv(drift.covariance)
+    covariance = np.linalg.inv(information + prior)
     both = covariance @ (wanted.factor.T @ wanted.right)
     low, high = adapter._limits
     np.testing.assert_allclose(found.values, np.clip(both[4:], low, high), rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(found.covariance, covariance[4:, 4:], rtol=1e-6, atol=1e-9)
+    squares = np.split(
+        (np.diagonal(covariance)[4:] + both[4:] ** 2) / np.diagonal(drift.covariance), [-len(model.machine.cylinders)]
+    )
+    np.testing.assert_allclose(found.scale, [(1.0 + x.sum()) / (1.0 + x.size) for x in squares], rtol=1e-6)
     assert limited is bool(np.any(np.isin(found.values, [low, high])))
 
 

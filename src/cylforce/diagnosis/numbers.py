@@ -28,6 +28,7 @@ RUN_TO_RUN = ("coulomb_friction", "friction_level_change", "pressure_offset")  #
 # Of a sampling period: how far pressures and angles of different nodes are apart, each anything up to a period old when
 # it is taken (physics: standard deviation of the difference of two uniform numbers). From start to start it is another.
 AGES = 6.0**-0.5
+FROM_START_TO_START = ("clock_fault",)  # references of one start show nothing of it, so that it is not learnt from them
 EVERYDAY = {"stribeck": AT_CREEP, "presliding_hysteresis": AT_CREEP}
 
 # Of those, how large one machine's are: as stated, a half, a quarter; each as probable. Convention: steps of a factor

@@ -6,6 +6,15 @@ from numpy.typing import NDArray
 from cylforce.estimation.model import BetweenStrokes, Model
 from cylforce.signals.estimate import Array
 
+# Shares by which dry and viscous friction are others than at commissioning, before anything is seen: dry ones by what
+# they differ between strokes of a real crane; viscous ones by 7 K of the oil: viscosity (ISO VG 46, 40 degC) changes by
+# 5 % per kelvin, they as its power of 0.5 (film under a seal, inverse theory, Blok 1963) to 1 (shear in a gap).
+DRY, VISCOUS = 0.05, 0.25
+# Correlation of viscous frictions, or of dry ones: all cylinders have the same oil. At 0 degC, 13 times as viscous,
+# these powers add 2.5 to 12 times the friction, alike by 0.85; small changes are alike by 0.96.
+ONE_OIL = 0.9
+DRY_AND_VISCOUS = 0.5  # correlation of both: seals follow less; chosen: weights are alike with 0.3 to 0.9
+ZERO = 1e4  # Pa: zeros as between strokes of that crane, 0.09 bar. By how much more oil has shifted them, returns tell
 SMALLEST_FRICTION = 100.0  # Pa: least standard error of a friction, as a pressure on the head side; chosen
 
 
@@ -20,3 +29,24 @@ def drift_spread(model: Model, values: Array, differs: BetweenStrokes) -> Array:
     friction = np.maximum(differs.friction * np.abs(values[model.changing_friction]), least)
     zero = [differs.zero * c.area_head for c in model.machine.cylinders]
     return np.concatenate([friction, zero])
+
+
+def daily_spread(model: Model, values: Array) -> Array:
+    """Standard errors (D,) of what parameters `values` (P,) have drifted by on another day: friction [N, N s/m], zeros
+    [N]."""
+    dry, viscous = (drift_spread(model, values, BetweenStrokes(share, ZERO)) for share in (DRY, VISCOUS))
+    return np.where(_viscous(model), viscous, dry)
+
+
+def daily_correlation(model: Model) -> Array:
+    """Correlation (D, D) of the same: frictions follow the oil, a zero drifts by itself."""
+    viscous, friction = _viscous(model), kinds(model) == 0
+    alike = np.where(np.equal.outer(viscous, viscous), ONE_OIL, DRY_AND_VISCOUS) * np.outer(friction, friction)
+    np.fill_diagonal(alike, 1.0)
+    return np.asarray(alike)
+
+
+def _viscous(model: Model) -> NDArray[np.bool_]:
+    """Which of the D drifts is a viscous friction."""
+    names = [model.parameters[k].name for k in model.changing_friction]
+    return np.array([n.endswith(".viscous") for n in names] + [False] * len(model.machine.cylinders))

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.drift import drift_spread, kinds
+from cylforce.estimation.drift import daily_correlation, daily_spread, drift_spread, kinds
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
-from cylforce.estimation.model import CERTAIN_SHARE, EXPECTED, BetweenStrokes, Model, Tares
+from cylforce.estimation.model import CERTAIN_SHARE, BetweenStrokes, Model, Tares
 from cylforce.estimation.recursive import Root
 from cylforce.estimation.regressor import Rows
 from cylforce.service.pipeline import Unexplained
@@ -33,9 +33,6 @@ PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; c
 # times the rated payload: what sticks in a bucket before anything is seen of it, mean and standard error. On machines
 # of either simulator it is 0.7 +- 0.5 %; a clean bucket must not cost a kilogram.
 STICKS = (0.003, 0.008)
-# Before anything is seen: friction as between strokes (chosen); zeros as between strokes of a real crane, 0.09 bar.
-# That cold oil has shifted them by more, the returns tell.
-BEFORE = BetweenStrokes(EXPECTED.friction, 1e4)
 LOAD = 4  # parameters of a load: m, m x, m z, J
 SHOWN = 0.02  # share of the difference by which each update changes the drift in kilograms; chosen: smooths it
 
@@ -60,11 +57,12 @@ class Drift(NamedTuple):
 
 @dataclass(frozen=True)
 class Adapter:
-    """The adaptation of one machine; `expected`: the drift before anything is seen of it."""
+    """The adaptation of one machine; `strokes`: how friction and zeros differ between strokes, if that is all by which
+    they may have drifted; None: they are those of another day."""
 
     model: Model
     tares: Tares
-    expected: BetweenStrokes = BEFORE
+    strokes: BetweenStrokes | None = None
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @once
@@ -82,14 +80,22 @@ class Adapter:
     @once
     def _spread(self) -> Array:
         """Prior standard errors (D,) of the drift."""
-        return drift_spread(self.model, self.tares.values, self.expected)
+        if self.strokes is None:
+            return daily_spread(self.model, self.tares.values)
+        return drift_spread(self.model, self.tares.values, self.strokes)
+
+    @once
+    def _alike(self) -> Array:
+        """Its correlation (D, D)."""
+        return np.eye(len(self._spread)) if self.strokes else daily_correlation(self.model)
 
     def begin(self) -> Drift:
         """The state without drift, with the prior standard errors above."""
         drift = np.zeros_like(self._spread)
         factor = np.diag(np.concatenate([1.0 / self._remainder, drift]))
-        root, spread = Root(factor, np.concatenate([self._sticking, drift])), np.diag(self._spread**2)
-        return Drift(root, drift, spread, np.ones(2), 0, 0.0, following=False, seen=False)
+        root = Root(factor, np.concatenate([self._sticking, drift]))
+        covariance = self._alike * np.outer(self._spread, self._spread)
+        return Drift(root, drift, covariance, np.ones(2), 0, 0.0, following=False, seen=False)
 
     @once
     def _remainder(self) -> Array:
@@ -155,7 +161,7 @@ class Adapter:
         parts = [model.load[tuple(places.T)], unit, *self._limits, errors]
         room = [np.zeros(size) for size in (max(r, 1) * n, max(r, 1) * n, n, n * n, n * n)]
         limits = [CERTAIN_SHARE, keep, self._memory, PRIOR_COUNT, SHOWN]
-        arrays = [numbers(part) for part in (*parts, *room)]
+        arrays = [numbers(part) for part in (*parts, np.linalg.inv(self._alike).ravel(), *room)]
         return self.kernel.KernelDrift(counts([r, k, n]), numbers(limits), [counts(x) for x in whole], arrays)
 
     @once

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
-from cylforce.service.adaptation import BEFORE, Adapter
+from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.booking import NONE_MISSED, Books, Missed, unseen
 from cylforce.service.contact.interaction import Interactor
@@ -59,7 +59,7 @@ class Core:
     def adapter(self) -> Adapter:
         """Rows with an empty bucket to drift. Without adaptation strokes differ as they did at commissioning; with it
         friction may follow the oil much farther."""
-        return Adapter(self.model, self.tares, BEFORE if self.adapts else self.tares.between_strokes)
+        return Adapter(self.model, self.tares, None if self.adapts else self.tares.between_strokes)
 
     @once
     def interactor(self) -> Interactor:

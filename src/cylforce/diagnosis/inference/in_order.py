@@ -11,7 +11,7 @@ from cylforce.diagnosis.columns.statistics import SMOOTH
 from cylforce.diagnosis.inference.discrepancy import Scatter, Sums, allowed, settled_noise, together
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.sizes import Terms
-from cylforce.diagnosis.numbers import RUN_TO_RUN, UNSEEN, UNSURE, USUALLY
+from cylforce.diagnosis.numbers import FROM_START_TO_START, RUN_TO_RUN, UNSEEN, UNSURE, USUALLY
 from cylforce.signals.estimate import Array
 
 LEAST = 1e-6  # information beside a prior of one: less is rounding
@@ -87,9 +87,10 @@ class InOrder:
         found = self._stated
         if len(self.references) < FEWEST:
             return found
-        own = np.zeros(len(found), dtype=np.bool_)
+        own, rest = np.zeros(len(found), dtype=np.bool_), np.ones(len(found), dtype=np.bool_)
         own[[k for p in self.scene.forms if p.name in RUN_TO_RUN for k in p.columns]] = True
-        for which in (own, ~own):
+        rest[[k for p in self.scene.forms if p.name in FROM_START_TO_START for k in p.columns]] = False
+        for which in (own, rest & ~own):
             log = [self._probable(np.where(which, times * found, found)) - 0.5 * np.log2(times) ** 2 for times in TIMES]
             found = np.where(which, TIMES[int(np.argmax(log))] * found, found)
         return found

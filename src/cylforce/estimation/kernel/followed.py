@@ -16,8 +16,9 @@ class KernelDrift:
     """R rows of K columns; N = 4 + D unknowns: load, then drift. `at_rest`, `coulomb`: columns of friction at rest and
     of Coulomb friction, `rests`, `coulombs`: how many. `changing` (D,): columns of the drift, `kinds` (D,): 0
     friction, 1 zero; `load_at` (M, 2) and `load` (M,): from parameters to a load; `unit` (N,): standard errors before
-    anything is seen; `low`, `high` (D,): limits; `row_error` (R,). The limits are those of `service.adaptation`. Places
-    of intermediate results end the list."""
+    anything is seen; `low`, `high` (D,): limits; `row_error` (R,); `alike` (D, D): inverse of the correlation of the
+    drifts before anything is seen, none between kinds. The limits are those of `service.adaptation`. Places of
+    intermediate results end the list."""
 
     r: Count
     k: Count
@@ -41,6 +42,7 @@ class KernelDrift:
     low: Numbers
     high: Numbers
     row_error: Numbers
+    alike: Numbers
     rows: Numbers
     basis: Numbers
     each: Numbers
@@ -59,8 +61,8 @@ class KernelDrift:
         self.rests, self.coulombs, self.loads = len(counts[4]), len(counts[5]), len(numbers[0])
         self.load, self.unit = as_numbers(numbers[0]), as_numbers(numbers[1])
         self.low, self.high, self.row_error = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
-        self.rows, self.basis, self.each = as_numbers(numbers[5]), as_numbers(numbers[6]), as_numbers(numbers[7])
-        self.square, self.inverse = as_numbers(numbers[8]), as_numbers(numbers[9])
+        self.alike, self.rows, self.basis = as_numbers(numbers[5]), as_numbers(numbers[6]), as_numbers(numbers[7])
+        self.each, self.square, self.inverse = as_numbers(numbers[8]), as_numbers(numbers[9]), as_numbers(numbers[10])
 
 
 def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
@@ -248,9 +250,9 @@ def inform(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
             total = 0.0
             for k in range(j + 1):
                 total += new[k * n + i] * new[k * n + j]
-            if i == j and i >= 4:
-                total += 1.0 / (scale[a.kinds[i - 4]] * a.unit[i] * a.unit[i])
             a.square[i * n + j] = a.unit[i] * total * a.unit[j]
+            if j >= 4:
+                a.square[i * n + j] += a.alike[(i - 4) * (n - 4) + j - 4] / scale[a.kinds[i - 4]]
 
 
 @inner

@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.estimation.drift import drift_spread, kinds
+from cylforce.estimation.drift import daily_spread, drift_spread, kinds
 from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
-from cylforce.service.adaptation import BEFORE, Drift
+from cylforce.service.adaptation import Drift
 from cylforce.service.pipeline import Instant
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
@@ -120,7 +120,7 @@ class Gatherer:
     def _as_seen(self, drift: Drift) -> Array:
         """The same where friction and zeros of this machine, as its returns tell (cold oil), spread more than every
         day's."""
-        own = drift_spread(self.model, self.tares.values, BEFORE) * np.sqrt(drift.scale)[kinds(self.model)]
+        own = daily_spread(self.model, self.tares.values) * np.sqrt(drift.scale)[kinds(self.model)]
         wider = np.maximum(own / self._everyday(drift), 1.0)
         return np.asarray(self.prior / np.concatenate([np.ones(LOAD), wider**2]))
 
