@@ -19,6 +19,7 @@ from cylforce.estimation.kernel.choice import INTERPRETED, chosen
 ROOT = Path(__file__).resolve().parents[1]
 LIMIT = {True: 0.55, False: 2.7}  # yardsticks, compiled and interpreted
 DECODE = {True: 0.11, False: 0.78}  # of a frame by python-can and canopen
+TIMES = {True: 40.0, False: 5.0}  # real time; 98 and 11 beside other programs
 
 
 def test_a_step_costs_little_against_fixed_work(tmp_path):
@@ -85,4 +86,4 @@ def test_a_replay_is_timed(tmp_path):
     assert longer["memory"] < 1.05 * minute["memory"]
     assert longer["times"] == pytest.approx(longer["recorded_s"] / longer["took_s"])
     assert longer["memory"] < 80e6
-    assert longer["times"] > 40.0
+    assert longer["times"] > TIMES[chosen() is not INTERPRETED]
