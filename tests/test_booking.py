@@ -21,8 +21,9 @@ def tares(scale_error=0.0, spread=0.0):
     return SimpleNamespace(covariance=np.diag([spread**2]), scale_error=scale_error)
 
 
-def weight(mass, noise=1.0, gain=0.0, drifted=(0.0, 0.0), moving=100, tilt=None):
-    return Weighed(mass, noise, np.array([gain]), np.array(drifted), moving, tilt)
+def weight(mass, noise=1.0, gain=0.0, drifted=(0.0, 0.0), moving=100, tilt=None, hung=None):
+    hung = tilt if hung is None else hung
+    return Weighed(mass, noise, np.array([gain]), np.array(drifted), moving, tilt, hung=hung)
 
 
 def test_the_error_has_noise_tares_drift_and_scale():
@@ -88,6 +89,15 @@ def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
     books = after(spilled(books), weight(860.0, moving=50), weight(860.0, moving=80), weight(300.0, moving=90))
     books = after(parted(books), weight(10.0), weight(10.0))
     assert books.booking.mass == 860.0
+
+
+def test_a_loaders_bucket_that_curls_in_the_heap_does_not_dump():
+    """1988 kg were weighed in the heap, when the bucket had curled by 35 degrees since that load hung; then 1232
+    kg hang in the bucket curled by 11 more: that is the load, not the rest of a dump."""
+    books = after(Books(), *[weight(1988.0, tilt=0.6, hung=0.0)] * 2)
+    books = after(parted(books), *[weight(1232.0, tilt=0.8, hung=0.8)] * 2)
+    books = after(parted(books), *[weight(10.0, tilt=-0.7)] * 2)
+    assert books.booking.mass == 1232.0
 
 
 @pytest.mark.parametrize(("tilt", "mass"), [(-2.8, 400.0), (-1.9, 899.0)])

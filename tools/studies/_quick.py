@@ -28,7 +28,7 @@ class Recorded:
 
     def __init__(self, core: Core, values: Array, first: int) -> None:
         self._core, self._values, self._first, self._k = core, values, first, 0
-        self._good = (Reason.NONE,) * values.shape[1]
+        self.fine = (Reason.NONE,) * values.shape[1]
         model = core.model
         moved = model.channels.run(values)
         self._rows, self._speed = model.filtered.run(moved.motion), moved.motion.speed
@@ -55,7 +55,7 @@ class Recorded:
         """As the assembler: the recorded one."""
         del inputs
         self._k = t_us // self._core.period_us - self._first
-        return Sample(t_us, array("d", self._values[self._k].tolist()), self._good, Reason.NONE)
+        return Sample(t_us, array("d", self._values[self._k].tolist()), self.fine, Reason.NONE)
 
     def read(self, values: Array) -> Numbers:
         """As the pipeline: the channels of the last sample."""

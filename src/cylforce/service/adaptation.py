@@ -2,8 +2,9 @@
 
 The parameters identified at commissioning remain the reference; only their drift is estimated. What sticks in the
 bucket is unknown, and another amount in every return: it is estimated beside the drift, so that only what no load
-explains is taken for a drift. The recursive least squares forget only what the present motion measures, so that nothing
-changes while the machine is parked. The drift is limited to what is physically possible, and is also given in
+explains is taken for a drift. All cylinders have the same oil: what is seen of one friction is expected of the others,
+too, which a return may hardly show. The recursive least squares forget only what the present motion measures, so that
+nothing changes while the machine is parked. The drift is limited to what is physically possible, and is also given in
 kilograms."""
 
 from dataclasses import dataclass, field

@@ -25,8 +25,9 @@ class Weighed(NamedTuple):
     """A weight at some instant of a lift: `mass` [kg] as it would be without drift; `noise` [kg^2]: variance of what
     averages out within the lift; `gain` (P,) and `drifted` (D,): change of the mass per unit of each tare and of each
     drift; `moving`: number of samples in motion on which it is based; `tilt` [rad]: angle of the tool to the house when
-    this load began to hang, None where the tool does not empty by tilting; `slopes` (H,): change of the mass per
-    unit of an error of each signal that is not noticed, None: not known."""
+    this load was first weighed, None where the tool does not empty by tilting; `slopes` (H,): change of the mass per
+    unit of an error of each signal that is not noticed, None: not known; `hung` [rad]: the tool's angle when this load
+    began to hang."""
 
     mass: float
     noise: float
@@ -35,6 +36,7 @@ class Weighed(NamedTuple):
     moving: int
     tilt: float | None = None
     slopes: Array | None = None
+    hung: float | None = None
 
 
 class Probable(NamedTuple):
@@ -225,10 +227,12 @@ def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) ->
 
 
 def _leaves(before: Weighed, now: Weighed, drift: Drift) -> bool:
-    """Whether a smaller load is what is left of the one before, which is being dumped."""
-    if before.tilt is None or now.tilt is None:
+    """Whether a smaller load is what is left of the one before, which is being dumped: the tool turned from where that
+    one was weighed until this one hung. A wheel loader's bucket turns as far in the heap, while it curls; what is
+    weighed there is weighed late, that one with the bucket curled."""
+    if before.tilt is None or now.hung is None:
         return corrected(now, drift) < DUMPING * corrected(before, drift)
-    return abs(now.tilt - before.tilt) > REPOSE
+    return abs(now.hung - before.tilt) > REPOSE
 
 
 def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Tares, drift: Drift) -> Books:

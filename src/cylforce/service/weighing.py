@@ -28,7 +28,7 @@ from cylforce.service.loading.lift import Lift, Look, Weight, kept, looked, shor
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.pipeline import Unexplained, unexplained
 from cylforce.service.spill import EVERY_S, KEPT, changed_at, information, side_by_side
-from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, degraded, invalid, invalid_load
+from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 from cylforce.signals.quick import new, once
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
@@ -223,10 +223,11 @@ class Weigher:
         root = update(root, columns[:0], columns[:0, 0], columns[:0, 0])  # a triangle again
         return kept(root, lift.values, lift.covariance, gram)
 
-    def _weighed(self, lift: Lift, slopes: Array | None) -> Weighed:
+    def _weighed(self, lift: Lift, beside: Beside) -> Weighed:
         gain, noise = lift.covariance[0] @ lift.gram, float(lift.covariance[0, 0])
         size = len(self.model.parameters)
-        return Weighed(float(lift.values[0]), noise, gain[:size], gain[size:], lift.moving, lift.tilt, slopes)
+        mass, drifted = float(lift.values[0]), gain[size:]
+        return Weighed(mass, noise, gain[:size], drifted, lift.moving, beside.tilt, beside.slopes, lift.tilt)
 
     def _conclude(self, lift: Lift, drift: Drift) -> Weight:
         """Mass and centre of the load. The standard error of the mass includes those of tares, drift and scale."""
@@ -294,5 +295,5 @@ class Weigher:
         state = state._replace(tool=self._checked(state.tool, state.lift, weight))
         if self._doubt(state.lift, weight) is not None:
             return state
-        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift, beside().slopes)
+        rated, seen = self.model.machine.rated_payload, self._weighed(state.lift, beside())
         return state._replace(books=noted(state.books, seen, rated, t_us, self.tares, drift))
