@@ -1,10 +1,10 @@
 """The benchmark runs, its parts add up, and a step costs what it should against fixed work on the same core.
 
 A step was 3.3 to 3.4 yardsticks while its arithmetic was done in arrays; it is 0.30 with the compiled kernel, 0.41
-beside many other programs, and 2.1 with the interpreted one. Against filterpy's update a step is 4.8 to 5.1, its
-kernel's residual, recursion, weight and forces take 4.4 to 5.1 us; decoding a frame is 0.08 of canopen's, interpreted
-0.59. The limits are a third above: what is done to the step in Python varies by a tenth between processors, and more
-beside other programs.
+beside many other programs, and 2.1 with the interpreted one. Against filterpy's update a step is 4.9 to 5.6 beside
+other programs, its kernel's residual, recursion, weight and forces take 4.2 to 5.1 us; decoding a frame is 0.08 of
+canopen's, interpreted 0.59. The limits are a third above, that of the step above its least: what is done to the step in
+Python varies by a tenth between processors, and more beside other programs.
 """
 
 import json
@@ -19,6 +19,7 @@ from cylforce.estimation.kernel.choice import INTERPRETED, chosen
 ROOT = Path(__file__).resolve().parents[1]
 LIMIT = {True: 0.55, False: 2.7}  # yardsticks, compiled and interpreted
 DECODE = {True: 0.11, False: 0.78}  # of a frame by python-can and canopen
+TIMES = {True: 40.0, False: 5.0}  # real time; 98 and 11 beside other programs
 
 
 def test_a_step_costs_little_against_fixed_work(tmp_path):
@@ -58,7 +59,7 @@ def test_a_step_beside_others(tmp_path):
     if chosen() is not INTERPRETED:
         assert 0.0 < found["rows_us"] < 5.0
         assert 0.0 < found["solve_us"] < 5.9
-        assert 0.0 < found["step_over_filterpy"] < 6.8
+        assert 0.0 < found["step_over_filterpy"] < 6.5
 
 
 def test_where_the_time_goes(tmp_path):
@@ -85,4 +86,4 @@ def test_a_replay_is_timed(tmp_path):
     assert longer["memory"] < 1.05 * minute["memory"]
     assert longer["times"] == pytest.approx(longer["recorded_s"] / longer["took_s"])
     assert longer["memory"] < 80e6
-    assert longer["times"] > 40.0
+    assert longer["times"] > TIMES[chosen() is not INTERPRETED]

@@ -113,8 +113,11 @@ def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
 
 
 def test_a_machine_that_drives_is_pushed_by_the_heap():
+    """Also where the errors of both parts go together: how it pushes says nothing of the mass that is lifted."""
     driving = Driving(replace(rig(), signals=()), 300e3, 0.1)
-    for force, velocity, driven in ((acting(30e3, 0.0), 0.5 + 0j, False), (acting(0.0, 15e3), 0.5j, True)):
+    heap = acting(-40e3, -5e3)._replace(covariance=(1e6, -5e5, 1e6))
+    cases = ((acting(30e3, 0.0), 0.5 + 0j, False), (acting(0.0, 15e3), 0.5j, True), (heap, 0.3j, False))
+    for force, velocity, driven in cases:
         state = driving.begin()
         for _ in range(20):
             state = driving.step(state, force, velocity, np.array([1e4]))

@@ -104,7 +104,7 @@ def beside(work: Callable[..., None], *words: object) -> Iterator[None]:
 
 
 @contextmanager
-def messages(unread: bool) -> Iterator[None]:
+def messages(*, unread: bool) -> Iterator[None]:
     """The service's messages, a line each step: thrown away, or into a pipe that nobody reads."""
     read, write = os.pipe()
     with os.fdopen(write, "w") if unread else Path(os.devnull).open("w") as stream:
@@ -195,7 +195,7 @@ def followed_by(case: Case, asked: argparse.Namespace, folder: Path) -> dict[str
     for k in range(asked.rounds):
         for way, meanwhile in ways(asked.bus).items():
             log = Path("/dev/full") if way == FULL else folder / f"{k}.log"
-            with meanwhile(), messages(way == UNREAD):
+            with meanwhile(), messages(unread=way == UNREAD):
                 found[way].append(measured(case, asked.bus, asked.seconds / asked.rounds, log, folder / "probe"))
     return {way: joined(each) for way, each in found.items()}
 

@@ -197,13 +197,12 @@ class Assembler:
         size = inputs.sizes[0]
         found = ZERO * (2 * size + 2)
         bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
-        reasons = tuple([REASONS[x] for x in found[size:-2]]) if bad else self.fine
+        reasons = tuple([REASONS[x] for x in found[size:-2]]) if bad else self._fine
         leapt = self.leapt(inputs) if found[-1] else ()
         return new(Sample, (t_us, found[:size], reasons, REASONS[found[-2]], leapt))
 
     @once
-    def fine(self) -> tuple[Reason, ...]:
-        """The reasons of a sample in which every signal is usable."""
+    def _fine(self) -> tuple[Reason, ...]:
         return (Reason.NONE,) * len(self.service.machine.signals)
 
     def ages(self, inputs: Inputs, t_us: int) -> tuple[float, ...]:

@@ -195,8 +195,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
 
 def _channels(core: Core, sample: Sample) -> Numbers | Reason:
     """Joint angles, cylinder forces and attitude (D,) of a sample; or the reason why it is not usable."""
-    fine = sample.reasons is core.assembler.fine or not any(sample.reasons)
-    return core.pipeline.read(sample.kept) if fine else max(sample.reasons)
+    return max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.kept)
 
 
 def _lose(core: Core, state: State, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> State:

@@ -1,7 +1,7 @@
 """Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
 a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
 those of this motion: they are exchanged, or dead. A machine that does not slew drives into the heap, which then pushes
-its tool: there only the vertical part counts, for what hangs, too."""
+its tool: there only the vertical part counts."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
@@ -63,8 +63,9 @@ class Driving:
             return state
         (xx, xz, zz), along = resultant.covariance, velocity / speed
         x, z = resultant.x.value, resultant.z.value
-        z += hanging_weight(x, z, xx, xz, self.machine.rated_payload) if self._stands else max(-z, 0.0)
-        push = x * along.real * self._stands + z * along.imag
+        x *= self._stands  # the heap's push says nothing of the mass either
+        z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
+        push = x * along.real + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
         way = speed * self.seconds
         if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):
