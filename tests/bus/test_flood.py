@@ -26,25 +26,12 @@ from cylforce.service.state import NOTHING_KEPT
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
+from faulting.lateness import FOREIGN, FRAME, flooded
 from scenarios import EXCAVATOR, identified
 
 RATE = 4000  # foreign frames per second
 SECONDS = 6.0  # of each measurement
-FRAME = Struct("=IB3x8s")
-FOREIGN = (0x123, 0x222, 0x333, 0x444, 0x555, 0x18FEEA21 | 0x80000000)
 OURS = 0x240  # TPDO 5, which is sent often
-
-
-def flooded(bus):
-    """Send RATE foreign frames per second on `bus` for ever."""
-    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sender:
-        sender.bind((bus,))
-        begun, count = time.monotonic(), 0
-        while True:
-            while count < (time.monotonic() - begun) * RATE:
-                sender.send(FRAME.pack(FOREIGN[count % len(FOREIGN)], 8, bytes(8)))
-                count += 1
-            time.sleep(0.005)
 
 
 def answering(frames):
@@ -96,7 +83,7 @@ def measured(core, loaded, flood, filtered=True):
         for pdo in node.pdos
     ]
     others = [process.Process(target=answering, args=(frames,))]
-    others += [process.Process(target=flooded, args=(flood,))] if flood else []
+    others += [process.Process(target=flooded, args=(flood, RATE))] if flood else []
     for other in others:
         other.start()
     time.sleep(1.0)

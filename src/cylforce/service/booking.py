@@ -190,8 +190,7 @@ def unseen(books: Books) -> Books:
     """The state after a time in which the bucket may have been emptied and filled again: it is not known when, and
     whether, the load that hung left it."""
     missed = books.missed if books.candidate is None else _missed(books, books.candidate.mass, interrupted=True)
-    begun = Books(booking=books.booking, missed=missed, withheld=books.withheld, probable=books.probable)
-    return begun._replace(unconfirmed=books.unconfirmed)
+    return books._replace(newest=None, candidate=None, dumped=None, missed=missed, remembered=False)
 
 
 def _missed(books: Books, mass: float, *, interrupted: bool) -> Missed:

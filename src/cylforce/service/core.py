@@ -124,9 +124,8 @@ class Core:
 
     def continued(self, state: State, unconfirmed: bool | None = None) -> State:
         """The state of a service with other tares, with these from now on (`unconfirmed` or not; None: as before):
-        estimators start anew, as after a restart. A
-        load that hangs was weighed with the others and is not booked. Sensors, the operator's settings, NMT's order and
-        a signal that was rejected stay."""
+        estimators start anew, as after a restart. A load that hangs was weighed with the others and is not booked.
+        Sensors, the operator's settings, NMT's order and a signal that was rejected stay."""
         begun = self.begin(state.memory._replace(hanging=None))
         books = unseen(state.weighing.books)._replace(probable=None)
         if unconfirmed is not None:

@@ -101,6 +101,13 @@ class Instant(NamedTuple):
         _, r, k, c = self.sizes
         return self._part(3 * r * k + 2 * r, (c,))
 
+    @property
+    def reverses(self) -> bool:
+        """Whether any does."""
+        _, r, k, c = self.sizes
+        begin = 3 * r * k + 2 * r
+        return any(self.kept[begin : begin + c])
+
     def _part(self, begin: int, shape: tuple[int, ...]) -> Array:
         return np.frombuffer(self.kept)[begin : begin + prod(shape)].reshape(shape)
 

@@ -280,7 +280,7 @@ def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
 
     def values(estimate: Estimate) -> list[float]:
         found: list[float] = [*plain(estimate), *map(max, errors(estimate), least)]
-        found += [q.status | q.reason << 2 for q in qualities(estimate)]
+        found += map(quality, qualities(estimate))
         found += [value(estimate) for value in rest]
         return [found[place] for place in places]
 

@@ -16,7 +16,6 @@ from cylforce.service.plausibility.monitor import Samples, Watch
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.plausibility.unnoticed import Unnoticed
 from cylforce.service.publication import GROSS
-from cylforce.service.senders.inputs import QUIET_US
 from cylforce.service.state import NOTHING, Output, Scale, State
 from cylforce.service.weighing import Weighing
 from cylforce.signals.estimate import (
@@ -182,9 +181,7 @@ def _booked(state: State, estimate: Estimate, before: Booking | None) -> State:
     """The state with its estimate and the working cycle advanced; with a new booking it ends, and the truck has one
     more bucket, whose mass follows the booking while that becomes more precise."""
     cycle, booking = advanced(state.cycle, estimate), state.weighing.books.booking
-    parts = [*state]
-    parts[6], parts[12] = estimate, cycle
-    state = new(State, tuple(parts))
+    state = state._replace(estimate=estimate, cycle=cycle)
     if booking is None or booking is before:
         return state
     if before is not None and not is_new(booking, before):
@@ -291,9 +288,9 @@ def _doubts(core: Core, state: State, t_us: int) -> list[Reason]:
         found.append(Reason.NOT_CONFIRMED)
     if state.watch.suspicion.level is DOUBTED or state.weighing.books.withheld:
         found.append(Reason.SENSORS_DISAGREE)
-    long_us, spoofed_us = state.inputs.marked_us
-    if abs(t_us - long_us) < LONG_FRAME_US:
+    inputs = state.inputs
+    if abs(t_us - inputs.long_us) < LONG_FRAME_US:
         found.append(Reason.LONG_FRAME)
-    if abs(t_us - spoofed_us) < QUIET_US:
+    if inputs.spoofed(t_us):
         found.append(Reason.OWN_IDENTIFIER)
     return found

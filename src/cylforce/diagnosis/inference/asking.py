@@ -18,7 +18,7 @@ from cylforce.diagnosis.columns.whitening import Floor
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.sizes import Column, Terms
-from cylforce.diagnosis.numbers import AGES, EXPECTED, GAP, USUALLY
+from cylforce.diagnosis.numbers import AGES, EXPECTED, FROM_START_TO_START, GAP, USUALLY
 from cylforce.diagnosis.recordings.shaking import white_noise
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
@@ -166,7 +166,7 @@ class Asking:
     def _ages(self) -> dict[str, float]:
         """How far clocks are apart from one recording to another, of the least plausible lag."""
         ages = AGES / self.viewer.model.filters.rate_hz
-        clocks = [p.about for p in self.problem.proposals if p.course is TimeCourse.CLOCK]
+        clocks = [p.about for p in self.problem.proposals if p.name in FROM_START_TO_START]
         return {about.name: max(USUALLY, ages / about.low) for about in clocks}
 
     def noise_without(self, applied: Sequence[Applied]) -> Array:

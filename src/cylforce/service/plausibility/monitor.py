@@ -155,9 +155,9 @@ class Monitor:
             and (changes.noises is before.noises or changes.lost == before.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        now_is = [*state]
-        now_is[3], now_is[7], now_is[10], now_is[12] = changes, seen.leapt, leaps, turned
-        state = new(Watch, tuple(now_is))
+        gathering, blocks, offset, _, driven, unnoticed, swept, _, light, suspicion, _, lighter, _ = state
+        own = (driven, unnoticed, swept, seen.leapt, light, suspicion, leaps, lighter, turned)
+        state = new(Watch, (gathering, blocks, offset, changes, *own))
         if seen.pipe.steps % EVERY == 0:
             told = state
             state = self._gathered(state, seen)

@@ -48,13 +48,6 @@ class Reversing:
         each = (c.name for c in self.model.machine.cylinders)
         return tuple({law: names[f"{c}.{law}"] for law in LAWS if f"{c}.{law}" in names} for c in each)
 
-    @once
-    def _turning(self) -> slice:
-        """Where the kernel's rows of an instant say which cylinders (C,) are about to turn round."""
-        rows, columns = len(self.model.machine.rows), len(self.model.filtered.regressor.names)
-        begin = 3 * rows * columns + 2 * rows
-        return slice(begin, begin + len(self.model.machine.cylinders))
-
     def begin(self) -> Turns:
         """Nothing has turned."""
         size = len(self.model.machine.cylinders)
@@ -63,7 +56,7 @@ class Reversing:
     def step(self, state: Turns, instant: Instant, steps: int) -> Turns:
         """The state after one step, the filters' `steps` so far. The pipeline's speeds are late; it looks ahead by as
         much."""
-        if not any(instant.kept[self._turning]):
+        if not instant.reverses:
             return state
         at, way = state.at[:], state.way[:]
         for c, turns in enumerate(instant.reversing):

@@ -92,10 +92,9 @@ class Inputs(NamedTuple):
         return FrameCounters(*self.kept[-5:-2])
 
     @property
-    def marked_us(self) -> Numbers:
-        """Times [us] of the last frame that was longer than its mapping, and of the last one that somebody else sent
-        with our identifiers."""
-        return self.kept[-2:]
+    def long_us(self) -> float:
+        """Time of the last frame that was longer than its mapping [us]."""
+        return self.kept[-2]
 
     def spoofed(self, t_us: int) -> bool:
         """Whether somebody else sends our identifiers."""
