@@ -8,8 +8,10 @@ import pytest
 from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.heard import EACH_WAY, GROUP, GROUPS
 from cylforce.estimation.kernel.making import numbers
-from cylforce.estimation.kernel.solving import room, solver
+from cylforce.estimation.kernel.solving import Limits, room, solver
 from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.regressor import Rows
+from cylforce.estimation.residual import residual
 from cylforce.service.assembler import Assembler
 from cylforce.service.contact.noise import SHOWN
 from cylforce.settings.machine_file import load
@@ -84,6 +86,45 @@ def test_a_force_is_shown_with_the_errors_of_its_size_and_direction(kernel, hang
         assert got[11] == 1.0
         assert got[8:11].tolist() == pytest.approx(whole[np.triu_indices(2)])
         assert got[12:14].tolist() == pytest.approx([max(got[4:7]), size])
+
+
+def test_what_the_tares_leave_is_that_of_arrays_with_friction_at_rest_under_load(kernel):
+    """A cylinder that carries more holds by more; one in motion by nothing."""
+    rng = np.random.default_rng(SEED)
+    model = Model(load(EXCAVATOR).service.machine, load(EXCAVATOR).service.filters, FRICTION)
+    size, drifts = len(model.parameters), len(model.changing)
+    tares = model.data_sheet._replace(values=rng.uniform(0.5, 1.5, size), covariance=np.eye(size))
+    rows = Rows(rng.normal(size=(3, len(model.filtered.regressor.names))), 10.0 * rng.normal(size=3))
+    rows.columns[:, model.at_rest] = rng.uniform(0.1, 1.0, (3, 3))
+    rows.columns[0, model.at_rest] = 0.0
+    found = room((3 + drifts) * 3)
+    kernel.explain(solver(model, tares, kernel), np.append(rows.columns, rows.torque), np.zeros(drifts), found)
+    wanted = residual(model, tares, rows, np.zeros(3))
+    for k, each in enumerate((wanted.torque, wanted.variance, wanted.rest)):
+        np.testing.assert_allclose(np.frombuffer(found)[3 * k : 3 * k + 3], each, rtol=1e-12)
+    heavy = residual(model, tares, rows._replace(torque=2.0 * rows.torque), np.zeros(3))
+    assert wanted.rest[0] == heavy.rest[0] == 0.0
+    assert np.all(heavy.rest[1:] > wanted.rest[1:])
+
+
+def test_friction_at_rest_is_one_sample_however_noisy_the_speed_is(kernel):
+    """One that is read as motion now and then is no new rest; as many steps of motion allow as many at rest."""
+    rng, patience = np.random.default_rng(SEED), 50
+    model = Model(load(EXCAVATOR).service.machine, load(EXCAVATOR).service.filters, FRICTION)
+    made = solver(model, model.data_sheet, kernel, Limits(patience=float(patience)))
+    size, drifts = len(model.parameters), len(model.changing)
+    rows, lift = np.ones((3, len(model.filtered.regressor.names) + 1)), np.zeros(40 + 4 * (size + drifts))
+    known, unsure = np.zeros(drifts), np.zeros((drifts, drifts))
+    rested, taken, moved = np.zeros(3), np.zeros(3), np.zeros(3)
+    for _ in range(1000):
+        still = rng.uniform(size=3) > 0.1
+        left = np.concatenate([np.zeros(3), np.ones(3), 4.0 * still, np.zeros(3 * drifts)])
+        work = room(24)
+        kernel.gate(made, rows, left, np.zeros(3), np.ones(3), rested, known, unsure, work, lift)
+        rested, used = np.frombuffer(work)[21:], np.frombuffer(work)[18:21] > 0.0
+        taken, moved = taken + (used & still), moved + ~still
+    assert np.all(taken >= patience)
+    assert np.all(taken <= patience + moved)
 
 
 def test_groups_are_compared_as_by_an_analysis_of_variance(kernel):

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2, f
 
 from cylforce.files.checkpoint import packed, unpacked
+from cylforce.service.loading.lift import kept
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import Driving
@@ -112,6 +113,17 @@ def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
     assert (state.level is Level.REJECTED) is driven
 
 
+def test_a_fast_arm_that_stops_is_not_driven():
+    """Its inertia shows at one sample, 0.3 m of path from the one before; what drives it is there at the next, too."""
+    driving = Driving(rig(), 300e3, 0.2)
+    for pushes, driven in (((30e3, 0.0, 0.0), False), ((30e3, 30e3), True)):
+        state, levels = driving.begin(), []
+        for push in (0.0, *pushes):
+            state = driving.step(state, acting(push, 0.0), 1.5 + 0j, np.array([1e4]))
+            levels.append(state.level)
+        assert (Level.DOUBTED in levels) is driven
+
+
 def test_a_machine_that_drives_is_pushed_by_the_heap():
     """Also where the errors of both parts go together: how it pushes says nothing of the mass that is lifted."""
     driving = Driving(replace(rig(), signals=()), 300e3, 0.1)
@@ -205,6 +217,16 @@ def test_seconds_that_contradict_each_other_reject_nothing(machine):
     assert offset.evidence < Voting(Gatherer(core.model, core.tares)).limits[Level.DOUBTED]
 
 
+def test_torques_that_scatter_more_than_at_commissioning_say_less(machine):
+    """Of two blocks the one whose best error leaves four times its variance has a quarter of the votes."""
+    core, *_ = machine
+    calm = block(core, 0.0, 1, 1.0, information=6.0)
+    rough = calm._replace(left=calm.left + 4.0 * calm.weight)
+    (one, _), (other, _) = evidence(core, [calm]), evidence(core, [rough])
+    assert one.evidence == pytest.approx(4.0 * other.evidence)
+    assert one.evidence > 0.0
+
+
 def test_contact_does_not_vote(machine):
     core, *_ = machine
     contact = block(core, 50.0, 1, 0.1)
@@ -295,11 +317,11 @@ def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_d
 
 def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_otherwise(machine):
     core, *_ = machine
-    watch = core.monitor.begin()
+    watch, begun, drift = core.monitor.begin(), core.weigher.begin().lift, core.weigher._still
 
     def seen(watch, kilograms, status=Status.OK, taken=200):
         gross = Quantity(kilograms, 10.0, status, Reason.NONE)
-        light, lighter = core.monitor._light(watch, gross, taken)
+        light, lighter = core.monitor._light(watch, gross, begun._replace(taken=taken), drift)
         return watch._replace(light=light, lighter=lighter)
 
     watch = seen(watch, -29.0)
@@ -315,6 +337,25 @@ def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_othe
         assert (doubt.level, doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
         assert doubt.follows
     assert core.monitor._suspicion(seen(light, -29.0)) == NOTHING_SUSPECTED
+
+
+def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machine):
+    """Of 10 kg of standard error 8 by a drift that may be five times as large: 49 kg is below three, 150 kg is not."""
+    core, *_ = machine
+    begun = core.weigher.begin().lift
+    size = len(core.model.parameters) + len(core.model.changing)
+    gram = np.zeros((4, size))
+    gram[0, -1] = 8.0
+    root, covariance = begun.root, np.diag([1.0, 0.0, 0.0, 0.0])
+    lift, drift = begun._replace(kept=kept(root, np.zeros(4), covariance, gram)), core.adapter.begin()
+    drift = drift._replace(covariance=np.diag([0.0] * (len(core.model.changing) - 1) + [1.0]))
+    for kilograms, returned, light in ((-49.0, False, False), (-150.0, False, True), (-49.0, True, True)):
+        drift = drift._replace(returned=returned)
+        gross, watch = Quantity(kilograms, 10.0, Status.OK, Reason.NONE), core.monitor.begin()
+        for taken in (200, 240):
+            light_now, lighter = core.monitor._light(watch, gross, lift._replace(taken=taken), drift)
+            watch = watch._replace(light=light_now, lighter=lighter)
+        assert watch.light is light
 
 
 @pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])

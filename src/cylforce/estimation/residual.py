@@ -36,9 +36,24 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     size = len(model.parameters)
     columns = rows.columns[..., :size]
     torque = tares.scale * (rows.torque - columns @ tares.values - drift)
-    coulomb = np.abs(tares.values[model.coulomb])
-    rest = (rows.columns[..., model.at_rest] @ coulomb) ** 2 if coulomb.size else np.zeros_like(torque)
+    rest = _at_rest(model, tares, rows) ** 2 if len(model.coulomb) else np.zeros_like(torque)
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
+
+
+def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
+    """Standard error (..., R) [N m] of the torque by friction at rest: of each cylinder, for the share of its lever
+    whose direction is unknown, f_c and what a force adds to it. That force times the lever is the row's torque."""
+    unknown = rows.columns[..., model.at_rest]
+    share = unknown / np.maximum(np.abs(rows.columns[..., model.coulomb]) + np.abs(unknown), 1e-300)
+    more = np.abs(rows.torque) * (share @ by_load(model, tares.values))
+    return np.asarray(unknown @ np.abs(tares.values[model.coulomb]) + more)
+
+
+def by_load(model: Model, values: Array) -> Array:
+    """Share (C,) of its force by which each cylinder's dry friction is more, from the parameters `values` (P,)."""
+    names = {p.name: k for k, p in enumerate(model.parameters)}
+    places = [names.get(f"{c.name}.load_dependent") for c in model.machine.cylinders]
+    return np.array([0.0 if k is None else max(float(values[k]), 0.0) for k in places])
 
 
 def correlated(filters: Filters, seconds: float = 0.0) -> float:

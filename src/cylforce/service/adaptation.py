@@ -44,7 +44,7 @@ class Drift(NamedTuple):
     and the drift (D), without; `scale` (2,): variance of friction and of zeros in units of the prior's;
     `waited`: steps since the last update; `mass` [kg] that the empty bucket would show without the adaptation;
     `following`: whether this instant was usable, else nothing changes; `seen`: whether the information is in part about
-    what remains in the bucket now."""
+    what remains in the bucket now; `returned`: whether a return before told of the drift."""
 
     root: Root
     values: Array
@@ -54,6 +54,7 @@ class Drift(NamedTuple):
     mass: float
     following: bool
     seen: bool
+    returned: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ class Adapter:
         factor, right = np.zeros_like(drift.root.factor), np.zeros_like(drift.root.right)
         factor[LOAD:, LOAD:], right[LOAD:] = drift.root.factor[LOAD:, LOAD:], drift.root.right[LOAD:]
         factor[:LOAD, :LOAD], right[:LOAD] = np.diag(1.0 / self._remainder), self._sticking
-        return drift._replace(root=Root(factor, right), following=False, seen=False)
+        return drift._replace(root=Root(factor, right), following=False, seen=False, returned=True)
 
     def columns(self, rows: Rows) -> Array:
         """Columns (R, D) of the adapted parameters."""
@@ -145,7 +146,8 @@ class Adapter:
         whole, end = np.frombuffer(new), n * n + n
         root = Root(whole[: n * n].reshape(n, n), whole[n * n : end])
         covariance = whole[end + d : -3].reshape(d, d)
-        return Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], following=True, seen=True)
+        found = Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], following=True, seen=True)
+        return found._replace(returned=drift.returned)
 
     @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class

@@ -15,7 +15,8 @@ class KernelSolver:
 
     `changing` (D,): columns of the drift; `at_rest`, `tip`: first columns of friction at rest and of the tool;
     `load_at` (M, 2) and `load` (M,): numbers that are not zero of the (P, 4) table from a load to parameters; `values`
-    (P,), `covariance` (P, P), `row_error` (R,) of the tares; `dry` (C,): Coulomb friction, none: empty; `prior` (T, T):
+    (P,), `covariance` (P, P), `row_error` (R,) of the tares; `dry` (C,): Coulomb friction, none: empty, its columns
+    begin at `coulomb`; `by_load` (C,): share of a cylinder's force by which its dry friction is more; `prior` (T, T):
     information on the force. The limits are those of `service`, by the same names. Places of intermediate results end
     the list: they serve one thread."""
 
@@ -29,6 +30,7 @@ class KernelSolver:
     tip: Count
     loads: Count
     dry_size: Count
+    coulomb: Count
     scale: Number
     scale_error: Number
     relative: Number
@@ -53,6 +55,7 @@ class KernelSolver:
     covariance: Numbers
     row_error: Numbers
     dry: Numbers
+    by_load: Numbers
     prior: Numbers
     spread: Numbers
     own: Numbers
@@ -78,7 +81,8 @@ class KernelSolver:
         self.spread, self.own = as_numbers(numbers[6]), as_numbers(numbers[7])
         self.square, self.other = as_numbers(numbers[8]), as_numbers(numbers[9])
         self.some = as_numbers(numbers[10])
-        self.loads, self.dry_size = len(numbers[0]), len(numbers[4])
+        self.by_load = as_numbers(numbers[11])
+        self.loads, self.dry_size, self.coulomb = len(numbers[0]), len(numbers[4]), sizes[8]
 
 
 @inner

@@ -9,7 +9,7 @@ import numpy as np
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import RELATIVE
+from cylforce.estimation.residual import RELATIVE, by_load
 from cylforce.signals.estimate import Array
 
 ZERO = array("d", [0.0])
@@ -46,6 +46,7 @@ def solver(
     cylinders, drifts = len(model.machine.cylinders), len(model.changing)
     columns = len(model.filtered.regressor.names)
     sizes = [rows, columns, size, cylinders, drifts, tools, model.at_rest.start, model.tool.start]
+    sizes.append(next(iter(model.coulomb), 0))
     places = np.argwhere(model.load)
     dry = np.abs(tares.values[model.coulomb])
     errors = np.broadcast_to(tares.row_error, (rows,))
@@ -55,7 +56,7 @@ def solver(
     signals = cylinders + model.machine.size
     longest = max(size, drifts + 5 + signals, 4 * most)
     room = [4 * most, rows * size + 2 * tools * most, most * most, longest, size + drifts]
-    parts += [np.zeros(each) for each in room]
+    parts += [*(np.zeros(each) for each in room), by_load(model, tares.values)]
     return kernel.KernelSolver(
         counts(sizes),
         numbers([tares.scale, tares.scale_error, RELATIVE, *limits]),

@@ -29,9 +29,12 @@ def explain(s: KernelSolver, rows: Numbers, drift: Numbers, found: Numbers) -> N
         left *= s.scale
         found[r] = left
         found[s.r + r] = s.row_error[r] * s.row_error[r] + (s.relative * left) * (s.relative * left)
-        rest = 0.0
+        rest, torque = 0.0, abs(rows[s.r * s.k + r])
         for c in range(s.dry_size):
-            rest += rows[o + s.at_rest + c] * s.dry[c]
+            unknown = rows[o + s.at_rest + c]
+            if unknown != 0.0:
+                share = unknown / (abs(rows[o + s.coulomb + c]) + abs(unknown))
+                rest += unknown * s.dry[c] + share * s.by_load[c] * torque
         found[2 * s.r + r] = rest * rest
 
 
@@ -108,7 +111,7 @@ def gate(
         doubt += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, left, drifting), s.drifted * variance)
         doubt += variance + s.break_away * s.break_away * rest
         still = rest > variance
-        steps = rested[r] + 1.0 if still else 0.0
+        steps = min(rested[r], s.patience) + 1.0 if still else max(rested[r] - 1.0, 0.0)
         work[4 * s.r + r] = torque + s.scale * by
         work[5 * s.r + r] = s.memory * variance + s.patience * rest
         work[6 * s.r + r] = 1.0 if usable[r] != 0.0 and steps <= s.patience else 0.0

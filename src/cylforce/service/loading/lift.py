@@ -1,5 +1,6 @@
 """A lift, and what is concluded from it."""
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -23,9 +24,9 @@ class Look(NamedTuple):
 class Lift(NamedTuple):
     """A lift: the recursive estimate of the load's (m, m x, m z, J about the last pin) without drift, as the kernel
     keeps it (`kept`); numbers of samples `taken`, `refused` in a row, and `moving`; `rested` (R,): number of samples
-    for which each row has been at rest; `marks` (M, 4, 5 + P + D): information about the load at the last `looks` (M,)
-    for a spill; `mixed`: whether the filters still hold what was before the lift; `tilt`: that of the first look, when
-    this load began to hang, None: none yet."""
+    for which each row has been at rest, less those in motion since; `marks` (M, 4, 5 + P + D): information about the
+    load at the last `looks` (M,) for a spill; `mixed`: whether the filters still hold what was before the lift; `tilt`:
+    that of the first look, when this load began to hang, None: none yet."""
 
     kept: Numbers
     taken: int
@@ -56,6 +57,11 @@ class Lift(NamedTuple):
     def gram(self) -> Array:
         """(4, P + D), with which its sensitivity to tares and drift is covariance @ gram."""
         return self._part(GRAM, len(self.kept)).reshape(4, -1)
+
+    def by_drift(self, covariance: Array) -> float:
+        """Standard error [kg] of the mass by a drift of this `covariance` (D, D)."""
+        gain = self.covariance[0] @ self.gram[:, -len(covariance) :]
+        return sqrt(max(float(gain @ covariance @ gain), 0.0))
 
     def _part(self, begin: int, end: int) -> Array:
         return np.frombuffer(self.kept)[begin:end]

@@ -1,7 +1,8 @@
 """Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
 a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
-those of this motion: they are exchanged, or dead. A machine that does not slew drives into the heap, which then pushes
-its tool: there only the vertical part counts."""
+those of this motion: they are exchanged, or dead. Between two samples it is driven if it is at both: where a fast arm
+stops or turns, its inertia alone, known to a few per cent, may show at one of them. A machine that does not slew drives
+into the heap, which then pushes its tool: there only the vertical part counts."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
@@ -27,10 +28,11 @@ SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
 
 class Driven(NamedTuple):
     """State: the `path` [m] over which the tool was driven, and the torque left of each joint, integrated along it:
-    `strain` (R,) [N m m]."""
+    `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`)."""
 
     path: float
     strain: Array
+    drives: bool = False
 
     @property
     def level(self) -> Level:
@@ -60,7 +62,7 @@ class Driving:
         leave. What resists takes back as much of the path."""
         speed = abs(velocity)
         if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
-            return state
+            return state._replace(drives=False) if state.drives else state
         (xx, xz, zz), along = resultant.covariance, velocity / speed
         x, z = resultant.x.value, resultant.z.value
         x *= self._stands  # the heap's push says nothing of the mass either
@@ -69,5 +71,7 @@ class Driving:
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
         way = speed * self.seconds
         if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):
-            return state._replace(path=state.path - way) if state.path > way else self.begin()
-        return Driven(state.path + way, state.strain + way * np.abs(torque))
+            return Driven(state.path - way, state.strain) if state.path > way else self.begin()
+        if not state.drives:
+            return state._replace(drives=True)
+        return Driven(state.path + way, state.strain + way * np.abs(torque), drives=True)

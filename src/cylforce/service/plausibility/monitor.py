@@ -6,6 +6,7 @@ surest objection is believed, of several the most specific one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from cylforce.estimation.residual import SMALLEST
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
+from cylforce.service.loading.lift import Lift
 from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
 from cylforce.service.plausibility.changing import Changes, Watching
@@ -28,7 +30,7 @@ from cylforce.service.plausibility.reversing import Reversing, Turns
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
-from cylforce.service.weighing import LATER_S
+from cylforce.service.weighing import COLD, LATER_S
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new, once
@@ -66,7 +68,7 @@ class Watch(NamedTuple):
 
 class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
-    forces, the drift so far, gross weight [kg], samples `taken` of the lift, signals that `leapt` and stayed there."""
+    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there."""
 
     values: Numbers
     pipe: Pipe
@@ -75,7 +77,7 @@ class Samples(NamedTuple):
     forces: Forces
     drift: Drift
     gross: Quantity
-    taken: int
+    lift: Lift
     leapt: tuple[int, ...] = ()
 
 
@@ -190,9 +192,9 @@ class Monitor:
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
         turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
-        now = (gathering, turned, seen.taken, seen.drift)
+        now = (gathering, turned, seen.lift.taken, seen.drift)
         unnoticed = self._noticing.step(state.unnoticed, *now, hangs=bool(hangs))
-        light, lighter = self._light(state, seen.gross, seen.taken)
+        light, lighter = self._light(state, seen.gross, seen.lift, seen.drift)
         state = state._replace(gathering=gathering, driven=driven, light=light, lighter=lighter, unnoticed=unnoticed)
         if gathering.samples:
             return state._replace(swept=swept)
@@ -203,12 +205,15 @@ class Monitor:
         leaps = self._returning.judged(state.leaps, block)
         return state._replace(blocks=blocks, offset=self._voting.result(blocks), leaps=leaps)
 
-    def _light(self, state: Watch, gross: Quantity, taken: int) -> tuple[bool, int]:
-        """Whether the bucket weighs less than nothing, and from which of the lift's samples `taken` on; as before while
-        that is not seen. As for a booking, the lift must go on for LATER_S: what ended it was no weight."""
+    def _light(self, state: Watch, gross: Quantity, lift: Lift, drift: Drift) -> tuple[bool, int]:
+        """Whether the bucket weighs less than nothing, and from which of the lift's samples on; as before while that is
+        not seen. As for a booking, the lift must go on for LATER_S: what ended it was no weight. Until a return has
+        told of the drift, oil may be cold, as in the weighing's gate."""
+        taken = lift.taken
         if gross.status is not Status.OK or gross.value > SMALLEST * self.model.machine.rated_payload:
             return state.light, NEVER
-        if gross.value >= -BELOW * gross.standard_error:
+        more = 0.0 if drift.returned else lift.by_drift(drift.covariance)
+        if gross.value >= -BELOW * hypot(gross.standard_error, sqrt(COLD**2 - 1.0) * more):
             return False, NEVER
         if not 0 <= state.lighter <= taken:
             return state.light, taken

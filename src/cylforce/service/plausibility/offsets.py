@@ -67,6 +67,12 @@ class Voting:
         """The last KEPT blocks with a new one."""
         return Block(*(np.concatenate([old[1 - KEPT :], one[None]]) for old, one in zip(blocks, new, strict=True)))
 
+    def _scatter(self, blocks: Block) -> Array:
+        """What is left of each independent sample of blocks (B, 1), beside the best error of a signal, in units of its
+        variance, if that is more than it: such torques say that much less (Birge ratio, as in `unnoticed`)."""
+        most = (blocks.linear**2 / blocks.square).max(axis=1, keepdims=True)
+        return np.asarray(np.maximum((blocks.left - most) / blocks.weight, 1.0))
+
     def result(self, blocks: Block) -> Offset:
         """The most likely error with its evidence. What every block would choose is tried on all; they are counted from
         the moment on that speaks most for it."""
@@ -76,7 +82,7 @@ class Voting:
         harmless = HARMLESS * rated / np.maximum(np.abs(blocks.slope), 1e-9)
         as_is = np.minimum(cost(blocks, 0.0, rated), cost(blocks, np.clip(x, -harmless, harmless), rated))
         most = self.limits[Level.REJECTED] / VOTES
-        votes = np.clip(as_is - cost(blocks, x, rated), -most, most)
+        votes = np.clip((as_is - cost(blocks, x, rated)) / self._scatter(blocks), -most, most)
         since = votes[:, ::-1].cumsum(axis=1).max(axis=1)  # (B, H)
         k, signal = np.unravel_index(int(since.argmax()), since.shape)
         evidence = float(since[k, signal])

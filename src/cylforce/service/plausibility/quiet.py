@@ -22,8 +22,9 @@ __all__ = ["CODES", "KNOWN", "LATEST", "NOISES", "QUIET", "TENTH", "Noises", "be
 # of 23 second differences
 TENTH = 0.52701
 # Variance of all readings of the last 1 to 4 groups over that of the noise below which noise is gone: white noise is
-# once in ten hours of motion (chi-squared, lower quantiles of 2.9e-7: four a second, of six pressures, four limits)
-QUIET = (0.14338, 0.29127, 0.38126, 0.44281)
+# once in ten hours of motion (lower quantiles of 2.9e-7: four a second, of six pressures, four limits), if its variance
+# is known from the quietest tenth of KNOWN groups only
+QUIET = (0.13535, 0.26539, 0.33898, 0.38637)
 _LIMITS = numbers(QUIET)
 
 
