@@ -21,14 +21,15 @@ LOADED = load(CONFIG / "excavator_stick_bucket.toml")
 SERVICE = LOADED.service
 NAMES = tuple(s.name for s in SERVICE.machine.signals)
 MODEL = Model(SERVICE.machine, SERVICE.filters, ALWAYS)
+KILOGRAMS = 500.0
 RATE = SERVICE.filters.rate_hz
 PRESSURES = [k for k, name in enumerate(NAMES) if "pressure" in name]
 
 
-def moved(motion, *effects):
-    """A minute of the empty machine's moves."""
+def moved(motion, *effects, load=0.0):
+    """A minute of the machine's moves, with a load [kg] in the bucket."""
     truth = truth_of(LOADED)._replace(effects=effects)
-    scene = scenario.moves(SERVICE.machine, np.random.default_rng((SEED, motion)), 60.0)
+    scene = scenario.moves(SERVICE.machine, np.random.default_rng((SEED, motion)), 60.0, payload=load)
     made, rng = sensors(SERVICE.machine, SERVICE.nodes), np.random.default_rng((SEED, motion, 2))
     records = run(SERVICE.machine, truth, made, [scene], dt=1.0 / RATE, rng=rng)
     return np.concatenate([record.values for record in records])
@@ -77,6 +78,13 @@ def test_references_in_order_are_alike(order):
 def test_the_reference_that_is_unlike_the_others_is_named(order):
     faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
     assert strange(MODEL, named([*order, faulty])) == ["run 4"]
+
+
+def test_a_reference_with_a_known_load_is_like_the_others_wherever_the_load_hangs(order):
+    """One whose load is another than was said is not."""
+    values = moved(6, load=KILOGRAMS)
+    assert strange(MODEL, [*named(order), Recorded("loaded", values, KILOGRAMS)]) == []
+    assert strange(MODEL, [*named(order), Recorded("loaded", values, 0.5 * KILOGRAMS)]) == ["loaded"]
 
 
 def test_of_two_references_neither_is_called_wrong(order):
