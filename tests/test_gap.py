@@ -139,6 +139,7 @@ KEYS = {
     "where": [SPOT],
     "effects": [EFFECT],
     "explained": N,
+    "working": "bool",
     "end_quantities": {"payload_kg": {"before": N, "after": N}, "tip_force_n": {"before": N, "after": N}},
     "next_experiment": ["str"],
     "evidence": [{**PLACE, "nats": N, "probability": N}],

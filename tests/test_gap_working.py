@@ -1,10 +1,17 @@
 """A machine at work whose load is known in one of its recordings, and changes there."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from cylforce.diagnosis.answer.shrinkage import tried
+from cylforce.diagnosis.answer.verdict import Verdict, contributed, judged, searched
+from cylforce.diagnosis.inference.learnt import CALIBRATION
 from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.fault import PRESSURES
 from cylforce.effects.imposed import imposed
+from cylforce.programs.common.gap_answer import answer, hidden_by_work
+from cylforce.programs.wording.plain import plain
 from gap_scene import LOADS, MACHINE, as_it_was, recordings
 
 SEED = 3
@@ -31,3 +38,28 @@ def test_work_with_a_known_load_that_falls_out_is_answered():
     found = examined(reference.viewer, field, reference.clean, rng)
     assert found.working, f"seed {SEED}"
     assert {form.name for form in found.asked.forms}.isdisjoint({"payload_spill", "payload_shift"})
+
+
+def test_a_cause_that_work_does_not_hide_is_named_without_a_share():
+    """Of the gap of a machine at work, which is contact, no effect takes away anything; weights hold the loads. As if
+    a machine in the air worked."""
+    rng, reference = np.random.default_rng(SEED), as_it_was()
+    late = imposed(MACHINE, "sensor_delay", "bucket_angle", 0.06)
+    found = replace(examined(reference.viewer, recordings(SEED, (late,)), reference.clean, rng), working=True)
+    search = searched(found, at_work=CALIBRATION)
+    verdict, size, refuted = tried(search, judged(found, search, contributed(search)), rng)
+    told = answer(search, verdict, size, (), {})
+    assert [(each["name"], each["at"]) for each in told["effects"]] == [("sensor_delay", "bucket_angle")]
+    assert told["effects"][0]["closure"] == {"value": None, "low": None, "high": None}
+    assert (told["working"], told["end_quantities"], refuted) == (True, None, "")
+    assert "works in these recordings" in hidden_by_work(search, verdict)
+    said = plain(MACHINE, told)
+    assert {"What it does", "Once corrected"}.isdisjoint(point.title for point in said.points)
+
+
+def test_at_work_no_gap_and_something_unknown_are_not_observable():
+    rng, reference = np.random.default_rng(SEED), as_it_was()
+    found = replace(examined(reference.viewer, recordings(SEED), reference.clean, rng), working=True)
+    search = searched(found, at_work=CALIBRATION)
+    told = judged(found, search, contributed(search))
+    assert (told.verdict, told.named) == (Verdict.NOT_OBSERVABLE, ())

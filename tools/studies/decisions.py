@@ -233,7 +233,7 @@ class Scored:
     def alone(self) -> bool:
         """Whether one effect is named alone."""
         name = self.answer.first[0]
-        return name not in {NOTHING[0], UNKNOWN[0]} and self.answer.probability >= ALONE and not self.row.working
+        return name not in {NOTHING[0], UNKNOWN[0]} and self.answer.probability >= ALONE
 
     @property
     def probability(self) -> float:

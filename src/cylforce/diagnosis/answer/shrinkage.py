@@ -46,8 +46,9 @@ class Gap(NamedTuple):
 
 
 def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Judged, Gap, str]:
-    """The verdict once what is named has been simulated, the gap, and a warning where that refutes it."""
-    size = gap(search, judged, rng)
+    """The verdict once what is named has been simulated, the gap, and a warning where that refutes it. At work nothing
+    is: of what contact and loads do, which are most of that gap, no effect takes away anything."""
+    size = gap(search, judged._replace(named=()) if search.working else judged, rng)
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
@@ -65,7 +66,7 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     seen, unseen = (each or [search.question.floor.rms[None]] for each in both)
     squares = [np.concatenate([blockwise(e) for e in each]) for each in (before, after, seen, unseen)]
     value, (low, high) = closure(squares[0], squares[1], (squares[2], squares[3]), rng)
-    told = (value, low, high) if high - low <= WIDEST else (float("nan"),) * 3
+    told = (value, low, high) if high - low <= WIDEST and not search.working else (float("nan"),) * 3
     fixed, refit_rms, after_rms, floor = (rms(each) for each in (before, refit, after, unseen))
     return Gap(
         *(fixed, refit_rms, after_rms, floor),

@@ -258,10 +258,10 @@ def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
     """The answer that costs least; `shares`: of the gap's energy by cause."""
     belief, told = search.belief, found.asked
     named = _named(search, shares)
-    if found.working:
-        return Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
     costs = _costs(belief, named)
     verdict = min(costs, key=lambda v: costs[v])
+    if found.working and verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):  # loads and contact may hide either
+        return Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
     if verdict is Verdict.NO_GAP and told.gap >= GAP and told.none.rest >= GAP:
         verdict = Verdict.AMBIGUOUS if named and belief.of[UNKNOWN] < named[0].confidence else Verdict.UNKNOWN
     if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):

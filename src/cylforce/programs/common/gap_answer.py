@@ -42,7 +42,10 @@ def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shap
         **({"reason": reason(search)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
         "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
         "explained": judged.explained,
-        "end_quantities": {
+        "working": search.working,
+        "end_quantities": None
+        if search.working
+        else {
             name: {"before": error(search.question, gap.nominal), "after": error(search.question, gap.left)}
             for name, error in ends.items()
         },
@@ -144,6 +147,16 @@ def reason(search: Search) -> str:
     told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
     most = f"; the most probable: {', '.join(told)}" if told else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
+
+
+def hidden_by_work(search: Search, judged: Judged) -> str:
+    """What is to be known of a cause that is named at work, in a sentence."""
+    if not search.working or not judged.named:
+        return ""
+    return (
+        "the machine works in these recordings: this was found in the stretches in which nothing touches the ground, "
+        "with loads of which nothing is known, so that neither the share of the difference nor what it does is told"
+    )
 
 
 def shifted(answer: dict[str, Any], judged: Judged) -> str:

@@ -191,7 +191,7 @@ def _amount(value: float | None, unit: str) -> str:
 def _shrinks(answer: dict[str, Any]) -> Lines:
     """How much of the difference is explained, at the cylinder at which there is most."""
     bars = answer.get("gap", {}).get("bar")
-    if not bars or answer["verdict"] in SILENT:
+    if not bars or answer["verdict"] in SILENT or answer.get("working"):
         return ()
     name, bar = max(bars.items(), key=lambda item: item[1]["fixed"] / max(item[1]["floor"], 1e-9))
     before, after, usual = (number(float(f"{bar[key]:.2g}")) for key in ("fixed", "after", "floor"))
