@@ -19,6 +19,10 @@ from cylforce.effects.imposed import Imposed
 from cylforce.signals.estimate import Array
 
 REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings: not named"
+AT_WORK = (
+    "the machine works in these recordings: this was found in the stretches in which nothing touches the ground, with "
+    "loads of which nothing is known, so that neither the share of the difference nor what it does is told"
+)
 
 
 class Gap(NamedTuple):
@@ -48,7 +52,9 @@ class Gap(NamedTuple):
 def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Judged, Gap, str]:
     """The verdict once what is named has been simulated, the gap, and a warning where that refutes it. At work nothing
     is: of what contact and loads do, which are most of that gap, no effect takes away anything."""
-    size = gap(search, judged._replace(named=()) if search.working else judged, rng)
+    if search.working:
+        return judged, gap(search, judged._replace(named=()), rng), AT_WORK if judged.named else ""
+    size = gap(search, judged, rng)
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""

@@ -149,16 +149,6 @@ def reason(search: Search) -> str:
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
 
 
-def hidden_by_work(search: Search, judged: Judged) -> str:
-    """What is to be known of a cause that is named at work, in a sentence."""
-    if not search.working or not judged.named:
-        return ""
-    return (
-        "the machine works in these recordings: this was found in the stretches in which nothing touches the ground, "
-        "with loads of which nothing is known, so that neither the share of the difference nor what it does is told"
-    )
-
-
 def shifted(answer: dict[str, Any], judged: Judged) -> str:
     """Where nothing is named, whether it is the parameters that do not hold, in a sentence; else nothing."""
     size = answer["gap"]
