@@ -114,14 +114,14 @@ def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
 
 
 def test_a_fast_arm_that_stops_is_not_driven():
-    """Its inertia shows at one sample, 0.3 m of path from the one before; what drives it is there at the next, too."""
+    """Its inertia shows at one sample, which stands for 0.3 m of path; what drives it is there at the next, too."""
     driving = Driving(rig(), 300e3, 0.2)
     for pushes, driven in (((30e3, 0.0, 0.0), False), ((30e3, 30e3), True)):
         state, levels = driving.begin(), []
         for push in (0.0, *pushes):
             state = driving.step(state, acting(push, 0.0), 1.5 + 0j, np.array([1e4]))
             levels.append(state.level)
-        assert (Level.DOUBTED in levels) is driven
+        assert (max(levels) > Level.FINE) is driven
 
 
 def test_a_machine_that_drives_is_pushed_by_the_heap():

@@ -1,5 +1,7 @@
 """What the study of cycles runs instead of a replay books the same."""
 
+from math import sqrt
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,9 @@ from studies._quick import states
 
 
 def test_the_quick_way_books_what_a_replay_books(tmp_path):
-    """A bucket of which a part is tipped off, one in two parts: the same weights within the sensors' digits, and the
-    truth."""
+    """A bucket of which a part is tipped off, one in two parts: the same weights, and the truth. Which moment of a lift
+    is the surest depends on errors that nobody notices, of which the quick way knows nothing: by what these add to the
+    standard error the weights may differ, and else by a kilogram."""
     made = draw(301, friction="foreign")
     empty = made.run("commissioning", seed=0, duration_s=90.0).write(tmp_path)
     recording = made.run("shift", seed=1, jobs=(Job("tip_off", 900.0), Job("two_parts", 700.0)))
@@ -30,5 +33,6 @@ def test_the_quick_way_books_what_a_replay_books(tmp_path):
         quick |= {} if booking is None else {booking.number: booking}
     assert [booking.number for booking in replayed] == [1, 2]
     for a, b, truth in zip(replayed, quick.values(), (0.65 * 900.0, 700.0), strict=True):
-        assert a.dumped == pytest.approx(b.dumped, abs=1.0)
+        more = sqrt(abs(a.standard_error**2 - b.standard_error**2))
+        assert a.dumped == pytest.approx(b.dumped, abs=max(more, 1.0))
         assert a.dumped == pytest.approx(truth, abs=15.0)

@@ -1,7 +1,7 @@
 """Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
 a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
-those of this motion: they are exchanged, or dead. Between two samples it is driven if it is at both: where a fast arm
-stops or turns, its inertia alone, known to a few per cent, may show at one of them. A machine that does not slew drives
+those of this motion: they are exchanged, or dead. One sample alone does not count: where a fast arm stops or turns, its
+inertia, known to a few per cent, may show at one. A machine that does not slew drives
 into the heap, which then pushes its tool: there only the vertical part counts."""
 
 from dataclasses import dataclass
@@ -28,11 +28,12 @@ SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
 
 class Driven(NamedTuple):
     """State: the `path` [m] over which the tool was driven, and the torque left of each joint, integrated along it:
-    `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`)."""
+    `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`), and the path [m] of one `alone`."""
 
     path: float
     strain: Array
     drives: bool = False
+    alone: float = 0.0
 
     @property
     def level(self) -> Level:
@@ -62,7 +63,7 @@ class Driving:
         leave. What resists takes back as much of the path."""
         speed = abs(velocity)
         if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
-            return state._replace(drives=False) if state.drives else state
+            return state._replace(drives=False, alone=0.0) if state.drives else state
         (xx, xz, zz), along = resultant.covariance, velocity / speed
         x, z = resultant.x.value, resultant.z.value
         x *= self._stands  # the heap's push says nothing of the mass either
@@ -73,5 +74,6 @@ class Driving:
         if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):
             return Driven(state.path - way, state.strain) if state.path > way else self.begin()
         if not state.drives:
-            return state._replace(drives=True)
+            return state._replace(drives=True, alone=way)
+        way += state.alone
         return Driven(state.path + way, state.strain + way * np.abs(torque), drives=True)
