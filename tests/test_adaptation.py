@@ -11,9 +11,14 @@ from cylforce.estimation.regressor import Rows
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
 from cylforce.service.adaptation import FRICTION_RANGE, Adapter
+from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Status
+from cylforce.simulation import scenario
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.sensor_bus import bus_events
 from instants import ALL, NONE, unexplained_of
-from scenarios import EXCAVATOR, moved
+from scenarios import EXCAVATOR, SEED, START_US, identified, moved, through, truth_of
 from studies.parked import rows_of
 
 SURE = np.full(3, 100.0**2)
@@ -171,3 +176,22 @@ def test_the_study_of_standing_still_takes_drifts_in_units_of_their_prior(tmp_pa
     lever = np.abs(data.columns[:, 0, zero]) * found.tares.row_error[0] / np.sqrt(begun.covariance[zero, zero])
     boom = loaded.service.machine.cylinders[0]
     assert 0.2 < lever.min() < lever.max() < boom.length_high
+
+
+def test_in_frost_a_machine_learns_its_friction_and_weighs():
+    """Twice the dry and four times the viscous friction of the commissioning, as at 0 degC: half a minute of empty
+    motion later the empty bucket weighs nothing."""
+    loaded = load(EXCAVATOR)
+    machine, truth = loaded.service.machine, truth_of(loaded)
+    each = zip(truth.friction, (2.0, 4.0), strict=False)
+    cold = [law._replace(value=by * law.value) for law, by in each]
+    truth = truth._replace(friction=(*cold, *truth.friction[len(cold) :]))
+    scenes, made = [scenario.moves(machine, np.random.default_rng(SEED), 30.0)], sensors(machine, loaded.service.nodes)
+    rng = np.random.default_rng((SEED, 2))
+    records = run(machine, truth, made, scenes, dt=1.0 / loaded.service.filters.rate_hz, rng=rng)
+    events = bus_events(loaded.service, made, records, START_US, rng)
+    core = Core(loaded.service, identified(loaded))
+    state, estimates, _ = through(core, events)
+    assert state.drift.seen
+    assert estimates[-1].gross.status is Status.OK
+    assert abs(estimates[-1].gross.value) < 3.0 * estimates[-1].gross.standard_error
