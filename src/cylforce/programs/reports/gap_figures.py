@@ -76,8 +76,8 @@ def heat(shown: Heat, found: set[tuple[str, str]], *, taken: bool) -> Figure:
     image = _cells(axes[0], shown, shown.before)
     _cells(axes[1], shown, shown.after)
     axes[0].set_title("before: parameters fixed [N m]")
-    how = "effects taken out" if taken else "no effect found, parameters refitted"
-    axes[1].set_title(f"after: {how}, stretches not fitted [N m]")
+    how = "effects taken out, stretches not fitted" if taken else "no effect taken out"
+    axes[1].set_title(f"after: {how} [N m]")
     for joint, regime in found:
         _framed(axes[0], shown.regimes.index(regime), shown.joints.index(joint))
     axes[1].set_xticks(range(len(shown.regimes)), [name.replace(" ", "\n") for name in shown.regimes])

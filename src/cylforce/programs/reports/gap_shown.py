@@ -55,7 +55,8 @@ class Shown(NamedTuple):
 
 
 def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
-    """What is drawn of a diagnosis."""
+    """What is drawn of a diagnosis; of a machine at work nothing as simulated."""
+    judged = judged._replace(named=()) if search.working else judged
     causes = written(search, judged)
     simulation = Simulation(search, causes)
     stages = [gap.nominal, *(simulation.left(causes[:k]) for k in range(1, len(causes))), *([gap.left] * bool(causes))]
