@@ -1,5 +1,6 @@
 """Slow adaptation: it follows what the empty machine in motion shows, freezes otherwise, and stays within bounds."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -192,6 +193,17 @@ def test_in_frost_a_machine_learns_its_friction_and_weighs():
     events = bus_events(loaded.service, made, records, START_US, rng)
     core = Core(loaded.service, identified(loaded))
     state, estimates, _ = through(core, events)
-    assert state.drift.seen
+    assert state.drift.returned
+    shown = [each.gross for each in estimates if each.gross.status is Status.OK]
     assert estimates[-1].gross.status is Status.OK
-    assert abs(estimates[-1].gross.value) < 3.0 * estimates[-1].gross.standard_error
+    assert all(abs(each.value) < 3.0 * each.standard_error for each in shown)
+    assert abs(shown[-1].value) < 0.01 * machine.rated_payload
+
+
+def test_what_a_moment_of_empty_motion_tells_is_no_measurement(bench):
+    """Three seconds, as long as model errors keep their sign, are one; without adaptation none is waited for."""
+    assert adapted(bench, np.zeros(9)).returned
+    begun = bench.adapter.begin()
+    assert not begun.returned
+    assert not bench.adapter.loaded(begun._replace(seen=True, told=1)).returned
+    assert replace(bench.adapter, strokes=BetweenStrokes(0.05, 1e4)).begin().returned

@@ -11,11 +11,21 @@ from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.fault import PRESSURES
 from cylforce.effects.imposed import imposed
 from cylforce.programs.common.gap_answer import answer
+from cylforce.programs.reports.gap_page import gap_page
 from cylforce.programs.wording.plain import plain
 from gap_scene import LOADS, MACHINE, as_it_was, recordings
 
 SEED = 3
 WORK_S, REST_S = 6.0, 4.0  # in turns: the teeth in the ground, nothing touches it
+ORIGIN = {
+    "machine": "M",
+    "date": "2026-11-26T00:00",
+    "field": [],
+    "reference": [],
+    "identified": [],
+    "version": "",
+    "machine_sha256": "",
+}
 SPILL = (-400.0, -400.0, 0.0)  # kg, kg m, of the known load
 
 
@@ -51,7 +61,11 @@ def test_a_cause_that_work_does_not_hide_is_named_without_a_share():
     told = answer(search, verdict, size, (), {})
     assert [(each["name"], each["at"]) for each in told["effects"]] == [("sensor_delay", "bucket_angle")]
     assert told["effects"][0]["closure"] == {"value": None, "low": None, "high": None}
-    assert (told["working"], told["end_quantities"], warning) == (True, None, AT_WORK)
+    assert (told["working"], told["end_quantities"], told["explained"], warning) == (True, None, None, AT_WORK)
+    assert (told["gap"]["simulated"], told["effects"][0]["removed_nm"]) == ([], None)
+    page = gap_page((search, verdict, size), told, plain(MACHINE, told), ORIGIN)
+    assert "How large the gap is" in page
+    assert "after, bar" not in page
     said = plain(MACHINE, told)
     assert {"What it does", "Once corrected"}.isdisjoint(point.title for point in said.points)
 

@@ -282,12 +282,12 @@ def test_a_leap_that_was_none_is_taken_back_in_the_air_and_its_bucket_booked(wor
     assert state.estimate.booking.number == count
 
 
-def listens(course):
+def listens(course, stated=np.inf):
     """Whose noise is gone after each group of readings (T,), and the state then."""
     state, groups, found = begun(1), np.zeros((2, 4, 1)), []
     for group in course.reshape(-1, GROUP, 1):
         groups = np.concatenate([groups[:, 1:], [[group.mean(axis=0)], [group.var(axis=0, ddof=1)]]], axis=1)
-        state = listened(state, group, groups, np.array([True]))
+        state = listened(state, group, groups, np.array([True]), numbers([stated**2]))
         found.append(bool(state.gone[0]))
     return found, state
 
@@ -316,6 +316,15 @@ def test_noise_is_learnt_anew_when_the_pressure_changes_nevertheless():
     back = taken_back(state, changes, 10)
     assert not back.gone.any()
     assert not back.known.any()
+
+
+def test_more_noise_than_the_sensor_states_is_the_oils():
+    """Of which less says nothing of the sensor."""
+    rng = np.random.default_rng(15)
+    quieter = np.concatenate([moving(rng), rng.normal(0.0, 0.5, 4 * GROUP)])
+    assert any(listens(quieter)[0])
+    assert any(listens(quieter, 1.0)[0])
+    assert not any(listens(quieter, 0.5)[0])
 
 
 def test_a_pressure_that_rests_keeps_its_noise():

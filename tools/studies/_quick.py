@@ -1,6 +1,6 @@
 """The service over a recording that is known as a whole: the same `step`, but the filtered rows are computed for all
 samples at once, neither bytes nor forces are, and it is not asked whose machine it is. A fifth of the time of a replay,
-the same bookings (a test compares them)."""
+the same bookings but for what errors that nobody notices add (a test compares them)."""
 
 from array import array
 from collections.abc import Iterator

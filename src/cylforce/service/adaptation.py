@@ -44,7 +44,8 @@ class Drift(NamedTuple):
     and the drift (D), without; `scale` (2,): variance of friction and of zeros in units of the prior's;
     `waited`: steps since the last update; `mass` [kg] that the empty bucket would show without the adaptation;
     `following`: whether this instant was usable, else nothing changes; `seen`: whether the information is in part about
-    what remains in the bucket now; `returned`: whether a return before told of the drift."""
+    what remains in the bucket now; `told`: updates so far; `returned`: whether they are one measurement or more, or a
+    drift was not expected."""
 
     root: Root
     values: Array
@@ -54,6 +55,7 @@ class Drift(NamedTuple):
     mass: float
     following: bool
     seen: bool
+    told: int = 0
     returned: bool = False
 
 
@@ -97,7 +99,7 @@ class Adapter:
         factor = np.diag(np.concatenate([1.0 / self._remainder, drift]))
         root = Root(factor, np.concatenate([self._sticking, drift]))
         covariance = self._alike * np.outer(self._spread, self._spread)
-        return Drift(root, drift, covariance, np.ones(2), 0, 0.0, following=False, seen=False)
+        return Drift(root, drift, covariance, np.ones(2), 0, 0.0, False, False, 0, self.strokes is not None)
 
     @once
     def _remainder(self) -> Array:
@@ -121,7 +123,7 @@ class Adapter:
         factor, right = np.zeros_like(drift.root.factor), np.zeros_like(drift.root.right)
         factor[LOAD:, LOAD:], right[LOAD:] = drift.root.factor[LOAD:, LOAD:], drift.root.right[LOAD:]
         factor[:LOAD, :LOAD], right[:LOAD] = np.diag(1.0 / self._remainder), self._sticking
-        return drift._replace(root=Root(factor, right), following=False, seen=False, returned=True)
+        return drift._replace(root=Root(factor, right), following=False, seen=False)
 
     def columns(self, rows: Rows) -> Array:
         """Columns (R, D) of the adapted parameters."""
@@ -146,8 +148,8 @@ class Adapter:
         whole, end = np.frombuffer(new), n * n + n
         root = Root(whole[: n * n].reshape(n, n), whole[n * n : end])
         covariance = whole[end + d : -3].reshape(d, d)
-        found = Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], following=True, seen=True)
-        return found._replace(returned=drift.returned)
+        told, returned = drift.told + 1, drift.returned or drift.told + 1 >= self._memory
+        return Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], True, True, told, returned)
 
     @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class

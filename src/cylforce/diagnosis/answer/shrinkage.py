@@ -110,6 +110,8 @@ def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
     """The causes that are written as blocks: those named, and the known ones beside them, which are not sure enough to
     be named, but whose sizes were found together with theirs. None where nothing is named."""
     named = [n.cause for n in judged.named]
+    if search.working:
+        return tuple(named)
     keys = {cause.key for cause in named}
     return (*named, *(c for c in search.causes if c.key not in keys and c.lasts)) if named else ()
 

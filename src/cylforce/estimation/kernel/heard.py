@@ -186,6 +186,7 @@ def listen(
     groups: Numbers,
     number: Count,
     moved: Numbers,
+    stated: Numbers,
     tenth: Number,
     quiet: Numbers,
     limits: Count,
@@ -194,14 +195,15 @@ def listen(
 ) -> None:
     """Noise of pressures, after a group of `size` readings (T, P), of those that `moved` (P,): the `state` is the noise
     that is known (NOISES, P), 0: not yet, and in how many groups it has been gone (P,). `groups` (2, G, P): means and
-    variances of a `number` of groups, with this one; `quiet`: the `limits` of `quiet.QUIET`. What is heard while noise
+    variances of a `number` of groups, with this one; `stated` (P,): variances of the sensors, more than which is none
+    of theirs; `quiet`: the `limits` of `quiet.QUIET`. What is heard while noise
     is gone is not remembered."""
     for i in range(p):
         if moved[i] != 0.0:
             noise, since = second_differences(p, readings, 0, size, i), NOISES * p + i
             gone = 1 if state[since] > 0.0 else 0
             if gone == 0 and digits(p, readings, size, i) > CODES:
-                gone = less_than_known(p, groups, number, size, i, tenth, quiet, limits, work, state)
+                gone = less_than_known(p, groups, number, size, i, stated[i], tenth, quiet, limits, work, state)
             if gone:
                 state[since] += 1.0
             elif noise > 0.0:
@@ -240,6 +242,7 @@ def less_than_known(
     number: Count,
     size: Count,
     i: Count,
+    stated: Number,
     tenth: Number,
     quiet: Numbers,
     limits: Count,
@@ -251,7 +254,7 @@ def less_than_known(
     for k in range(KNOWN):
         if not state[k * p + i] > 0.0:
             return 0
-    own = in_order(state, i, p, KNOWN, 0.0, KNOWN // 10, work) / tenth
+    own = min(in_order(state, i, p, KNOWN, 0.0, KNOWN // 10, work) / tenth, stated)
     squares, total, inside = 0.0, 0.0, 0.0
     last = (number - 1) * p + i
     for k in range(min(limits, number)):

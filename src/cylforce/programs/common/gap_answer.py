@@ -36,12 +36,12 @@ def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shap
     ends = {"payload_kg": weighed, "tip_force_n": pushed}
     return {
         "verdict": str(judged.verdict),
-        "gap": _gap(search, judged, gap),
+        "gap": _gap(search, judged._replace(named=()) if search.working else judged, gap),
         "where": [_spot(spot) for spot in spots],
-        "effects": [_effect(n, gap) for n in judged.named],
+        "effects": [_effect(n, gap) | ({"removed_nm": None} if search.working else {}) for n in judged.named],
         **({"reason": reason(search)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
         "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
-        "explained": judged.explained,
+        "explained": None if search.working else judged.explained,
         "working": search.working,
         "end_quantities": None
         if search.working

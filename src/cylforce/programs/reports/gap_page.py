@@ -44,7 +44,7 @@ def _figures(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -
         "evidence": (lambda: gap_figures.bars(search, judged), "evidence of the candidates"),
         "waterfall": (lambda: gap_figures.waterfall(search, drawing.steps), "residual as effects are taken out"),
         "where": (
-            lambda: gap_figures.heat(drawing.heat, spots, taken=bool(search.causes) and not search.working),
+            lambda: gap_figures.heat(drawing.heat, spots, taken=bool(judged.named) and not search.working),
             "residual by joint and regime, before and after",
         ),
         "friction": (lambda: gap_figures.friction(search, drawing), "residual force over cylinder speed"),

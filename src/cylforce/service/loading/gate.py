@@ -9,15 +9,16 @@ from cylforce.estimation.residual import REST_SECONDS
 
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
-COLD = 5.0  # times the expected drift, for which the gate allows: oil of 0 instead of 40 degC; chosen
-# The same before a return told of the drift, however uncertain it is: the least that oil of 0 degC adds to a viscous
-# friction is 2.5 times it (estimation/drift.py). A gate that kept it out would keep the returns out, too, all day
+COLD = 5.0  # times the drift's standard error, for which the gate allows; chosen
+# The same before empty motion told of the drift, however uncertain it is: oil of 0 degC adds 2.5 to 12 times a viscous
+# friction to it, of which 0.25 are expected (estimation/drift.py). With three standard errors (GATE) up to 7.5 times
+# pass. A gate that kept such oil out would keep out the empty motion that tells of it, all day
 FROST = 10.0
 DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift not known yet; chosen: twice its error
 
 
 class Gates(NamedTuple):
-    """The kernel's solvers: at `first`, before a return told of the drift, and `later`."""
+    """The kernel's solvers: at `first`, before empty motion told of the drift, and `later`."""
 
     first: Any
     later: Any

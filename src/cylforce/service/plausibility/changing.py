@@ -5,6 +5,7 @@ stays below vacuum is off."""
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -97,6 +98,12 @@ class Watching:
         return itemgetter(*signals) if len(signals) > 1 else lambda values: tuple(values[k] for k in signals)
 
     @once
+    def _stated(self) -> Numbers:
+        """Variances (P,) [Pa^2] of the sensors' noise; infinite where none is stated."""
+        signals = (self.machine.signals[k] for k in self.signals)
+        return array("d", [s.standard_error**2 or inf for s in signals])
+
+    @once
     def _cylinders(self) -> list[int]:
         return [self.machine.signals[k].index for k in self.signals]
 
@@ -155,7 +162,7 @@ class Watching:
         begin = len(readings) // size - GROUP
         self.kernel.group(size, readings, begin, way, MOVES, groups)
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
-        return groups, listened(noises, group, np.frombuffer(groups).reshape(4, GROUPS, size)[:2], which)
+        return groups, listened(noises, group, np.frombuffer(groups).reshape(4, GROUPS, size)[:2], which, self._stated)
 
     def _rested(self, state: Rests, readings: Numbers, moved: NDArray[np.bool_]) -> Rests:
         """With the last group of `readings`, of the pressures whose cylinders did not move."""

@@ -18,8 +18,7 @@ from cylforce.signals.estimate import Array, Force, Status
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import once
 
-# m over which the tool is driven, from which on the forces are doubted or rejected; chosen: one and a half times, and
-# three times the longest path of machines in order
+# m over which the tool is driven, from which on the forces are doubted or rejected; chosen
 FARTHEST = {Level.DOUBTED: 0.25, Level.REJECTED: 0.5}
 LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
 SURE = 5.0  # standard errors that it must exceed; chosen

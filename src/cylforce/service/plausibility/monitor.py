@@ -25,7 +25,7 @@ from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Ga
 from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
-from cylforce.service.plausibility.offsets import NO_OFFSET, Offset, Voting
+from cylforce.service.plausibility.offsets import HARMLESS, NO_OFFSET, Offset, Voting
 from cylforce.service.plausibility.returning import Returning
 from cylforce.service.plausibility.reversing import Reversing, Turns
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
@@ -208,13 +208,14 @@ class Monitor:
 
     def _light(self, state: Watch, gross: Quantity, lift: Lift, drift: Drift) -> tuple[bool, int]:
         """Whether the bucket weighs less than nothing, and from which of the lift's samples on; as before while that is
-        not seen. As for a booking, the lift must go on for LATER_S: what ended it was no weight. Until a return has
-        told of the drift, oil may be cold, as in the weighing's gate."""
+        not seen. As for a booking, the lift must go on for LATER_S: what ended it was no weight. Until empty
+        motion has told of the drift, oil may be cold, as in the weighing's gate."""
         taken = lift.taken
         if gross.status is not Status.OK or gross.value > SMALLEST * self.model.machine.rated_payload:
             return state.light, NEVER
         more = 0.0 if drift.returned else lift.by_drift(drift.covariance)
-        if gross.value >= -BELOW * hypot(gross.standard_error, sqrt(FROST**2 - 1.0) * more):
+        clear = BELOW * hypot(gross.standard_error, sqrt(FROST**2 - 1.0) * more)
+        if gross.value >= -max(clear, HARMLESS * self.model.machine.rated_payload):
             return False, NEVER
         if not 0 <= state.lighter <= taken:
             return state.light, taken

@@ -1,6 +1,7 @@
 """Is the noise of a pressure gone? What a frozen sensor, or the node that repeats its last value, says has less noise
 than the sensor had, and nothing of the motion. While a cylinder moves, its pressures never vary less than their noise;
-their noise is what second differences show in the quietest tenth of the last 15 s of motion. Noise may also become less
+their noise is what second differences show in the quietest tenth of the 14 s of motion before; until then nothing is
+concluded. Noise may also become less
 because a pump runs slower: `changing` takes the doubt back when it sees that the pressure changes, and noise is learnt
 anew."""
 
@@ -61,11 +62,12 @@ def begun(size: int) -> Noises:
     return Noises(ZERO * ((NOISES + 1) * size))
 
 
-def listened(state: Noises, group: Array, groups: Array, moved: NDArray[np.bool_]) -> Noises:
+def listened(state: Noises, group: Array, groups: Array, moved: NDArray[np.bool_], stated: Numbers) -> Noises:
     """The state after a group (T, P), of the pressures whose cylinders `moved` (P,). `groups` (2, G, P): means and
-    variances of the last groups in motion, with this one. What is heard while noise is gone is not remembered."""
+    variances of the last groups in motion, with this one; `stated` (P,): variances of the sensors' noise, more than
+    which is the oil's. What is heard while noise is gone is not remembered."""
     (size, pressures), kept, work = group.shape, state.kept[:], ZERO * NOISES
-    told = (np.ascontiguousarray(groups), groups.shape[1], np.asarray(moved, dtype=np.float64))
+    told = (np.ascontiguousarray(groups), groups.shape[1], np.asarray(moved, dtype=np.float64), stated)
     choice.chosen().listen(pressures, group, size, *told, TENTH, _LIMITS, len(QUIET), work, kept)
     return Noises(kept)
 
