@@ -66,7 +66,8 @@ class Driving:
         (xx, xz, zz), along = resultant.covariance, velocity / speed
         x, z = resultant.x.value, resultant.z.value
         x *= self._stands  # the heap's push says nothing of the mass either
-        z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
+        if along.imag < 0.0:  # a load drives what it hangs from downwards only
+            z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
         push = x * along.real + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
         way = speed * self.seconds
