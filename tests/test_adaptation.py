@@ -12,14 +12,9 @@ from cylforce.estimation.regressor import Rows
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
 from cylforce.service.adaptation import FRICTION_RANGE, Adapter
-from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
-from cylforce.signals.estimate import Status
-from cylforce.simulation import scenario
-from cylforce.simulation.sensing import run, sensors
-from cylforce.simulation.sensor_bus import bus_events
 from instants import ALL, NONE, unexplained_of
-from scenarios import EXCAVATOR, SEED, START_US, identified, moved, through, truth_of
+from scenarios import EXCAVATOR, moved
 from studies.parked import rows_of
 
 SURE = np.full(3, 100.0**2)
@@ -177,27 +172,6 @@ def test_the_study_of_standing_still_takes_drifts_in_units_of_their_prior(tmp_pa
     lever = np.abs(data.columns[:, 0, zero]) * found.tares.row_error[0] / np.sqrt(begun.covariance[zero, zero])
     boom = loaded.service.machine.cylinders[0]
     assert 0.2 < lever.min() < lever.max() < boom.length_high
-
-
-def test_in_frost_a_machine_learns_its_friction_and_weighs():
-    """Twice the dry and four times the viscous friction of the commissioning, as at 0 degC: half a minute of empty
-    motion later the empty bucket weighs nothing."""
-    loaded = load(EXCAVATOR)
-    machine, truth = loaded.service.machine, truth_of(loaded)
-    each = zip(truth.friction, (2.0, 4.0), strict=False)
-    cold = [law._replace(value=by * law.value) for law, by in each]
-    truth = truth._replace(friction=(*cold, *truth.friction[len(cold) :]))
-    scenes, made = [scenario.moves(machine, np.random.default_rng(SEED), 30.0)], sensors(machine, loaded.service.nodes)
-    rng = np.random.default_rng((SEED, 2))
-    records = run(machine, truth, made, scenes, dt=1.0 / loaded.service.filters.rate_hz, rng=rng)
-    events = bus_events(loaded.service, made, records, START_US, rng)
-    core = Core(loaded.service, identified(loaded))
-    state, estimates, _ = through(core, events)
-    assert state.drift.returned
-    shown = [each.gross for each in estimates if each.gross.status is Status.OK]
-    assert estimates[-1].gross.status is Status.OK
-    assert all(abs(each.value) < 3.0 * each.standard_error for each in shown)
-    assert abs(shown[-1].value) < 0.01 * machine.rated_payload
 
 
 def test_what_a_moment_of_empty_motion_tells_is_no_measurement(bench):

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import beta, chi2
+from scipy.stats import chi2
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import numbers
 from cylforce.service.plausibility.changing import GROUP
 from cylforce.service.plausibility.leaping import AFTER, BEFORE, DEGREE, FREE, KNOWN, LONGEST, Leaping
 from cylforce.service.plausibility.quiet import CODES, QUIET, TENTH, begun, listened, taken_back
-from cylforce.service.plausibility.quiet import KNOWN as HEARD
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
@@ -342,19 +341,13 @@ def test_digits_are_no_noise():
 
 
 def test_the_limits_of_noise_are_the_quantiles_that_they_are_said_to_be():
-    """Once in as many tests, with a noise that is known from the quietest tenth of groups: the last of it is an order
-    statistic (beta distribution)."""
-    tests, place = 36000.0 * 4 * 6 * len(QUIET), HEARD // 10
+    tests = 36000.0 * 4 * 6 * len(QUIET)
+    for n, limit in enumerate(QUIET, 1):
+        free = n * GROUP - 1
+        assert chi2.ppf(1.0 / tests, free) / free == pytest.approx(limit, rel=1e-4)
     rows = np.zeros((GROUP - 2, GROUP))
     for k in range(GROUP - 2):
         rows[k, k : k + 3] = 1.0, -2.0, 1.0
     spread = rows @ rows.T
     free = np.trace(spread) ** 2 / (spread**2).sum()
     assert chi2.ppf(0.1, free) / free == pytest.approx(TENTH, rel=1e-4)
-    squares = np.linspace(0.0, 60.0, 4001)
-    likely = beta(place + 1, HEARD - place).pdf(chi2.cdf(squares, free)) * chi2.pdf(squares, free)
-    noise = squares / free / TENTH
-    for n, limit in enumerate(QUIET, 1):
-        many = n * GROUP - 1
-        gone = np.trapezoid(chi2.cdf(many * limit * noise, many) * likely, squares)
-        assert gone * tests == pytest.approx(1.0, rel=1e-2)

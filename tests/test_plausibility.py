@@ -341,7 +341,7 @@ def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_othe
 
 
 def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machine):
-    """Of 10 kg of standard error 8 by a drift that may be ten times as large: 49 kg is below three, 250 kg is not."""
+    """Of 10 kg of standard error 8 by a drift that may be five times as large: 49 kg is below three, 150 kg is not."""
     core, *_ = machine
     begun = core.weigher.begin().lift
     size = len(core.model.parameters) + len(core.model.changing)
@@ -350,7 +350,7 @@ def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machi
     root, covariance = begun.root, np.diag([1.0, 0.0, 0.0, 0.0])
     lift, drift = begun._replace(kept=kept(root, np.zeros(4), covariance, gram)), core.adapter.begin()
     drift = drift._replace(covariance=np.diag([0.0] * (len(core.model.changing) - 1) + [1.0]))
-    for kilograms, returned, light in ((-49.0, False, False), (-250.0, False, True), (-49.0, True, True)):
+    for kilograms, returned, light in ((-49.0, False, False), (-150.0, False, True), (-49.0, True, True)):
         drift = drift._replace(returned=returned)
         gross, watch = Quantity(kilograms, 10.0, Status.OK, Reason.NONE), core.monitor.begin()
         for taken in (200, 240):

@@ -15,7 +15,7 @@ from scenarios import EXCAVATOR, identified
 
 MACHINE = load(EXCAVATOR).service.machine
 LEVELS = np.array([120.0, 8.0, 60.0, 25.0, 15.0, 40.0]) * BAR
-STICK_HEAD, KNOWN = 2, 64  # pressure; groups before
+STICK_HEAD, KNOWN = 2, 40  # pressure; groups before
 BOOM_MOVES, ALL_REST, STICK_MOVES = [0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.1, 0.0]
 
 

@@ -10,12 +10,13 @@ import numpy as np
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.kernel.solving import ZERO
+from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import forget, known, solution, update
 from cylforce.estimation.residual import (
     GOOD_ENOUGH,
     MIN_SECONDS,
+    REST_SECONDS,
     SMALLEST,
     Residual,
     correlated,
@@ -23,7 +24,6 @@ from cylforce.estimation.residual import (
 )
 from cylforce.service.adaptation import Adapter, Drift
 from cylforce.service.booking import Beside, Books, Weighed, noted, parted, spilled, unseen
-from cylforce.service.loading.gate import COLD, Gates, gates
 from cylforce.service.loading.lift import Lift, Look, Weight, kept, looked, shortened
 from cylforce.service.loading.tool import NOT_CHECKED, ToolCheck, checked
 from cylforce.service.pipeline import Unexplained, unexplained
@@ -31,6 +31,10 @@ from cylforce.service.spill import EVERY_S, KEPT, changed_at, information, side_
 from cylforce.signals.estimate import Load, Quantity, Reason, Status, degraded, invalid, invalid_load
 from cylforce.signals.quick import new, once
 
+GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
+BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
+COLD = 5.0  # times the expected drift, for which the gate allows: oil of 0 instead of 40 degC; chosen
+DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift not known yet; chosen: twice its error
 PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
 EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
@@ -61,12 +65,10 @@ class Weigher:
     kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
 
     @once
-    def _gates(self) -> Gates:
-        return gates(self.model, self.tares, self.kernel, self._memory)
-
-    @property
     def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
-        return self._gates.later
+        patience = REST_SECONDS * self.model.filters.rate_hz
+        limits = Limits(GATE, BREAK_AWAY, COLD, DRIFTED, self._memory, patience)
+        return solver(self.model, self.tares, self.kernel, limits)
 
     @once
     def _memory(self) -> float:
@@ -172,12 +174,11 @@ class Weigher:
         """The lift after one instant; numbers of a lift, and what the kernel concludes from these."""
         rows, work, found = len(usable), ZERO * (8 * len(usable)), ZERO * self._concluded
         seen = (*left, usable, lift.rested, drift.values, drift.covariance, work)
-        gate = self._gates.later if drift.returned else self._gates.first
         if lift.taken < self._long:
             numbers = lift.kept[:]
-            fits = self.kernel.weigh_load(gate, *seen, numbers, found)
+            fits = self.kernel.weigh_load(self._solver, *seen, numbers, found)
         else:
-            fits = self.kernel.gate(gate, *seen, lift.kept)
+            fits = self.kernel.gate(self._solver, *seen, lift.kept)
             numbers = self._faded(lift, work) if fits else lift.kept
             if fits:
                 self.kernel.take(self._solver, left.rows, left.kept, work, numbers)

@@ -11,7 +11,7 @@ EACH_WAY: Count = 4  # of them at least in either direction
 TINY: Number = 1.0  # Pa^2: noise is not less than a pascal
 NOISES: Count = 64  # groups whose noise is remembered, 16 s of motion
 LATEST: Count = 8  # of them, 2 s, in which it may be gone already
-KNOWN: Count = NOISES - LATEST  # groups before them, all of which must be known
+KNOWN: Count = 24  # groups before them that must be known; chosen
 SECOND: Number = 6.0  # times the variance of white noise is that of its second differences
 CODES: Count = 2  # readings of no more values show the sensor's digits, not its noise
 
@@ -251,10 +251,12 @@ def less_than_known(
 ) -> Count:
     """Whether the last groups vary less than by the noise that is known of the time before them: all readings of the
     last 1, 2, ... groups."""
-    for k in range(KNOWN):
-        if not state[k * p + i] > 0.0:
-            return 0
-    own = min(in_order(state, i, p, KNOWN, 0.0, KNOWN // 10, work) / tenth, stated)
+    many, count = 0, NOISES - LATEST
+    for k in range(count):
+        many += state[k * p + i] > 0.0
+    if many < KNOWN:
+        return 0
+    own = min(in_order(state, i, p, count, 0.0, many // 10, work) / tenth, stated)
     squares, total, inside = 0.0, 0.0, 0.0
     last = (number - 1) * p + i
     for k in range(min(limits, number)):

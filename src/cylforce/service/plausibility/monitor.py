@@ -18,7 +18,6 @@ from cylforce.estimation.residual import SMALLEST
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
-from cylforce.service.loading.gate import FROST
 from cylforce.service.loading.lift import Lift
 from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
@@ -31,7 +30,7 @@ from cylforce.service.plausibility.reversing import Reversing, Turns
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
-from cylforce.service.weighing import LATER_S
+from cylforce.service.weighing import COLD, LATER_S
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new, once
@@ -214,7 +213,7 @@ class Monitor:
         if gross.status is not Status.OK or gross.value > SMALLEST * self.model.machine.rated_payload:
             return state.light, NEVER
         more = 0.0 if drift.returned else lift.by_drift(drift.covariance)
-        clear = BELOW * hypot(gross.standard_error, sqrt(FROST**2 - 1.0) * more)
+        clear = BELOW * hypot(gross.standard_error, sqrt(COLD**2 - 1.0) * more)
         if gross.value >= -max(clear, HARMLESS * self.model.machine.rated_payload):
             return False, NEVER
         if not 0 <= state.lighter <= taken:

@@ -1,9 +1,8 @@
 """Is the noise of a pressure gone? What a frozen sensor, or the node that repeats its last value, says has less noise
-than the sensor had, and nothing of the motion. While a cylinder moves, its pressures never vary less than their noise;
-their noise is what second differences show in the quietest tenth of the 14 s of motion before; until then nothing is
-concluded. Noise may also become less
-because a pump runs slower: `changing` takes the doubt back when it sees that the pressure changes, and noise is learnt
-anew."""
+than the sensor had, and nothing of the motion. While a cylinder moves, its pressures never vary less than their
+noise; their noise is what second differences show in the quietest tenth of the last 15 s of motion, no more than the
+sensor states. Noise may also become less because a pump runs slower: `changing` takes the doubt back when it sees
+that the pressure changes, and noise is learnt anew."""
 
 from typing import NamedTuple
 
@@ -23,9 +22,8 @@ __all__ = ["CODES", "KNOWN", "LATEST", "NOISES", "QUIET", "TENTH", "Noises", "be
 # of 23 second differences
 TENTH = 0.52701
 # Variance of all readings of the last 1 to 4 groups over that of the noise below which noise is gone: white noise is
-# once in ten hours of motion (lower quantiles of 2.9e-7: four a second, of six pressures, four limits), if its variance
-# is known from the quietest tenth of KNOWN groups only
-QUIET = (0.13535, 0.26539, 0.33898, 0.38637)
+# once in ten hours of motion (chi-squared, lower quantiles of 2.9e-7: four a second, of six pressures, four limits)
+QUIET = (0.14338, 0.29127, 0.38126, 0.44281)
 _LIMITS = numbers(QUIET)
 
 
