@@ -30,7 +30,7 @@ from cylforce.simulation.simulator import (
     simulate,
     standing,
 )
-from cylforce.simulation.soil import load
+from cylforce.simulation.soil import draw_dig, load
 from cylforce.simulation.trajectory import JointCourse, Kinematics, Move, Phase, Scene, follow
 
 G = 9.80665
@@ -411,3 +411,12 @@ def test_a_long_scene_comes_in_parts_that_join_without_a_step(monkeypatch):
     np.testing.assert_array_equal(np.concatenate([part.t for part in parts]), whole[0].t)
     joined = np.concatenate([part.values for part in parts])
     np.testing.assert_allclose(joined, whole[0].values, rtol=1e-9, atol=1e-9)
+
+
+def test_no_bucket_carries_less_than_nothing():
+    """Nor by rounding, whenever it is dumped: what falls out of it then would be more than there is."""
+    rng, around = np.random.default_rng(5), np.linspace(-1e-3, 1e-3, 2001)
+    for _ in range(200):
+        begin = rng.uniform(2.0, 3.0)
+        times = (begin, begin + rng.uniform(2.0, 4.0), begin + rng.uniform(7.0, 8.0), begin + rng.uniform(8.5, 10.0))
+        assert load(draw_dig(rng, times, 1500.0, 1.2), times[-1] + around).mass.min() >= 0.0

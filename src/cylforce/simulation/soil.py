@@ -37,7 +37,8 @@ def load(dig: Dig | None, t: Array) -> CarriedLoad:
     """The load in the bucket at times t (T,) [s]."""
     if dig is None:
         return CarriedLoad(np.zeros_like(t), np.zeros((*t.shape, 2)), np.zeros_like(t))
-    filled, gone = smooth(t, dig.start, dig.stop), smooth(t, dig.dump_start, dig.dump_stop)
+    ends = ((dig.start, dig.stop), (dig.dump_start, dig.dump_stop))
+    filled, gone = (np.clip(smooth(t, *each), 0.0, 1.0) for each in ends)  # rounding must not carry less than nothing
     mass = dig.mass * filled * (1.0 - gone)
     # the first material lies near the teeth, the last leaves over them
     shift = 1.0 + 0.15 * (1.0 - filled) + 0.1 * gone
