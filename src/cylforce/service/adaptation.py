@@ -99,7 +99,9 @@ class Adapter:
         factor = np.diag(np.concatenate([1.0 / self._remainder, drift]))
         root = Root(factor, np.concatenate([self._sticking, drift]))
         covariance = self._alike * np.outer(self._spread, self._spread)
-        return Drift(root, drift, covariance, np.ones(2), 0, 0.0, False, False, 0, self.strokes is not None)
+        return Drift(
+            root, drift, covariance, np.ones(2), 0, 0.0, following=False, seen=False, returned=bool(self.strokes)
+        )
 
     @once
     def _remainder(self) -> Array:
@@ -149,7 +151,8 @@ class Adapter:
         root = Root(whole[: n * n].reshape(n, n), whole[n * n : end])
         covariance = whole[end + d : -3].reshape(d, d)
         told, returned = drift.told + 1, drift.returned or drift.told + 1 >= self._memory
-        return Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], True, True, told, returned)
+        found = Drift(root, whole[end : end + d], covariance, whole[-3:-1], 0, new[-1], following=True, seen=True)
+        return found._replace(told=told, returned=returned)
 
     @once
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
