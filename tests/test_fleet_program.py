@@ -525,6 +525,7 @@ class TestBadInput:
 
     def test_a_scheduler_that_ends_while_it_works(self, three, tmp_path, monkeypatch):
         """A sentence, and what was done is kept."""
+        import dask
         from distributed import LocalCluster
 
         monkeypatch.setattr(workers, "CONNECT_S", 1.0)
@@ -536,7 +537,9 @@ class TestBadInput:
             cluster.loop.add_callback(cluster.scheduler.close)
 
         monkeypatch.setattr(kept.KeptResults, "put", put)
-        with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
+        # Else it looks for the scheduler, which is gone, for half a minute before it is closed.
+        with dask.config.set({"distributed.comm.timeouts.connect": "1s"}), cluster:
             wanted = Wanted((str(three),), tmp_path / "r.parquet", cache=tmp_path / "cache")
             with pytest.raises(RecordingError, match=r"the scheduler ended, .*: what was done is kept"):
                 run_fleet(wanted, Where(cluster.scheduler_address), say=lambda _: None)

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
+from cylforce.diagnosis.answer.verdict import Verdict, costs
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
@@ -281,3 +282,18 @@ def test_the_likeliest_effect_stays_the_likeliest_whatever_cases_teach():
     effects = [found[key] for key in of if key not in (NOTHING, UNKNOWN)]
     assert effects[0] == max(effects)
     assert sum(found.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("first", "rival", "order", "cheapest"), [
+    (0.69, 0.03, 0.23, Verdict.AMBIGUOUS),  # nothing else may be it, but it is not as sure as a name must be
+    (0.82, 0.0, 0.1, Verdict.EXPLAINED),
+    (0.3, 0.05, 0.6, Verdict.NO_GAP),
+    (0.05, 0.05, 0.1, Verdict.UNKNOWN),
+    (0.5, 0.4, 0.05, Verdict.AMBIGUOUS),
+    (0.0, 0.0, 0.9, Verdict.NO_GAP),
+])  # fmt: skip
+def test_the_answer_costs_least_and_one_name_alone_is_sure(first, rival, order, cheapest):
+    of = {("one", "a"): first, ("two", "a"): rival, NOTHING: order, UNKNOWN: 1.0 - first - rival - order}
+    told = costs(Belief(of, ()), first, first + rival)
+    assert min(told, key=told.__getitem__) is cheapest
+    assert (Verdict.EXPLAINED in told) == (first >= 0.8)

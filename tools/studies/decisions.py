@@ -260,7 +260,7 @@ def figures(cases: Sequence[Scored]) -> dict[str, str]:
         "of these right": _share(alone, lambda c: c.right),
         "in order, named": _share(order_, lambda c: c.alone),
         "in order, no gap": _share(order_, lambda c: c.right),
-        "not in library, named": _share(foreign, lambda c: c.alone),
+        "not in library, wrongly named": _share(foreign, lambda c: c.alone and not c.right),
         "unknown": _share(foreign, lambda c: c.right),
         "work: first right": _share(work, lambda c: c.right),
         "work in order, named": _share(busy, lambda c: c.alone),

@@ -58,6 +58,7 @@ HALF = 0.5  # of the gap's energy beyond the floor: what a hypothesis must expla
 SLIGHT = 0.3  # of the gap's energy: what is named must take away that much when it is simulated, as far as can be told
 SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, and no effect of its own
 GAP = 2.0  # times the floor, rms: a gap that is never called none
+LAW = 0.2  # of a torque: how far the true law may be from the one written (as `About.form` of friction: convention)
 
 # The share of the gap's energy that goes, once simulated.
 RATIO = 0.1  # of the floor's energy: a smaller gap has no meaningful share (convention)
@@ -71,8 +72,9 @@ MARGIN = 2.0  # times the energy, by which the same machine may differ from itse
 # A base that moves, by its tilt sensor.
 STANDING = 5e-4  # rad/s, rms: what stands turns as fast (physics: noise of such sensors, filtered)
 
-# Costs of an answer, in units of a wrong name (conventions): naming alone pays from a probability of 0.8 on.
+# Costs of an answer, in units of a wrong name (conventions).
 MISSED = 0.5  # "no gap" where there is one
 UNSAID = 0.25  # "unknown" where the cause could have been named
+SURE = 1.0 / (1.0 + UNSAID)  # of one name alone: where a name costs less than "unknown" though there surely is a gap
 SET = 0.05  # a set that holds the cause
 EMPTY_SET = 0.6  # a set that does not

@@ -16,7 +16,7 @@ from cylforce.diagnosis.inference.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
 from cylforce.diagnosis.inference.residuals import added, hung, residuals, rms
 from cylforce.diagnosis.inference.search import Found
-from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, UNSAID
+from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, SURE, UNSAID
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
@@ -258,8 +258,9 @@ def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
     """The answer that costs least; `shares`: of the gap's energy by cause."""
     belief, told = search.belief, found.asked
     named = _named(search, shares)
-    costs = _costs(belief, named)
-    verdict = min(costs, key=lambda v: costs[v])
+    first = named[0].confidence if named else 0.0
+    cost = costs(belief, first, first + sum(c.probability for c in named[0].confused) if named else 0.0)
+    verdict = min(cost, key=lambda v: cost[v])
     if found.working and verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):  # loads and contact may hide either
         return Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
     if verdict is Verdict.NO_GAP and told.gap >= GAP and told.none.rest >= GAP:
@@ -273,17 +274,16 @@ def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
     return Judged(verdict, named, float(np.clip(told.share(rest), 0.0, 1.0)))
 
 
-def _costs(belief: Belief, named: Sequence[Named]) -> dict[Verdict, float]:
-    """Expected cost of every answer, in units of a wrong name."""
+def costs(belief: Belief, first: float, held: float) -> dict[Verdict, float]:
+    """Expected cost of every answer, in units of a wrong name; `first`: the confidence in the main cause, 0 if none was
+    found; `held`: that of it and of all it might be confused with."""
     order, odd = belief.of.get(NOTHING, 0.0), belief.of.get(UNKNOWN, 0.0)
     effect = 1.0 - order - odd
     found = {Verdict.NO_GAP: MISSED * (effect + odd), Verdict.UNKNOWN: UNSAID * effect + order}
-    if not named:
-        return found
-    first = named[0].confidence
-    held = first + sum(c.probability for c in named[0].confused)
-    found[Verdict.EXPLAINED] = 1.0 - first
-    found[Verdict.AMBIGUOUS] = order + SET * held + EMPTY_SET * max(1.0 - order - held, 0.0)
+    if first > 0.0:
+        found[Verdict.AMBIGUOUS] = order + SET * held + EMPTY_SET * max(1.0 - order - held, 0.0)
+    if first >= SURE:
+        found[Verdict.EXPLAINED] = 1.0 - first
     return found
 
 
@@ -292,7 +292,7 @@ def _named(search: Search, shares: Sequence[float]) -> tuple[Named, ...]:
     belief, causes = search.belief, [c for c in search.causes if c.known]
     if not causes:
         return ()
-    sure = [c for c in causes[1:] if c.probability >= 1.0 / (1.0 + UNSAID)]
+    sure = [c for c in causes[1:] if c.probability >= SURE]
     kept = {c.key for c in (causes[0], *sure)}
     rivals = tuple(c for c in search.first if c.key in belief.credible and c.key not in kept and c.key != UNKNOWN)
     weight = {c.key: s for c, s in zip(search.causes, shares, strict=True)}

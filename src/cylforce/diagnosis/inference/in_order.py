@@ -124,12 +124,12 @@ class InOrder:
         return case.unsure(self._impossible(mean))
 
     def _impossible(self, mean: Array) -> list[list[int]]:
-        """Columns of every error of readings or geometry, at its place, that the references show (K,) with a sign it
-        cannot have, such as a sensor that is early: they show it for something else, such as a law of friction that
-        nobody wrote, and another motion or a load may not show it."""
+        """Columns of every effect, at its place, that the references show (K,) with a sign it cannot have, such as a
+        sensor that is early or friction that is less at creep: they show it for something else, such as a law of
+        friction that nobody wrote, and another motion or a load may not show it."""
         found: dict[tuple[str, str, int], set[int]] = {}
         for form in self.scene.forms:
-            if form.reads and form.sign:
+            if form.sign:
                 found.setdefault((form.name, form.at, form.sign), set()).update(form.columns)
         sizes = self.scene.spread * mean
         return [sorted(own) for (*_, sign), own in found.items() if sign * np.sum(sizes[list(own)]) < 0.0]
