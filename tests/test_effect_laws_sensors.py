@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cylforce.effects.fault import Place
-from cylforce.effects.geometry.backlash import Backlash
+from cylforce.effects.geometry.backlash import Backlash, fallen
 from cylforce.effects.geometry.boom_motion import BoomMotion
 from cylforce.effects.geometry.compliance import Compliance
 from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
@@ -27,8 +27,10 @@ from cylforce.effects.sensors.tilt_ignored import TiltIgnored
 from cylforce.estimation.channels import Channels
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.linkages import FourBar
+from cylforce.mechanics.machine import base_parameters, with_parameters
 from cylforce.mechanics.motion import Attitude, motion
-from cylforce.mechanics.reading import measured_torque
+from cylforce.mechanics.reading import measured_torque, rigid_torque
+from machines import excavator
 from rig import BAR, HEAD, LEVER, LINK, ROD, SIGNALS, reading, readings, rig, turning
 
 FILTERS = Filters(100.0, 5.0, 2.0, 2.0, 0.002)
@@ -197,15 +199,50 @@ def test_a_link_follows_its_load_within_its_time():
     assert found[529] == pytest.approx(6.72e-3 * (1.0 - E_1))  # the step's own sample is the first of thirty
 
 
-def test_play_lies_to_the_side_to_which_the_load_presses():
-    """20 mrad of play: 10 to either side. 150 N m do not turn it over; 40 ms after the load has turned it is on the
-    way from 10 to -10: -10 + 20/e."""
-    t = np.arange(0.0, 2.0, 1e-3)
-    torque = np.select([t < 0.5, t < 1.0], [3000.0, -150.0], -3000.0)
-    found = changed(Backlash(turning=200.0), 0.02, "angle", t, head=torque / LEVER / HEAD)
-    np.testing.assert_allclose(found[:1000], 0.010)
-    assert found[1039] == pytest.approx(-0.010 + 0.020 * E_1)
-    assert found[-1] == pytest.approx(-0.010)
+def test_play_lies_to_the_side_to_which_the_weight_presses_whatever_the_pressures():
+    """20 mrad of play: 10 to either side. A link that turns over slowly: its weight presses to the other side once its
+    centre of gravity has passed above the pin, at 90 degrees."""
+    t = np.arange(0.0, 20.0, 0.01)
+    angle = np.pi / 2 + 0.1 * (t - 10.0)
+    found = changed(Backlash(), 0.02, "angle", t, angle=angle, head=np.where(t < 5.0, 200 * BAR, 0.0))
+    np.testing.assert_allclose(found[t < 10.0], 0.010)
+    np.testing.assert_allclose(found[t > 10.7], -0.010)
+
+
+def test_play_that_never_opens_is_no_effect():
+    assert not np.any(changed(Backlash(), 0.02, "angle", np.arange(0.0, 2.0, 0.01), angle=0.3))
+
+
+def test_what_falls_through_a_play_does_so_as_fast_as_it_is_accelerated():
+    """18 mrad at 4 rad/s^2: 95 ms, after which it stays; in half the time a quarter of the way. Pressed back on the way
+    it returns."""
+    found = fallen(np.where(np.arange(2000) < 500, 4.0, -4.0), 1e-3, 0.018)
+    assert found[499] == 1.0
+    assert found[500 + 47] == pytest.approx(1.0 - 2.0 * 0.25, abs=0.03)
+    assert np.flatnonzero(found == -1.0)[0] - 500 == pytest.approx(95, abs=1)
+    assert np.all(found[600:] == -1.0)
+    turned = fallen(np.select([np.arange(400) < 100, np.arange(400) < 150], [4.0, -4.0], 4.0), 1e-3, 0.018)
+    assert -0.2 < turned.min() < 0.0
+    assert np.all(turned[280:] == 1.0)
+
+
+def test_torque_that_holds_and_swings_a_link():
+    """500 kg, 2 m out: 19.6 kN m to hold it level at 9.8 m/s^2 (half of that at 60 degrees), and 2000 kg m^2 to
+    accelerate it."""
+    t = np.arange(0.0, 4.0, 0.01)
+    machine = rig()
+    held = rigid_torque(machine, readings(len(t), angle=radians(60)), t, 0)
+    np.testing.assert_allclose(held, 500.0 * machine.gravity * 1.0, rtol=1e-9)
+    swung = rigid_torque(machine, readings(len(t), angle=0.05 * t**2), t, 0)[:-15]
+    np.testing.assert_allclose(swung, 2000.0 * 0.1 + 1000.0 * machine.gravity * np.cos(0.05 * t[:-15] ** 2), rtol=1e-3)
+
+
+def test_a_machine_with_other_base_parameters_has_these():
+    machine = excavator()
+    wanted = base_parameters(machine.links) * np.linspace(0.8, 1.2, 3 * machine.size)
+    found = with_parameters(machine, wanted)
+    np.testing.assert_allclose(base_parameters(found.links), wanted, rtol=1e-9)
+    assert [k.mass for k in found.links] == [k.mass for k in machine.links]
 
 
 @pytest.mark.parametrize(

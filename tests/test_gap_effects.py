@@ -147,7 +147,7 @@ def test_an_effect_finds_itself(reference, name):
     ("name", "at", "value", "shape"),
     [
         pytest.param(
-            *("backlash", "stick", 0.02, {"turning": 800.0, "crossing": 0.08}),
+            *("backlash", "bucket", 0.02, {"falling": 0.025}),
             marks=[
                 pytest.mark.long,
                 pytest.mark.xfail(strict=True, reason="jumps of play are linear in its size only where it is small"),

@@ -95,7 +95,7 @@ LIBRARY: tuple[Group, ...] = (
     *((Mud(filling),) for filling in (0.0, 200.0)),
     *((HoseSpring(rest, cubic),) for rest in SET for cubic in (False, True)),
     *((Compliance(stiffening),) for stiffening in (0.0, 5e-6, 2e-5, 6e-5)),
-    *((Backlash(turning),) for turning in (100.0, 400.0, 1500.0)),
+    *((Backlash(falling),) for falling in (0.005, 0.015, 0.04)),
     (TipForce(),),
     (Slew(),),
     (BoomMotion(),),

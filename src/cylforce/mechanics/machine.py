@@ -1,6 +1,6 @@
 """The machine: links, linkages, cylinders and signals as immutable values; lengths, levers, forces, base parameters."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -228,6 +228,18 @@ def base_parameters(links: tuple[Link, ...]) -> Array:
         for k, mu in zip(links, np.where(np.arange(len(links)) < len(links) - 1, beyond, 0.0), strict=True)
     ]
     return np.array(rows).reshape(-1)
+
+
+def with_parameters(machine: Machine, phi: Array) -> Machine:
+    """The machine whose links have such centres of gravity and inertias that its `base_parameters` are `phi` (3N,);
+    masses stay as they were."""
+    links = []
+    for j, (link, (inertia, x, z)) in enumerate(zip(machine.links, phi.reshape(-1, 3).tolist(), strict=True)):
+        mu = sum(other.mass for other in machine.links[j + 1 :])
+        cx, cz = (x - mu * link.length) / link.mass, z / link.mass
+        own = inertia - link.mass * (cx**2 + cz**2) - mu * link.length**2
+        links.append(replace(link, cx=cx, cz=cz, inertia=own))
+    return replace(machine, links=tuple(links))
 
 
 def base_parameter_covariance(links: tuple[Link, ...]) -> Array:

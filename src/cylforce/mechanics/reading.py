@@ -6,6 +6,8 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
+FITTED_S = 0.3  # s: short beside a move, long enough for angles that are read to a milliradian; chosen
+
 
 def angle_signal(machine: Machine, joint: int) -> int | None:
     """Number of the signal that measures a joint's angle or its link's inclination; None where there is none."""
@@ -46,6 +48,32 @@ def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
     acting = [c for c, span in enumerate(machine.spans) if joint in span]
     levers = [machine.cylinders[c].linkage.stretch(at).gradient[:, joint] for c in acting]
     return sum((forces[:, c] * lever for c, lever in zip(acting, levers, strict=True)), np.zeros(len(values)))
+
+
+def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array:
+    """Torque (T,) [N m] that holds and moves the links from a joint outwards, by their data sheets' masses, at the
+    posture of `joint_angles` and the measured pitch, at times t (T,) [s]: what the cylinders supply, less their own
+    friction. Accelerations are those of parabolas fitted over `FITTED_S`."""
+    from scipy.signal import savgol_filter  # not needed by the service, which needs no accelerations
+
+    step = float(np.mean(np.diff(t))) if len(t) > 1 else 1.0
+    window = min(2 * round(FITTED_S / step / 2.0) + 1, len(t) - 1 + len(t) % 2)
+    if window < 3:
+        return np.zeros(len(t))
+    angles = joint_angles(machine, values)
+    pitch = [k for k, signal in enumerate(machine.signals) if signal.kind is Kind.PITCH]
+    if pitch:
+        angles[:, 0] += values[:, pitch[0]]
+    at, links = machine.pose(angles), machine.links
+    centre = at.origin[:, 1:] + at.turn[:, 1:] * [complex(link.cx, link.cz) for link in links]
+
+    def accelerated(x: Array) -> Array:
+        return np.asarray(savgol_filter(x, window, 2, deriv=2, delta=step, axis=0))
+
+    pushed = (accelerated(centre.real) + 1j * (accelerated(centre.imag) + machine.gravity)) * [x.mass for x in links]
+    turned = accelerated(angles.cumsum(axis=1)) * [link.inertia for link in links]
+    about = (np.conj(centre - at.origin[:, 1 + joint, None]) * pushed).imag
+    return np.asarray(np.sum((about + turned)[:, joint:], axis=1))
 
 
 def followed(course: Array, t: Array, constant: float) -> Array:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_machine.arm import GRAVITY
+from reference_machine.datasheet import JOINTS
 from reference_machine.geometry import Geometry
 from reference_machine.machine import Machine
 from reference_machine.sensors import Distortion
@@ -136,6 +138,20 @@ def torque(specimen: Specimen, joint: str, truth: "dict[str, Array]") -> Array:
     head, rod = specimen.areas(joint)
     force = truth[f"{joint}_head_pressure"] * head - truth[f"{joint}_rod_pressure"] * rod
     return force * lever(specimen, joint, truth[f"{joint}_angle"])
+
+
+def weight(specimen: Specimen, joint: str, truth: "dict[str, Array]", pitch: float) -> Array:
+    """Torque (T,) about a joint of the weight of all that hangs on it [N m]: what a play there transmits, but for the
+    inertia; the friction of the cylinder does not pass it."""
+    turn, pin, found, at = np.exp(1j * pitch), 0.0, 0.0, 0.0
+    for name in JOINTS:
+        turn = turn * np.exp(1j * truth[f"{name}_angle"])
+        at = pin if name == joint else at
+        body = specimen.bodies[name]
+        if JOINTS.index(name) >= JOINTS.index(joint):
+            found = found + GRAVITY * body.mass * (pin + turn * complex(*body.centre) - at).real
+        pin = pin + turn * specimen.lengths.get(name, 0.0)
+    return np.asarray(found)
 
 
 def speed(specimen: Specimen, joint: str, t: Array, truth: "dict[str, Array]") -> Array:

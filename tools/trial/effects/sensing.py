@@ -11,7 +11,7 @@ from reference_machine.datasheet import EXCAVATOR, JOINTS
 from reference_machine.machine import Machine
 from reference_machine.sensors import ANGLES, PRESSURES, Distortion
 
-from .fault import BAR, DEGREE, TYPICAL_TORQUE, Draw, Fault, Scene, Stretch, on_sensors, speed, torque
+from .fault import BAR, DEGREE, TYPICAL_TORQUE, Draw, Fault, Scene, Stretch, on_sensors, speed, torque, weight
 
 Array = NDArray[np.float64]
 Truth = Mapping[str, Array]
@@ -166,13 +166,14 @@ def compliance(draw: Draw, scene: Scene) -> Fault:
 
 
 def backlash(draw: Draw, scene: Scene) -> Fault:
-    """0.2-2.5 degrees of play that the load's sign takes up on the one side or the other."""
+    """0.2-2.5 degrees of play, beyond the cylinder and its friction, that the weight takes up on the one side or the
+    other."""
     at, size = draw.one(("stick", "bucket")), draw.size(0.2, 2.5)
     threshold, takes = draw.shape(0.01, 0.08) * TYPICAL_TORQUE[at], draw.shape(0.01, 0.1)
 
-    def apply(machine: Machine, _: Stretch) -> Machine:
+    def apply(machine: Machine, stretch: Stretch) -> Machine:
         def change(signal: str, t: Array, values: Array, truth: Truth) -> Array:
-            side = lagged(_sides(torque(machine.specimen, at, dict(truth)), threshold), takes)
+            side = lagged(_sides(weight(machine.specimen, at, dict(truth), stretch.pitch), threshold), takes)
             return values + 0.5 * size * DEGREE * side
 
         return on_sensors(machine, only(f"{at}_angle", change))

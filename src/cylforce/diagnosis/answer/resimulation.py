@@ -81,9 +81,9 @@ class Resimulation:
         all other columns stay as they were. Raises ValueError where the machine cannot do so, in a sentence."""
         if not self.effects:
             return seen
-        machine, rate = self.viewer.model.machine, self.viewer.model.filters.rate_hz
+        rate = self.viewer.model.filters.rate_hz
         t = seen.recorded.begins + np.arange(len(seen.recorded.values)) / rate
-        values = undistorted(machine, self.effects, seen.recorded.values, t)
+        values = undistorted(self.viewer.weighed, self.effects, seen.recorded.values, t)
         return seen._replace(rows=self._rows(seen, values))
 
     @cached_property

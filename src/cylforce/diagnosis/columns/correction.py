@@ -55,7 +55,7 @@ def _without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied]) -> 
     model, effects = viewer.model, [a.imposed for a in sorted(applied, key=lambda a: a.clock)]
     other = Viewer(replace(model, machine=altered(model.machine, effects)), viewer.tares)
     t = recorded.begins + np.arange(len(recorded.values)) / model.filters.rate_hz
-    return other, recorded._replace(values=undistorted(model.machine, effects, recorded.values, t))
+    return other, recorded._replace(values=undistorted(viewer.weighed, effects, recorded.values, t))
 
 
 def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded, applied: Sequence[Applied]) -> GapRows:

@@ -40,7 +40,7 @@ from cylforce.estimation.model import Model
 from cylforce.estimation.observation import REST_SHARE, unusable
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.estimation.sensitivity import Sensitivity
-from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.machine import Machine, with_parameters
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
 
@@ -84,6 +84,11 @@ class Viewer:
     @cached_property
     def _thin(self) -> int:
         return max(round(self.model.filters.rate_hz / RATE_HZ), 1)
+
+    @cached_property
+    def weighed(self) -> Machine:
+        """The machine with the masses that its tares tell: some readings err by what hangs there."""
+        return with_parameters(self.model.machine, self.tares[: 3 * self.model.machine.size])
 
     @cached_property
     def slow(self) -> Model:
@@ -263,7 +268,7 @@ class Viewer:
         machine, values = self.model.machine, loaded.recorded.values
         if isinstance(effect, Distortion):
             t = loaded.recorded.begins + np.arange(len(values)) / self.model.filters.rate_hz
-            read = [effect.distorted(machine, values, t, p.where, s * step) for s in (1.0, -1.0)]
+            read = [effect.distorted(self.weighed, values, t, p.where, s * step) for s in (1.0, -1.0)]
             found = loaded.change.of_readings(*read)
         elif isinstance(effect, Alteration):
             true = [effect.altered(machine, p.where, s * step) for s in (-1.0, 1.0)]

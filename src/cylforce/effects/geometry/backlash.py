@@ -5,17 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cylforce.effects.fault import About, Place
-from cylforce.mechanics.machine import Machine
-from cylforce.mechanics.reading import angle_signal, followed, measured_torque
+from cylforce.mechanics.machine import Machine, base_parameters
+from cylforce.mechanics.reading import angle_signal, rigid_torque
 from cylforce.signals.estimate import Array
 
 
 @dataclass(frozen=True, slots=True)
 class Backlash:
-    """Play in a joint: the measured angle is wrong by half the play, towards the side to which the load presses."""
+    """Play in a joint, beyond the cylinder and its friction: the measured angle is wrong by half the play, towards the
+    side to which the weight and the motion of what hangs there press. Where that torque changes its sign, it falls to
+    the other side as fast as the torque moves its inertia, and stays (no rebound). Where it never does, play is an
+    offset of the angle, and no effect of its own."""
 
-    turning: float = 2e2  # N m, torque beyond which the joint lies against one side; chosen
-    crossing: float = 0.04  # s, time constant with which it crosses from side to side; chosen
+    falling: float = 0.015  # rad, play by which the time of the fall is told: it grows with the cube root only
 
     @property
     def about(self) -> About:
@@ -28,20 +30,48 @@ class Backlash:
             Place.LINK,
             "where the joint's torque changes its sign",
             "push the link by hand, or with the tool on the ground, both ways",
+            1,
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with the joint's angle changed to a + size/2 s, ds/dt = (side - s) / crossing; side: the
-        sign that the cylinders' torque had when it last exceeded `turning`. The same object without an angle sensor."""
+        """The signals (T, S) with the joint's angle changed to a + size/2 s, s from -1 to 1: the place within the
+        play. The same object without an angle sensor."""
         signal = angle_signal(machine, where)
-        if signal is None:
+        inertia = float(np.sum(base_parameters(machine.links)[3 * where :: 3]))
+        if signal is None or len(t) < 2 or inertia <= 0.0:
             return values
-        side, found = self._side(machine, values, where), values.copy()
-        found[:, signal] += size / 2.0 * followed(side, t, self.crossing)
+        place = fallen(rigid_torque(machine, values, t, where) / inertia, float(np.mean(np.diff(t))), self.falling)
+        if np.all(place == place[0]):
+            return values
+        found = values.copy()
+        found[:, signal] += size / 2.0 * place
         return found
 
-    def _side(self, machine: Machine, values: Array, where: int) -> Array:
-        torque = measured_torque(machine, values, where)
-        clear = np.abs(torque) > self.turning
-        last = np.maximum.accumulate(np.where(clear, np.arange(len(torque)), 0))
-        return np.asarray(np.sign(torque[last]))
+
+def fallen(pressed: Array, step: float, play: float) -> Array:
+    """Place (T,), from -1 to 1, within a play [rad] of what is pressed by an acceleration (T,) [rad/s^2], at times
+    `step` [s] apart."""
+    side, begin = 1.0 if pressed[0] >= 0.0 else -1.0, 0
+    found, away = np.empty(len(pressed)), {1.0: np.flatnonzero(pressed < 0.0), -1.0: np.flatnonzero(pressed > 0.0)}
+    while begin < len(pressed):
+        ahead = away[side][np.searchsorted(away[side], begin) :]
+        leaves = int(ahead[0]) if len(ahead) else len(pressed)
+        found[begin:leaves] = side
+        moved = _moved(-side * pressed[leaves:] * step**2, play)
+        begin = leaves + len(moved)
+        if len(moved) and moved[-1] >= play:  # it is there, and from now on pressed to the other side
+            found[leaves:begin], side = side * (1.0 - 2.0 * np.minimum(moved, play) / play), -side
+        else:
+            found[leaves:begin] = side * (1.0 - 2.0 * np.maximum(moved, 0.0) / play)
+    return found
+
+
+def _moved(pressed: Array, play: float) -> Array:
+    """Way (T,), from rest on, until the play is crossed or it is back."""
+    moved = np.zeros(0)
+    for count in (64, 1024, len(pressed)):
+        moved = np.cumsum(np.cumsum(pressed[:count]))
+        ends = np.flatnonzero((moved >= play) | (moved <= 0.0))
+        if len(ends):
+            return np.asarray(moved[: ends[0] + 1])
+    return moved
