@@ -121,7 +121,7 @@ class Asking:
         about = p.about
         high = max(self.problem.largest(p), about.low)
         expected = self.problem.from_sheet and p.name in EXPECTED
-        return Column(p.name, p.at, own, about.low, high, about.sign, about.axes, expected)
+        return Column(p.name, p.at, own, about.low, high, about.sign, about.axes, p.bends, about.form, expected)
 
     def sums(self, group: Sequence[Seen], shared: Sequence[Shared], kept: NDArray[np.bool_] | None = None) -> Sums:
         """Statistics of recordings; `shared`: noise of each one's columns that is also in what is left; `kept` (B,):

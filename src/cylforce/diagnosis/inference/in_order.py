@@ -111,10 +111,12 @@ class InOrder:
 
     @cached_property
     def _stated(self) -> Array:
-        found = np.zeros(len(self.scene.spread))
+        """As stated, and the share of what the references show by which a law is only approximate."""
+        found, shown = np.zeros(len(self.scene.spread)), np.abs(self.fit[1])
         for p in self.scene.forms:
             own = list(p.columns)
-            found[own] = self.everyday.get(p.name, USUALLY) * p.low / self.scene.spread[own[0]]
+            least = self.everyday.get(p.name, USUALLY) * p.low / self.scene.spread[own[0]]
+            found[own] = np.hypot(least, p.form * shown[own])
         return found
 
     def asked(self, recording: Sums) -> "Inference":
@@ -124,12 +126,12 @@ class InOrder:
         return case.unsure(self._impossible(mean))
 
     def _impossible(self, mean: Array) -> list[list[int]]:
-        """Columns of every effect, at its place, that the references show (K,) with a sign it cannot have, such as a
-        sensor that is early or friction that is less at creep: they show it for something else, such as a law of
-        friction that nobody wrote, and another motion or a load may not show it."""
+        """Columns of every error of readings or geometry, at its place, that the references show (K,) with a sign it
+        cannot have, such as a sensor that is early: they show it for something else, such as a law of friction that
+        nobody wrote, and another motion or a load may not show it."""
         found: dict[tuple[str, str, int], set[int]] = {}
         for form in self.scene.forms:
-            if form.sign:
+            if form.reads and form.sign:
                 found.setdefault((form.name, form.at, form.sign), set()).update(form.columns)
         sizes = self.scene.spread * mean
         return [sorted(own) for (*_, sign), own in found.items() if sign * np.sum(sizes[list(own)]) < 0.0]

@@ -17,7 +17,8 @@ WIDE = 0.25  # prior precision of a size where the recording tells nothing, in u
 
 class Column(NamedTuple):
     """One form of an effect at a place: its columns, the plausible range of its size, its sign (0: either), how many of
-    its sizes are the axes of the magnitude."""
+    its sizes are the axes of the magnitude; `reads`: whether it is an error of readings or of geometry; `form`: share
+    of a size by which its law is only approximate."""
 
     name: str
     at: str
@@ -26,6 +27,8 @@ class Column(NamedTuple):
     high: float
     sign: int
     axes: int
+    reads: bool = False
+    form: float = 0.0
     expected: bool = False  # whether it is there as probably as not: what a data sheet does not know
 
     @property

@@ -31,6 +31,7 @@ class Backlash:
             "where the joint's torque changes its sign",
             "push the link by hand, or with the tool on the ground, both ways",
             1,
+            form=0.2,  # chosen: it rebounds, and its load moves it differently
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
