@@ -153,8 +153,8 @@ def test_an_effect_finds_itself(reference, name):
                 pytest.mark.xfail(strict=True, reason="jumps of play are linear in its size only where it is small"),
             ],
         ),
-        ("compliance", "stick", 6e-7, {"stiffening": 3.5e-5, "settling": 0.06}),
-        pytest.param("pressure_drift", "boom_head_pressure", 2e7, {"fading": 0.007}, marks=pytest.mark.long),
+        pytest.param("compliance", "stick", 6e-7, {"stiffening": 3.5e-5, "settling": 0.06}, marks=pytest.mark.long),
+        ("pressure_drift", "boom_head_pressure", 2e7, {"fading": 0.007}),
     ],
 )
 def test_a_shape_between_those_of_the_library_is_named(reference, name, at, value, shape):
