@@ -41,7 +41,8 @@ class Step(NamedTuple):
 @dataclass(frozen=True)
 class Asking:
     """A problem under a noise floor; `step`: when a load may have changed; `layout`: of every faulty recording the rows
-    that count, in whole blocks (see `laid`), by default all."""
+    that count, in whole blocks (see `laid`), by default all; `aside`: the faulty blocks (B,) that do not count, for
+    something everyday happens in them."""
 
     viewer: Viewer
     problem: Problem
@@ -49,6 +50,7 @@ class Asking:
     noisy: "Noisy"
     step: Step | None = None
     layout: tuple[NDArray[np.int_], ...] | None = None
+    aside: NDArray[np.bool_] | None = None
 
     @cached_property
     def own(self) -> list[int]:
@@ -82,6 +84,8 @@ class Asking:
         if self.step:
             on, counts = (number > self.step.first) & (number < self.step.last), number != self.step.first
             more.append(np.asarray(each.rows[..., self._incidental(LOAD)] * on[:, None, None], dtype=np.float64))
+        if self.aside is not None:
+            counts = counts & ~self.aside[number]
         rows = np.concatenate([each.rows[..., :-1], *more, each.rows[..., -1:]], axis=-1)
         return White(np.asarray(rows * counts[:, None, None], dtype=np.float32), each.good & counts[:, None])
 
@@ -158,8 +162,8 @@ class Asking:
         return plain if np.any(corrected > GAP * np.maximum(least, 1.0)) else self
 
     def machine(self, everyday: dict[str, float]) -> InOrder:
-        """The machine as its references show it; a step is the field's alone."""
-        plain = replace(self, step=None) if self.step else self
+        """The machine as its references show it; a step, and what is set aside, is the field's alone."""
+        plain = replace(self, step=None, aside=None)
         return InOrder(plain.scene, plain.references, self._ages | everyday, len(self.floor.rms))
 
     @cached_property

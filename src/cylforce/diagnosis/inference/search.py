@@ -176,11 +176,13 @@ class _Search:
         """Everything."""
         self.watch("hypotheses")
         case, wanted = self._case, self._wanted(self._question)
+        happened, when, blocks = self._happened(case)
+        if self.plain.aside is None and (everyday := self._everyday(happened, blocks, case)) is not None:
+            return self._beside(everyday).found()
         hypotheses = case.searched(wanted)
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
-        happened, when = self._happened(case)
         work = self._at_work(hypotheses, happened)
         if work and work[0].share > SELDOM:
             return self._working(*work)
@@ -244,9 +246,25 @@ class _Search:
             found[key] = min(SIGMAS * error, found.get(key, np.inf))
         return found
 
-    def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks]]:
-        """What may have happened at moments, and in which blocks (B,)."""
-        found, when = [], {}
+    def _beside(self, blocks: Blocks) -> "_Search":
+        """The same search where some blocks do not count."""
+        other = replace(self, plain=replace(self.plain, aside=blocks))
+        other.__dict__["_machine"] = self._machine
+        return other
+
+    def _everyday(self, happened: Sequence[Happened], blocks: Sequence[Blocks], case: Inference) -> Blocks | None:
+        """The blocks in which a torque at one joint is the likeliest of all that happens at moments, and everyday: what
+        is wrong besides shows in the others. None where it is not."""
+        none = case.likeliest((), case.usual)
+        best = max(range(len(happened)), key=lambda k: happened[k].log, default=None)
+        if best is None or happened[best].log <= none.log:
+            return None
+        told = Asked(case.scene.forms, (none,), tuple(happened), case.usual, 0.0)
+        return blocks[best] if told.slight(happened[best]) else None
+
+    def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks], list[Blocks]]:
+        """What may have happened at moments, in which blocks (B,) by its key, and of each."""
+        found, when, each_when = [], {}, []
         for key, each in self._incidents():
             told, where = settled(case, each, self._left(case))
             if self._question.step:  # a block that does not count is like those beside it
@@ -254,7 +272,8 @@ class _Search:
                 where[k] = np.any(where[max(k - 1, 0) : k + 2])
             found.append(Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest))
             when[key] = where
-        return tuple(found), when
+            each_when.append(where)
+        return tuple(found), when, each_when
 
     def _incidents(self) -> list[tuple[Key, Moments]]:
         """What may happen at moments, with its key."""
