@@ -58,6 +58,22 @@ def test_pressures_a_part_of_a_sample_late_are_everyday(reference, late, told):
     assert (of.get(clock, 0.0) > 0.1) is told
 
 
+def test_a_jolt_or_two_do_not_hide_what_lasts(reference):
+    """The boom is pushed for a second, twice: no more than references leave over all, but many nats in these blocks.
+    The weak friction shows in all others."""
+
+    def change(values):
+        k = np.arange(len(values))
+        jolts = sum(np.exp(-(((k - begin) / 40.0) ** 2)) for begin in (2200.0, 4700.0))
+        found = values.copy()
+        found[:, SIGNALS.index("boom_head_pressure")] += 1.5e5 * jolts
+        return found
+
+    effect = imposed(MACHINE, "viscous_friction", "stick", 3e3)
+    found, _ = concluded(reference, (effect,), change)
+    assert max(found.belief.of, key=found.belief.of.__getitem__) == ("viscous_friction", "stick")
+
+
 def test_two_effects_are_both_named(reference):
     friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
     offset = imposed(MACHINE, "pressure_offset", "boom_rod_pressure", 4e5)

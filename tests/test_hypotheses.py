@@ -12,6 +12,7 @@ from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
+from cylforce.diagnosis.inference.moments import settled
 from cylforce.diagnosis.inference.posterior import (
     NOTHING,
     UNKNOWN,
@@ -22,7 +23,6 @@ from cylforce.diagnosis.inference.posterior import (
     believed,
     calibrated,
 )
-from cylforce.diagnosis.inference.search import settled
 from cylforce.diagnosis.inference.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.numbers import UNSEEN, UNSURE
 from layers.everyday import learnt

@@ -8,10 +8,44 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
+from cylforce.diagnosis.inference.posterior import UNKNOWN, Happened, Key
+from cylforce.effects.fault import SHAPES, Place, TimeCourse
+from cylforce.effects.unknown import NAME
 from cylforce.signals.estimate import Array
 
 Blocks = NDArray[np.bool_]
+TIP = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
+SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
 SETTLING = 4  # rounds in which the blocks in which something happens are found
+
+
+def happening(
+    question: Asking, case: Inference, left: Array, only: tuple[str, str] | None
+) -> list[tuple[Happened, Blocks]]:
+    """All that may have happened at moments, and in which blocks (B,); `left` (K+1,): coefficients of what is left
+    without it; `only`: name and place ("": any) of the one effect that is asked."""
+    found = []
+    for key, each in _incidents(question, only):
+        told, where = settled(case, each, left)
+        if question.step:  # a block that does not count is like those beside it
+            k = question.step.first
+            where[k] = np.any(where[max(k - 1, 0) : k + 2])
+        happened = Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest)
+        found.append((happened, where))
+    return found
+
+
+def _incidents(question: Asking, only: tuple[str, str] | None) -> list[tuple[Key, Moments]]:
+    """What may happen at moments, with its key."""
+    group, found = question.problem.faulty, []
+    for p in question.problem.proposals:
+        asked = not only or (p.name == only[0] and only[1] in ("", p.at))
+        if p.course is TimeCourse.WINDOWS and p.name != NAME and asked:
+            names = TIP if p.about.place is Place.TOOL else SLEW
+            found.append(((p.name, p.at), question.moments(group, names)))
+    if not only:
+        found += [(UNKNOWN, question.torques(group, row)) for row in range(len(question.floor.rms))]
+    return found
 
 
 def settled(case: Inference, moments: Moments, left: Array) -> tuple[Hypothesis, Blocks]:

@@ -13,10 +13,9 @@ from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking, noisy
 from cylforce.diagnosis.inference.at_sizes import AtSizes
-from cylforce.diagnosis.inference.discrepancy import Moments
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import Blocks, changed, settled
+from cylforce.diagnosis.inference.moments import Blocks, changed, happening
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import hung, residuals
@@ -24,15 +23,13 @@ from cylforce.diagnosis.inference.working import AtWork, at_work, hangs
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
 from cylforce.diagnosis.recordings.glitches import Jumping, jumping, others
-from cylforce.effects.fault import SHAPES, Place, TimeCourse
+from cylforce.effects.fault import Place
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
-from cylforce.effects.unknown import NAME, UNKNOWN_TORQUES
+from cylforce.effects.unknown import UNKNOWN_TORQUES
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
 AGAIN = 6  # hypotheses that are looked at again at their sizes
-TIP = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
-SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
 Watch = Callable[[str], None]
 
 
@@ -176,9 +173,14 @@ class _Search:
         """Everything."""
         self.watch("hypotheses")
         case, wanted = self._case, self._wanted(self._question)
-        happened, when, blocks = self._happened(case)
-        if self.plain.aside is None and (everyday := self._everyday(happened, blocks, case)) is not None:
-            return self._beside(everyday).found()
+        told = happening(self._question, case, self._left(case), self.only)
+        none, happened = case.likeliest((), case.usual), tuple(each for each, _ in told)
+        plain = Asked(case.scene.forms, (none,), happened, case.usual, 0.0)
+        first = max(happened, key=lambda each: each.log, default=None)
+        if self.plain.aside is None and first and first.log > none.log and plain.slight(first):
+            # A torque at one joint in some blocks that is everyday: what is wrong besides shows in the others.
+            return self._beside(next(where for each, where in told if each is first)).found()
+        when = {each.key: where for each, where in told}
         hypotheses = case.searched(wanted)
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
@@ -251,45 +253,6 @@ class _Search:
         other = replace(self, plain=replace(self.plain, aside=blocks))
         other.__dict__["_machine"] = self._machine
         return other
-
-    def _everyday(self, happened: Sequence[Happened], blocks: Sequence[Blocks], case: Inference) -> Blocks | None:
-        """The blocks in which a torque at one joint is the likeliest of all that happens at moments, and everyday: what
-        is wrong besides shows in the others. None where it is not."""
-        none = case.likeliest((), case.usual)
-        best = max(range(len(happened)), key=lambda k: happened[k].log, default=None)
-        if best is None or happened[best].log <= none.log:
-            return None
-        told = Asked(case.scene.forms, (none,), tuple(happened), case.usual, 0.0)
-        return blocks[best] if told.slight(happened[best]) else None
-
-    def _happened(self, case: Inference) -> tuple[tuple[Happened, ...], dict[Key, Blocks], list[Blocks]]:
-        """What may have happened at moments, in which blocks (B,) by its key, and of each."""
-        found, when, each_when = [], {}, []
-        for key, each in self._incidents():
-            told, where = settled(case, each, self._left(case))
-            if self._question.step:  # a block that does not count is like those beside it
-                k = self._question.step.first
-                where[k] = np.any(where[max(k - 1, 0) : k + 2])
-            found.append(Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest))
-            when[key] = where
-            each_when.append(where)
-        return tuple(found), when, each_when
-
-    def _incidents(self) -> list[tuple[Key, Moments]]:
-        """What may happen at moments, with its key."""
-        question = self._question
-        group, found = question.problem.faulty, []
-        for p in question.problem.proposals:
-            if p.course is not TimeCourse.WINDOWS or p.name == NAME or not self._may(p):
-                continue
-            names = TIP if p.about.place is Place.TOOL else SLEW
-            found.append(((p.name, p.at), question.moments(group, names)))
-        if not self.only:
-            found += [(UNKNOWN, question.torques(group, row)) for row in range(len(question.floor.rms))]
-        return found
-
-    def _may(self, p: Proposal) -> bool:
-        return not self.only or (p.name == self.only[0] and self.only[1] in ("", p.at))
 
     def _again(
         self, case: Inference, told: Asked
