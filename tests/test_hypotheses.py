@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from cylforce.diagnosis.answer.verdict import Verdict, costs
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
@@ -17,17 +16,12 @@ from cylforce.diagnosis.inference.posterior import (
     NOTHING,
     UNKNOWN,
     Asked,
-    Belief,
     Happened,
-    Outcomes,
     believed,
-    calibrated,
 )
 from cylforce.diagnosis.inference.sizes import BEYOND, Column, Terms, log_size
 from cylforce.diagnosis.numbers import UNSEEN, UNSURE
 from layers.everyday import learnt
-from layers.intervals import wilson
-from layers.logistic import fitted
 
 ROWS, BLOCKS, JOINTS, COUNT = 60, 40, 2, 4  # rows of a block, blocks, joints, columns
 PARTS = (Column("one", "a", (2,), 0.2, 8.0, 0, 1), Column("two", "b", (3,), 0.2, 8.0, 0, 1))
@@ -242,58 +236,16 @@ def test_a_torque_at_moments_that_explains_hardly_anything_is_everyday(machine):
     assert believed(large).first == UNKNOWN
 
 
-def test_a_calibration_says_how_often_each_outcome_is_true():
-    rng = np.random.default_rng(0)
-    outcome = rng.choice(4, 800, p=[0.1, 0.6, 0.1, 0.2])
-    by = fitted(rng.standard_normal((800, 2)), outcome, np.ones(800), 0.5)
-    said = {("one", "a"): 1.0 - 1e-4, ("two", "a"): 9e-5, ("three", "a"): 1e-5, NOTHING: 1e-9, UNKNOWN: 1e-12}
-    belief = calibrated(Belief(said, (0.0, 0.0)), by)
-    assert belief.of["one", "a"] == pytest.approx(0.6, abs=0.06)
-    assert belief.of[NOTHING] == pytest.approx(0.1, abs=0.04)
-    assert belief.of["two", "a"] / belief.of["three", "a"] == pytest.approx(3.0)
-    assert sum(belief.of.values()) == pytest.approx(1.0)
-
-
-def test_a_calibration_learns_from_what_tells():
-    rng = np.random.default_rng(1)
-    outcome = rng.choice(4, 400)
-    features = np.eye(4)[outcome] + 0.1 * rng.standard_normal((400, 4))
-    by = fitted(features, outcome, np.ones(400), 0.5)
-    assert all(by(row)[k] > 0.9 for k, row in enumerate(np.eye(4)))
-
-
-def test_without_any_effect_there_is_nothing_to_calibrate():
-    by = fitted(np.zeros((4, 2)), np.arange(4), np.ones(4), 0.5)
-    belief = Belief({NOTHING: 0.7, UNKNOWN: 0.3}, (0.0, 0.0))
-    assert calibrated(belief, by) == belief
-
-
-def test_intervals_are_wilsons():
-    assert wilson(8, 10) == pytest.approx((0.490, 0.943), abs=1e-3)
-    assert wilson(0, 0) == (0.0, 1.0)
-
-
-def test_the_likeliest_effect_stays_the_likeliest_whatever_cases_teach():
-    """Also where they teach that the first one is hardly ever the cause, and the others are."""
-    of = {("one", "a"): 0.98, ("two", "b"): 0.01, ("two", "c"): 0.005, NOTHING: 0.005, UNKNOWN: 0.0}
-    before = Belief(of, np.zeros(6))
-    never = Outcomes((0.0,) * 6, (1.0,) * 6, tuple((0.0,) * 6 + (w,) for w in (2.3, -5.8, 1.3, 2.3)), 0.001)
-    found = calibrated(before, never).of
-    effects = [found[key] for key in of if key not in (NOTHING, UNKNOWN)]
-    assert effects[0] == max(effects)
-    assert sum(found.values()) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(("first", "rival", "order", "cheapest"), [
-    (0.69, 0.03, 0.23, Verdict.AMBIGUOUS),  # nothing else may be it, but it is not as sure as a name must be
-    (0.82, 0.0, 0.1, Verdict.EXPLAINED),
-    (0.3, 0.05, 0.6, Verdict.NO_GAP),
-    (0.05, 0.05, 0.1, Verdict.UNKNOWN),
-    (0.5, 0.4, 0.05, Verdict.AMBIGUOUS),
-    (0.0, 0.0, 0.9, Verdict.NO_GAP),
-])  # fmt: skip
-def test_the_answer_costs_least_and_one_name_alone_is_sure(first, rival, order, cheapest):
-    of = {("one", "a"): first, ("two", "a"): rival, NOTHING: order, UNKNOWN: 1.0 - first - rival - order}
-    told = costs(Belief(of, ()), first, first + rival)
-    assert min(told, key=told.__getitem__) is cheapest
-    assert (Verdict.EXPLAINED in told) == (first >= 0.8)
+def test_another_motion_than_the_references_is_less_sure(machine):
+    """A column that is three times as large has three times the error of its size in the torques."""
+    rows = recording(3)
+    wide = rows * np.array([3.0, 3.0, 3.0, 3.0, 1.0])
+    narrow, other = (machine.asked(sums(SCENE.spread, [told(each)])) for each in (rows, wide))
+    assert other.uncertain == pytest.approx(3.0 * narrow.uncertain)
+    size = np.sqrt(
+        np.einsum(
+            "brti,ij,brtj->r", rows[..., :-1], machine.covariance * np.outer(SCENE.spread, SCENE.spread), rows[..., :-1]
+        )
+        / rows[:, 0, :, 0].size
+    )
+    assert narrow.uncertain == pytest.approx(float(np.max(size)))

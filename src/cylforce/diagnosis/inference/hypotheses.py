@@ -94,6 +94,12 @@ class Inference:
     told: Callable[[int, Array], float] = _nothing
     apart: float = 0.0
 
+    @property
+    def uncertain(self) -> float:
+        """How uncertain the references leave the torques of the recording at the worst joint, of the floor (rms)."""
+        energy = np.einsum("rij,ij->r", self.sums.whole[:, :-1, :-1], self.covariance)
+        return float(np.sqrt(np.max(np.maximum(energy, 0.0) / np.maximum(self.sums.rows, 1.0))))
+
     def unsure(self, groups: Iterable[Sequence[int]]) -> "Inference":
         """The same where what the references tell of each group of columns, all together, is as uncertain as it is
         large."""

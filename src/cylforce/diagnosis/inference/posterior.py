@@ -18,7 +18,7 @@ NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
-FEATURES = 6
+FEATURES = 7
 
 
 class Happened(NamedTuple):
@@ -62,7 +62,8 @@ class Belief(NamedTuple):
 @dataclass(frozen=True)
 class Asked:
     """What a search found: forms, hypotheses, what may have happened at moments; the noise that is usual; the gap over
-    the floor with nothing fitted; how many `references` there were."""
+    the floor with nothing fitted; how many `references` there were, and how uncertain they leave the torques of the
+    recording, which moves as they do or otherwise, `unsure`, of the floor."""
 
     forms: tuple[Column, ...]
     hypotheses: tuple[Hypothesis, ...]
@@ -70,6 +71,7 @@ class Asked:
     usual: Scatter
     gap: float
     references: int = 0
+    unsure: float = 0.0
 
     @cached_property
     def none(self) -> Hypothesis:
@@ -197,7 +199,7 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap, a
     gap that is never called none or more; log of what the first leaves by itself, in units of the floor and of what a
     law leaves of the gap where it is not quite the true one; the share of its evidence that the next one lacks; log of
-    one plus the number of references. Zeros where no effect was asked."""
+    one plus the number of references; log of how uncertain they leave the torques. Zeros where no effect was asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
@@ -213,6 +215,7 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
         float(np.log(max(rest, NONE))),
         lacks,
         float(np.log1p(asked.references)),
+        float(np.log(max(asked.unsure, NONE))),
     )
 
 

@@ -235,7 +235,7 @@ class _Search:
     def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:
         gap = case.rest(self._left(case), case.usual)
         shown = len({seen.recorded.name for seen in self.plain.problem.clean})
-        return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown)
+        return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown, self._first.uncertain)
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
