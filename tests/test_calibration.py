@@ -63,6 +63,13 @@ def test_the_likeliest_effect_stays_the_likeliest_whatever_cases_teach():
 ])  # fmt: skip
 def test_the_answer_costs_least_and_one_name_alone_is_sure(first, rival, order, cheapest):
     of = {("one", "a"): first, ("two", "a"): rival, NOTHING: order, UNKNOWN: 1.0 - first - rival - order}
-    told = costs(Belief(of, ()), first, first + rival)
+    told = costs(Belief(of, ()), first, (rival,) if rival else ())
     assert min(told, key=told.__getitem__) is cheapest
     assert (Verdict.EXPLAINED in told) == (first >= 0.8)
+
+
+def test_a_set_of_many_is_no_better_than_unknown():
+    """Two candidates are worth to be looked at, ten that share the same are not."""
+    two, ten = (costs(Belief({NOTHING: 0.1, UNKNOWN: 0.1}, ()), 0.8 / n, [0.8 / n] * (n - 1)) for n in (2, 10))
+    assert min(two, key=two.__getitem__) is Verdict.AMBIGUOUS
+    assert min(ten, key=ten.__getitem__) is Verdict.UNKNOWN

@@ -103,7 +103,7 @@ def inside(found: Search, cause: Cause, begin: float, end: float, values: np.nda
 
 def assert_gone(found: Search) -> None:
     """Simulated with what was found, the machine explains the recordings nearly as well as one that has no fault."""
-    known = found.causes[:1]
+    known = found.causes
     simulation = Simulation(found, known)
     left = simulation.left(()), simulation.left(known), clean(found.question).unseen
     before, after, floor = (mean_square(x) for x in left)

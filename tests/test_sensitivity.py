@@ -66,7 +66,7 @@ def plain(viewer, effect, where, values, tares):
     step, machine = np.sqrt(effect.about.low * effect.about.high), viewer.model.machine
     if isinstance(effect, Distortion):
         t = BEGINS + np.arange(len(values)) / FILTERS.rate_hz
-        both = [effect.distorted(machine, values, t, where, s * step) for s in (1.0, -1.0)]
+        both = [effect.distorted(viewer.weighed, values, t, where, s * step) for s in (1.0, -1.0)]
         more, less = (left(viewer, each, tares, machine) for each in both)
     else:
         less, more = (left(viewer, values, tares, effect.altered(machine, where, s * step)) for s in (1.0, -1.0))

@@ -315,10 +315,9 @@ def without_their_effect(rows: Sequence[Row]) -> list[Scored]:
 
 
 def calibration(rows: Sequence[Row], working: bool = False) -> Outcomes:
-    """Fitted on all cases in the air (or all of which is said that the machine was `working`) that are in order or
-    visible, and, ODD times, on the visible ones without their own effect's hypotheses; then the power with the best log
-    score."""
-    own = [r for r in rows if (r.working if working else not r.truth.work) and (r.truth.visible or not r.truth.effects)]
+    """Fitted on all cases in the air (or all of which is said that the machine was `working`), however faint their
+    effect is, and, ODD times, on those with one without its hypotheses; then the power with the best log score."""
+    own = [r for r in rows if (r.working if working else not r.truth.work)]
     cases = [Scored(r, believed(r.asked)) for r in own]
     less = [Scored(r, believed(r.asked)) for r in map(left_out, own) if r]
     told = [_outcome(c) for c in cases] + [ODD_ONE] * len(less)

@@ -76,5 +76,5 @@ STANDING = 5e-4  # rad/s, rms: what stands turns as fast (physics: noise of such
 MISSED = 0.5  # "no gap" where there is one
 UNSAID = 0.25  # "unknown" where the cause could have been named
 SURE = 1.0 / (1.0 + UNSAID)  # of one name alone: where a name costs less than "unknown" though there surely is a gap
-SET = 0.05  # a set that holds the cause
+SET = 0.05  # a set that holds the cause, for each rival that is checked until it is found
 EMPTY_SET = 0.6  # a set that does not

@@ -258,8 +258,7 @@ def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
     """The answer that costs least; `shares`: of the gap's energy by cause."""
     belief, told = search.belief, found.asked
     named = _named(search, shares)
-    first = named[0].confidence if named else 0.0
-    cost = costs(belief, first, first + sum(c.probability for c in named[0].confused) if named else 0.0)
+    cost = costs(belief, *((named[0].confidence, [c.probability for c in named[0].confused]) if named else (0.0, ())))
     verdict = min(cost, key=lambda v: cost[v])
     if found.working and verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):  # loads and contact may hide either
         return Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
@@ -274,14 +273,15 @@ def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
     return Judged(verdict, named, float(np.clip(told.share(rest), 0.0, 1.0)))
 
 
-def costs(belief: Belief, first: float, held: float) -> dict[Verdict, float]:
+def costs(belief: Belief, first: float, rivals: Sequence[float]) -> dict[Verdict, float]:
     """Expected cost of every answer, in units of a wrong name; `first`: the confidence in the main cause, 0 if none was
-    found; `held`: that of it and of all it might be confused with."""
+    found; `rivals`: the probabilities of all it might be confused with, which are checked one after the other."""
+    held, checks = first + sum(rivals), first + sum(k * p for k, p in enumerate(rivals, 1))
     order, odd = belief.of.get(NOTHING, 0.0), belief.of.get(UNKNOWN, 0.0)
     effect = 1.0 - order - odd
     found = {Verdict.NO_GAP: MISSED * (effect + odd), Verdict.UNKNOWN: UNSAID * effect + order}
     if first > 0.0:
-        found[Verdict.AMBIGUOUS] = order + SET * held + EMPTY_SET * max(1.0 - order - held, 0.0)
+        found[Verdict.AMBIGUOUS] = order + SET * checks + EMPTY_SET * max(1.0 - order - held, 0.0)
     if first >= SURE:
         found[Verdict.EXPLAINED] = 1.0 - first
     return found

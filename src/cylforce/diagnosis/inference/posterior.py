@@ -10,7 +10,7 @@ import numpy as np
 from cylforce.diagnosis.inference.discrepancy import LEVELS, SCALES, Scatter, log_prior
 from cylforce.diagnosis.inference.hypotheses import Hypothesis
 from cylforce.diagnosis.inference.sizes import Column
-from cylforce.diagnosis.numbers import GAP, HALF, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
+from cylforce.diagnosis.numbers import HALF, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
 from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place
@@ -18,7 +18,7 @@ NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
-FEATURES = 7
+FEATURES = 8
 
 
 class Happened(NamedTuple):
@@ -196,10 +196,10 @@ def believed(asked: Asked) -> Belief:
 
 
 def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
-    """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap, a
-    gap that is never called none or more; log of what the first leaves by itself, in units of the floor and of what a
-    law leaves of the gap where it is not quite the true one; the share of its evidence that the next one lacks; log of
-    one plus the number of references; log of how uncertain they leave the torques. Zeros where no effect was asked."""
+    """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap; log
+    of what the first leaves by itself, in units of the floor and of what a law leaves of the gap where it is not quite
+    the true one; the share of its evidence that the next one lacks; log of one plus the number of references; log of
+    how uncertain they leave the torques; log odds of `unknown`. Zeros where no effect was asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
@@ -211,11 +211,12 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     return (
         _log_odds(found[first], second),
         _log_odds(sum(found[k] for k in effects), found[NOTHING]),
-        float(np.log(np.clip(asked.gap, NONE, GAP))),
+        float(np.log(max(asked.gap, NONE))),
         float(np.log(max(rest, NONE))),
         lacks,
         float(np.log1p(asked.references)),
         float(np.log(max(asked.unsure, NONE))),
+        _log_odds(found[UNKNOWN], 1.0 - found[UNKNOWN]),
     )
 
 
