@@ -280,7 +280,7 @@ def costs(belief: Belief, first: float, rivals: Sequence[float]) -> dict[Verdict
     order, odd = belief.of.get(NOTHING, 0.0), belief.of.get(UNKNOWN, 0.0)
     effect = 1.0 - order - odd
     found = {Verdict.NO_GAP: MISSED * (effect + odd), Verdict.UNKNOWN: UNSAID * effect + order}
-    if first > 0.0:
+    if 0.0 < first < SURE:
         found[Verdict.AMBIGUOUS] = order + SET * checks + EMPTY_SET * max(1.0 - order - held, 0.0)
     if first >= SURE:
         found[Verdict.EXPLAINED] = 1.0 - first
