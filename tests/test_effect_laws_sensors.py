@@ -213,6 +213,15 @@ def test_play_that_never_opens_is_no_effect():
     assert not np.any(changed(Backlash(), 0.02, "angle", np.arange(0.0, 2.0, 0.01), angle=0.3))
 
 
+def test_a_gap_in_the_readings_leaves_the_play_where_it_was():
+    t = np.arange(0.0, 20.0, 0.01)
+    angle = np.pi / 2 + 0.1 * (t - 10.0)
+    angle[(t > 4.0) & (t < 4.5)] = np.nan
+    found = changed(Backlash(), 0.02, "angle", t, angle=angle)
+    np.testing.assert_allclose(found[(t < 4.0) | ((t > 4.5) & (t < 9.9))], 0.010)
+    np.testing.assert_allclose(found[t > 10.7], -0.010)
+
+
 def test_what_falls_through_a_play_does_so_as_fast_as_it_is_accelerated():
     """18 mrad at 4 rad/s^2: 95 ms, after which it stays; in half the time a quarter of the way. Pressed back on the way
     it returns."""

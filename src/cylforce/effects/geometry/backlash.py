@@ -37,15 +37,15 @@ class Backlash:
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with the joint's angle changed to a + size/2 s, s from -1 to 1: the place within the
         play. The same object without an angle sensor."""
-        signal = angle_signal(machine, where)
+        signal, found = angle_signal(machine, where), values.copy()
+        if signal is None:
+            return values
         inertia = float(np.sum(base_parameters(machine.links)[3 * where :: 3]))
-        if signal is None or len(t) < 2 or inertia <= 0.0:
-            return values
-        place = fallen(rigid_torque(machine, values, t, where) / inertia, float(np.mean(np.diff(t))), self.falling)
-        if np.all(place == place[0]):
-            return values
-        found = values.copy()
-        found[:, signal] += size / 2.0 * place
+        if len(t) > 1 and inertia > 0.0:
+            pressed = np.nan_to_num(rigid_torque(machine, values, t, where)) / inertia  # not known: it stays
+            place = fallen(pressed, float(np.mean(np.diff(t))), self.falling)
+            if np.any(place != place[0]):
+                found[:, signal] += size / 2.0 * place
         return found
 
 
