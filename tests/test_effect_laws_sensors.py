@@ -30,6 +30,7 @@ from cylforce.mechanics.linkages import FourBar
 from cylforce.mechanics.machine import base_parameters, with_parameters
 from cylforce.mechanics.motion import Attitude, motion
 from cylforce.mechanics.reading import measured_torque, rigid_torque
+from cylforce.signals.kinds import Kind
 from machines import excavator
 from rig import BAR, HEAD, LEVER, LINK, ROD, SIGNALS, reading, readings, rig, turning
 
@@ -244,6 +245,22 @@ def test_torque_that_holds_and_swings_a_link():
     np.testing.assert_allclose(held, 500.0 * machine.gravity * 1.0, rtol=1e-9)
     swung = rigid_torque(machine, readings(len(t), angle=0.05 * t**2), t, 0)[:-15]
     np.testing.assert_allclose(swung, 2000.0 * 0.1 + 1000.0 * machine.gravity * np.cos(0.05 * t[:-15] ** 2), rtol=1e-3)
+
+
+def test_weights_are_the_same_whether_angles_or_inclinations_are_read():
+    """A chain on a slope: an inclinometer reads the angles of all links inwards and the slope, too."""
+    theta, slope, t = np.tile([0.4, -1.2, -0.9], (60, 1)), 0.1, np.arange(60) / 100.0
+    found = []
+    for kind in (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION):
+        machine = excavator()
+        read = theta if kind is Kind.JOINT_ANGLE else slope + np.cumsum(theta, axis=1)
+        signals = tuple(replace(s, kind=kind) if s.kind is Kind.JOINT_ANGLE else s for s in machine.signals)
+        values = np.zeros((60, len(signals)))
+        for k, signal in enumerate(signals):
+            values[:, k] = slope if signal.kind is Kind.PITCH else read[:, signal.index] if signal.kind is kind else 0.0
+        found.append([rigid_torque(replace(machine, signals=signals), values, t, joint)[30] for joint in range(3)])
+    assert found[0] == pytest.approx(found[1])
+    assert np.ptp(found[0]) > 1e3
 
 
 def test_a_machine_with_other_base_parameters_has_these():

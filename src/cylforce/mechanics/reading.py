@@ -31,14 +31,22 @@ def cylinder_forces(machine: Machine, values: Array) -> Array:
 
 
 def joint_angles(machine: Machine, values: Array) -> Array:
-    """Joint angles (T, N) [rad] from signals (T, S): the reading of the joint's own sensor (an inclination is taken for
-    an angle), else the middle of the joint's range. A rough posture only."""
+    """Joint angles (T, N) [rad] from signals (T, S): the reading of the joint's own sensor, an inclination less that of
+    the next link inwards, else the middle of the joint's range. A rough posture only."""
     angles = np.tile([(link.angle_low + link.angle_high) / 2.0 for link in machine.links], (len(values), 1))
     for joint in range(machine.size):
         signal = angle_signal(machine, joint)
         if signal is not None:
             angles[:, joint] = values[:, signal]
+            if machine.signals[signal].kind is Kind.LINK_INCLINATION:
+                angles[:, joint] -= pitch(machine, values) + angles[:, :joint].sum(axis=1)
     return angles
+
+
+def pitch(machine: Machine, values: Array) -> Array:
+    """Pitch (T,) [rad] of the house from signals (T, S); 0 where none is measured."""
+    found = [k for k, signal in enumerate(machine.signals) if signal.kind is Kind.PITCH]
+    return values[:, found[0]] if found else np.zeros(len(values))
 
 
 def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
@@ -61,9 +69,7 @@ def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array
     if window < 3:
         return np.zeros(len(t))
     angles = joint_angles(machine, values)
-    pitch = [k for k, signal in enumerate(machine.signals) if signal.kind is Kind.PITCH]
-    if pitch:
-        angles[:, 0] += values[:, pitch[0]]
+    angles[:, 0] += pitch(machine, values)
     at, links = machine.pose(angles), machine.links
     centre = at.origin[:, 1:] + at.turn[:, 1:] * [complex(link.cx, link.cz) for link in links]
 

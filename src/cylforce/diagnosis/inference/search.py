@@ -175,9 +175,9 @@ class _Search:
         case, wanted = self._case, self._wanted(self._question)
         told = happening(self._question, case, self._left(case), self.only)
         none, happened = case.likeliest((), case.usual), tuple(each for each, _ in told)
-        plain = Asked(case.scene.forms, (none,), happened, case.usual, 0.0)
-        first, shown = max(happened, key=lambda each: each.log, default=None), self.plain.problem.clean
-        if shown and self.plain.aside is None and first and first.log > none.log and plain.slight(first):
+        alone = Asked(case.scene.forms, (none,), happened, case.usual, 0.0)
+        first, again = max(happened, key=lambda each: each.log, default=None), self.plain.aside is not None
+        if self.plain.problem.clean and not again and first and first.log > none.log and alone.slight(first):
             # A torque at one joint in some blocks that is everyday: what is wrong besides shows in the others.
             return self._beside(next(where for each, where in told if each is first)).found()
         when = {each.key: where for each, where in told}
