@@ -24,6 +24,7 @@ FAULTS = (
     "STEPPED",
     "SWAPPED",
     "STRAYED",
+    "MISPLACED",
 )
 
 

@@ -29,7 +29,7 @@ sys.path.insert(0, str(HERE))
 import contract  # noqa: E402  # the program beside this file
 
 BEGIN = 12.0  # s: in the first cycle, after some motion in order
-HEAD, ROD, STICK_ANGLE = 0, 1, 7
+HEAD, ROD, STICK_ANGLE, BUCKET_ANGLE = 0, 1, 7, 8
 
 
 def test_the_page_is_written_from_the_contract():
@@ -126,6 +126,21 @@ def test_a_fault_of_a_sensor(work, fault, cause, code, within):
     assert told.lines[0][1]["signals"] == [work.machine.signals[k].name for k in first[1].signals]
     doubts.look(NOTHING_SUSPECTED)
     assert sent[1][:2] == bytes(2)
+
+
+@pytest.mark.parametrize("degrees", [-6.5, 6.5])
+def test_the_empty_bucket_tells_that_its_angle_has_slipped(work, degrees):
+    """A load turned in the bucket explains a bucket angle that is off; an empty bucket has no load to turn. In the
+    second cycle, so that oil is no longer as good an explanation."""
+    fault = Fault("sliding", BUCKET_ANGLE, size=degrees * DEGREE, begin=22.0)
+    course, order = work.with_fault(fault), work.with_fault(fault._replace(size=0.0))
+    assert not order.suspicions
+    t, doubt = next((t, s) for t, s in course.suspicions if s.cause is SensorFault.MISPLACED)
+    assert 22.0 < t < 37.0
+    assert (doubt.level, len(doubt.signals)) == (Level.DOUBTED, len(work.machine.signals))
+    after = course.t_s > t + 0.02
+    assert not course.ok[after].any()
+    assert not [b for b in course.bookings if 1e-6 * b.t_us > t]
 
 
 def test_bookings_are_compared_with_those_of_the_same_bucket():

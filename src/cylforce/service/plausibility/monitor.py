@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import SMALLEST
+from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Drift
 from cylforce.service.contact.interaction import Forces
@@ -25,12 +25,13 @@ from cylforce.service.plausibility.changing import Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
 from cylforce.service.plausibility.offsets import HARMLESS, NO_OFFSET, Offset, Voting
+from cylforce.service.plausibility.placed import impossible
 from cylforce.service.plausibility.returning import Returning
 from cylforce.service.plausibility.reversing import Reversing, Turns
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
-from cylforce.service.weighing import COLD, LATER_S
+from cylforce.service.weighing import COLD, FARTHEST, LATER_S
 from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new, once
@@ -42,8 +43,8 @@ BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be;
 
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
-    driven and swept; which signals leapt; whether the bucket weighed less than nothing when it was seen empty last,
-    and from which sample of this lift on; what is suspected; when cylinders `turned` round."""
+    driven and swept; which signals leapt; what was wrong with the bucket's weight when it was seen empty last, and from
+    which sample of this lift on; what is suspected; when cylinders `turned` round."""
 
     gathering: Gathering
     blocks: Block
@@ -53,7 +54,7 @@ class Watch(NamedTuple):
     unnoticed: Unnoticed
     swept: Swept = Swept()
     leapt: tuple[int, ...] = ()
-    light: bool = False
+    light: SensorFault = SensorFault.NONE
     suspicion: SensorDoubt = NOTHING_SUSPECTED
     leaps: Leaps = Leaps()
     lighter: int = NEVER
@@ -63,6 +64,8 @@ class Watch(NamedTuple):
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
         would be wrong; the force would be, too. Or whether it will be known soon."""
+        if self.lighter != NEVER:
+            return True
         return self.offset.unsure or (self.suspicion is not NOTHING_SUSPECTED and self.suspicion.waits)
 
 
@@ -205,20 +208,35 @@ class Monitor:
         leaps = self._returning.judged(state.leaps, block)
         return state._replace(blocks=blocks, offset=self._voting.result(blocks), leaps=leaps)
 
-    def _light(self, state: Watch, gross: Quantity, lift: Lift, drift: Drift) -> tuple[bool, int]:
-        """Whether the bucket weighs less than nothing, and from which of the lift's samples on; as before while that is
-        not seen. As for a booking, the lift must go on for LATER_S: what ended it was no weight. Until empty
-        motion has told of the drift, oil may be cold, as in the weighing's gate."""
+    def _light(self, state: Watch, gross: Quantity, lift: Lift, drift: Drift) -> tuple[SensorFault, int]:
+        """Whether the empty bucket weighs less than nothing, or has moments of no mass in it, and from which of the
+        lift's samples on; as before while that is not seen. As for a booking, the lift must go on for LATER_S: what
+        ended it was no weight. Until empty motion has told of the drift, oil may be cold, as in the weighing's gate."""
         taken = lift.taken
         if gross.status is not Status.OK or gross.value > SMALLEST * self.model.machine.rated_payload:
             return state.light, NEVER
-        more = 0.0 if drift.returned else lift.by_drift(drift.covariance)
-        clear = BELOW * hypot(gross.standard_error, sqrt(COLD**2 - 1.0) * more)
-        if gross.value >= -max(clear, HARMLESS * self.model.machine.rated_payload):
-            return False, NEVER
+        found = self._empty(state.light, gross, lift, drift)
+        if found is SensorFault.NONE:
+            return found, NEVER
         if not 0 <= state.lighter <= taken:
             return state.light, taken
-        return state.light or taken - state.lighter >= LATER_S * self.model.filters.rate_hz, state.lighter
+        stays = taken - state.lighter >= LATER_S * self.model.filters.rate_hz
+        return found if stays else state.light, state.lighter
+
+    def _empty(self, before: SensorFault, gross: Quantity, lift: Lift, drift: Drift) -> SensorFault:
+        """What is wrong with the weight of an empty bucket, or with its place, with the operator's zero or without. A
+        place that was wrong `before` is until the moments are known as exactly as a weight must be."""
+        rated, reach = self.model.machine.rated_payload, FARTHEST * self.model.machine.payload_reach
+        least, colder = -HARMLESS * rated, 1.0 if drift.returned else COLD**2
+        more = 0.0 if drift.returned else lift.by_drift(drift.covariance)
+        if gross.value < min(-BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more), least):
+            return SensorFault.LIGHT
+        moments, covariance = lift.moments(self.tares.covariance, drift, colder)
+        moments[0] = max(moments[0], gross.value)
+        if impossible(moments, covariance, reach, least) > BELOW:
+            return SensorFault.MISPLACED
+        known = float(np.trace(covariance[1:, 1:])) < (GOOD_ENOUGH * rated * reach) ** 2
+        return SensorFault.NONE if known or before is not SensorFault.MISPLACED else before
 
     def _suspicion(self, state: Watch) -> SensorDoubt:
         """The surest objection, of several the most specific one."""
@@ -240,8 +258,8 @@ class Monitor:
         yield self._off(state.offset)
         if (swept := state.swept.level) is not FINE:
             yield SensorDoubt(swept, SensorFault.EXCHANGED, tuple(self._watching.signals))
-        if state.light:
-            yield SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, tuple(self._watching.signals))
+        if state.light is not SensorFault.NONE:
+            yield SensorDoubt(Level.DOUBTED, state.light, tuple(range(len(self.model.machine.signals))))
 
     def _marked(self, marked: NDArray[np.bool_], cause: SensorFault, level: Level = Level.REJECTED) -> SensorDoubt:
         """The pressures that are `marked` (P,), if any are."""

@@ -20,6 +20,7 @@ class SensorFault(IntEnum):
     STEPPED = 9  # a pressure that leapt alone, and stayed there
     SWAPPED = 10  # pressures that leapt to where the others were
     STRAYED = 11  # a pressure that said what its sensor cannot, and then a value again
+    MISPLACED = 12  # the empty bucket has moments that no mass in it has
 
 
 class Level(IntEnum):
