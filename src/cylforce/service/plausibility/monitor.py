@@ -227,13 +227,12 @@ class Monitor:
         """What is wrong with the weight of an empty bucket, or with its place, with the operator's zero or without. A
         place that was wrong `before` is until the moments are known as exactly as a weight must be."""
         rated, reach = self.model.machine.rated_payload, FARTHEST * self.model.machine.payload_reach
-        least, colder = -HARMLESS * rated, 1.0 if drift.returned else COLD**2
-        more = 0.0 if drift.returned else lift.by_drift(drift.covariance)
-        if gross.value < min(-BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more), least):
+        colder, more = (1.0, 0.0) if drift.returned else (COLD**2, lift.by_drift(drift.covariance))
+        if gross.value < -max(BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more), HARMLESS * rated):
             return SensorFault.LIGHT
         moments, covariance = lift.moments(self.tares.covariance, drift, colder)
-        moments[0] = max(moments[0], gross.value)
-        if impossible(moments, covariance, reach, least) > BELOW:
+        moments[0] = max(moments[0], gross.value, 0.0)  # less than nothing was looked at above
+        if impossible(moments, covariance, reach) > BELOW:
             return SensorFault.MISPLACED
         known = float(np.trace(covariance[1:, 1:])) < (GOOD_ENOUGH * rated * reach) ** 2
         return SensorFault.NONE if known or before is not SensorFault.MISPLACED else before

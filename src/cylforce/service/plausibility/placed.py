@@ -18,16 +18,15 @@ from cylforce.signals.estimate import Array
 DIRECTIONS = np.linspace(0.0, 2.0 * pi, 360, endpoint=False)  # in which the nearest mass may lie
 
 
-def impossible(moments: Array, covariance: Array, reach: float, least: float) -> float:
-    """Distance of `moments` (3,), a mass [kg] and its first moments x, z [kg m], from the nearest mass of `least` [kg]
-    (zero or less) or more within `reach` [m], by their `covariance` (3, 3) in standard errors; 0 for a possible one.
-    Raises numpy.linalg.LinAlgError if the covariance is singular."""
+def impossible(moments: Array, covariance: Array, reach: float) -> float:
+    """Distance of `moments` (3,), a mass [kg] and its first moments x, z [kg m], from the nearest mass within `reach`
+    [m], by their `covariance` (3, 3) in standard errors; 0 for a possible one. Raises numpy.linalg.LinAlgError if the
+    covariance is singular."""
     mass, x, z = moments.tolist()
-    if hypot(x, z) <= reach * (mass - least):
+    if hypot(x, z) <= reach * mass:
         return 0.0
-    above = np.array([mass - least, x, z])
     edges = np.stack([np.ones_like(DIRECTIONS), reach * np.cos(DIRECTIONS), reach * np.sin(DIRECTIONS)])
     known = np.linalg.inv(covariance)
-    along = np.maximum(above @ known @ edges, 0.0)
-    nearest = above @ known @ above - (along**2 / (edges * (known @ edges)).sum(axis=0)).max()
+    along = np.maximum(moments @ known @ edges, 0.0)
+    nearest = moments @ known @ moments - (along**2 / (edges * (known @ edges)).sum(axis=0)).max()
     return float(np.sqrt(max(nearest, 0.0)))
