@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.answer.located import located
 from cylforce.diagnosis.answer.shape import unexplained
 from cylforce.diagnosis.answer.shrinkage import Gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
-from cylforce.diagnosis.answer.where import Spot, where
+from cylforce.diagnosis.answer.where import where
 from cylforce.diagnosis.columns.floor import fitted_tares
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
@@ -105,7 +106,7 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     verdict, size, refuted = tried(found, verdict, rng)
-    verdict = _seen(verdict, spots := where(found.original, size, rng))
+    found, verdict, size = located(found, verdict, size, spots := where(found.original, size, rng), rng)
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)
     motions = said(planned(everything, found))
@@ -141,12 +142,6 @@ def _keeping(viewer: Viewer, loaded: Loaded, question: Question, kept: RowCache)
     """A viewer that keeps the references' rows."""
     names = frozenset(path.name for path in question.reference)
     return KeepingViewer(viewer.model, viewer.tares, kept, names, loaded.sha256)
-
-
-def _seen(verdict: Judged, spots: Sequence[Spot]) -> Judged:
-    """Where a joint differs, there is a gap, whatever explains it."""
-    hidden = verdict.verdict is Verdict.NO_GAP and any(spot.found for spot in spots)
-    return verdict._replace(verdict=Verdict.UNKNOWN) if hidden else verdict
 
 
 def _nothing(reason: str) -> Diagnosed:

@@ -1,0 +1,41 @@
+"""The verdict once it is known where the gap is, before any effect is thought of."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cylforce.diagnosis.answer.shrinkage import Gap, gap
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict
+from cylforce.diagnosis.answer.where import Spot
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosis.numbers import RATIO
+
+
+def located(
+    search: Search, judged: Judged, size: Gap, spots: Sequence[Spot], rng: np.random.Generator
+) -> tuple[Search, Judged, Gap]:
+    """What is believed, the verdict, and the gap. Where a joint differs from what is normal, there is a gap, whatever
+    explains it. Where none leaves more than the references leave of each other, there is none, whatever would explain
+    it: what lasts would show in it."""
+    found = any(spot.found for spot in spots)
+    if judged.verdict is Verdict.NO_GAP:
+        return search, judged._replace(verdict=Verdict.UNKNOWN) if found else judged, size
+    if found or judged.verdict is Verdict.NOT_OBSERVABLE or not usual(search, size):
+        return search, judged, size
+    nothing = Judged(Verdict.NO_GAP, (), 0.0)
+    return none(search), nothing, gap(search, nothing, rng)
+
+
+def usual(search: Search, size: Gap) -> bool:
+    """Whether the field leaves no more than references leave of each other at any joint (less than RATIO of their
+    energy more), and what was found would have to show there, not at moments or in the clocks alone."""
+    if search.working or not search.original.clean or not all(c.lasts and not c.clock for c in search.causes):
+        return False
+    return not np.any(size.fixed**2 > (1.0 + RATIO) * size.floor**2)
+
+
+def none(search: Search) -> Search:
+    """The same without a gap: an effect that may be there all the same makes none."""
+    odd = search.belief.of.get(UNKNOWN, 0.0)
+    first = tuple(suspect._replace(probability=0.0) for suspect in search.first)
+    return search._replace(belief=search.belief._replace(of={NOTHING: 1.0 - odd, UNKNOWN: odd}), first=first)
