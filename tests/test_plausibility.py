@@ -359,6 +359,35 @@ def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machi
         assert bool(watch.light) is light
 
 
+@pytest.mark.parametrize(
+    ("moments", "error", "returned", "cause"),
+    [
+        ((0.0, 0.0, 60.0), 4.0, True, SensorFault.MISPLACED),
+        ((0.0, 0.0, 10.0), 1.0, True, SensorFault.NONE),  # harmless: 1 % of the rated payload where a load lies is more
+        ((45.0, 0.0, 60.0), 4.0, True, SensorFault.NONE),  # mud in the corner of the bucket
+        ((0.0, 0.0, 60.0), 40.0, True, SensorFault.NONE),  # not known
+        ((0.0, 0.0, 60.0), 4.0, False, SensorFault.NONE),  # cold oil, of which no return has told
+    ],
+)
+def test_an_empty_bucket_has_no_moments_without_a_mass(machine, moments, error, returned, cause):
+    core, *_ = machine
+    begun, size = core.weigher.begin().lift, len(core.model.parameters) + len(core.model.changing)
+    gram = np.zeros((4, size))
+    gram[2, -1] = 6.0 / error**2  # a drift of one standard error moves z by 6 kg m
+    covariance = np.diag([4.0, error**2, error**2, 100.0])
+    lift = begun._replace(kept=kept(begun.root, np.array([*moments, 0.0]), covariance, gram))
+    drift = core.adapter.begin()
+    drift = drift._replace(covariance=np.diag([0.0] * (len(core.model.changing) - 1) + [1.0]), returned=returned)
+    gross, watch = Quantity(moments[0], 5.0, Status.OK, Reason.NONE), core.monitor.begin()
+    for taken in (200, 240):
+        light, lighter = core.monitor._light(watch, gross, lift._replace(taken=taken), drift)
+        watch = watch._replace(light=light, lighter=lighter)
+        assert watch.unsure is (cause is SensorFault.MISPLACED)
+    assert watch.light is cause
+    assert core.monitor._suspicion(watch).cause is cause
+    assert not core.monitor._suspicion(watch).follows or cause is SensorFault.NONE
+
+
 @pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])
 def test_only_what_needs_a_mechanic_is_latched(cause, stays):
     assert NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause).latched is stays

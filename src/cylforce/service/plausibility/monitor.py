@@ -224,18 +224,19 @@ class Monitor:
         return found if stays else state.light, state.lighter
 
     def _empty(self, before: SensorFault, gross: Quantity, lift: Lift, drift: Drift) -> SensorFault:
-        """What is wrong with the weight of an empty bucket, or with its place, with the operator's zero or without. A
-        place that was wrong `before` is until the moments are known as exactly as a weight must be."""
-        rated, reach = self.model.machine.rated_payload, FARTHEST * self.model.machine.payload_reach
+        """What is wrong with the weight of an empty bucket, or with its place, with the operator's zero or without.
+        The place is as `before` while the moments are not known as exactly as a weight must be. An error of the weight
+        that does no harm, where a load lies, is none of the place, either."""
+        rated, reach = self.model.machine.rated_payload, self.model.machine.payload_reach
         colder, more = (1.0, 0.0) if drift.returned else (COLD**2, lift.by_drift(drift.covariance))
         if gross.value < -max(BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more), HARMLESS * rated):
             return SensorFault.LIGHT
         moments, covariance = lift.moments(self.tares.covariance, drift, colder)
-        moments[0] = max(moments[0], gross.value, 0.0)  # less than nothing was looked at above
-        if impossible(moments, covariance, reach) > BELOW:
-            return SensorFault.MISPLACED
-        known = float(np.trace(covariance[1:, 1:])) < (GOOD_ENOUGH * rated * reach) ** 2
-        return SensorFault.NONE if known or before is not SensorFault.MISPLACED else before
+        if float(np.trace(covariance[1:, 1:])) > (GOOD_ENOUGH * rated * FARTHEST * reach) ** 2:
+            return before if before is SensorFault.MISPLACED else SensorFault.NONE
+        moments[0] = max(moments[0], gross.value, 0.0) + HARMLESS * rated / FARTHEST
+        away = impossible(moments, covariance, FARTHEST * reach)
+        return SensorFault.MISPLACED if away > BELOW else SensorFault.NONE
 
     def _suspicion(self, state: Watch) -> SensorDoubt:
         """The surest objection, of several the most specific one."""
