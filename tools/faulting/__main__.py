@@ -20,7 +20,7 @@ from cylforce.signals.units import DEGREE
 
 from .edits import BAR, Fault, edited, place
 from .order import EVERY_S, Order, in_order
-from .runs import Wrong, ended, followed, wrong
+from .runs import SAME_S, Wrong, ended, followed, wrong
 from .works import ROOT, Case, events, foreign_case, reference_case, simulated_case
 
 SHARED = ROOT.parent / "shared" / "data" / "foreign_machines"
@@ -69,7 +69,8 @@ def scenario(case: Case, order: Order, fault: Fault, seed: int) -> Found:
     end = fault.begin + (DRIFTED_S if fault.kind == "drift" else FOLLOWED_S)
     rows = slice(round(k * EVERY_S * case.rate_hz), round(end * case.rate_hz))
     begin = float(case.table.t_s[0]) + fault.begin
-    beside = order.course.since(begin, begin + end - fault.begin)
+    beside, whole = (order.course.since(begin, begin + end - fault.begin + more) for more in (0.0, SAME_S))
+    beside = beside._replace(bookings=whole.bookings)  # one that is booked a little sooner than in order has its bucket
     course = ended(followed(case.core, events(case, values, rows), state, whole=False).since(begin), beside.t_s)
     size = min(len(course.t_s), len(beside.t_s))
     return Found(case.name, fault, wrong(course.first(size), beside.first(size)))
