@@ -4,11 +4,13 @@ two laws of friction by themselves. (Our own simulator: this shows that the prog
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.answer.located import located, usual
 from cylforce.diagnosis.answer.shrinkage import tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.inference.posterior import NOTHING
 from cylforce.diagnosis.inference.search import examined
-from cylforce.effects.fault import Place, places
+from cylforce.effects.fault import Place, TimeCourse, places
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed
@@ -99,6 +101,31 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(reference)
     assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
     assert "coulomb_friction@stick" in doubt
     np.testing.assert_allclose(size.after, size.fixed)
+
+
+def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(reference):
+    """However sure its cause is: a delay of 0.9 floors was named with 90 %, and simulating it took nothing away."""
+    found, verdict = concluded(reference, (imposed(MACHINE, "coulomb_friction", "stick", 2000.0),))
+    rng = np.random.default_rng(1)
+    verdict, size, _ = tried(found, verdict, rng)
+    assert not usual(found, size)
+    assert located(found, verdict, size, [], rng) == (found, verdict, size)
+    small = size._replace(fixed=1.04 * size.floor)
+    assert usual(found, small)
+    assert not usual(found, size._replace(fixed=size.floor * [1.0, 1.06, 1.0]))
+    told, none, gap = located(found, verdict, small, [], rng)
+    assert (none.verdict, none.named) == (Verdict.NO_GAP, ())
+    np.testing.assert_allclose(gap.after, gap.fixed)
+    assert sum(told.belief.of.values()) == pytest.approx(1.0)
+    assert told.belief.first == NOTHING
+    spot = Spot("stick", "slow", 1.0, 0.5, 1.0, 0.001, found=True)
+    assert located(found, verdict, small, [spot], rng)[1] == verdict
+    assert located(found, none, small, [spot], rng)[1].verdict is Verdict.UNKNOWN
+    assert located(found, none, small, [spot._replace(found=False)], rng)[1] == none
+    assert not usual(found._replace(working=True), small)
+    for course in (TimeCourse.WINDOWS, TimeCourse.CLOCK):
+        other = next(p for p in found.original.proposals if p.course is course)
+        assert not usual(found._replace(causes=(found.causes[0]._replace(proposal=other),)), small)
 
 
 def mixed(values: np.ndarray) -> np.ndarray:
