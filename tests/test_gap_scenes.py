@@ -34,6 +34,12 @@ def concluded(reference: Reference, effects: tuple[Imposed, ...] = (), change=No
     return found, judged(everything, found, contributed(found))
 
 
+@pytest.fixture(scope="module")
+def friction(reference) -> tuple[Search, Judged]:
+    """Of a machine whose stick has more friction."""
+    return concluded(reference, (imposed(MACHINE, "coulomb_friction", "stick", 2000.0),))
+
+
 def test_a_machine_in_order_is_never_surely_out_of_order(reference):
     """No gap, or that in the set of what is possible: nothing is named alone."""
     found, verdict = concluded(reference)
@@ -85,9 +91,8 @@ def test_two_effects_are_both_named(reference):
     assert ("pressure_offset", "boom_rod_pressure") in {c.key for c in found.causes} | listed
 
 
-def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(reference):
-    friction = imposed(MACHINE, "coulomb_friction", "stick", 2000.0)
-    found, verdict = concluded(reference, (friction,))
+def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(friction):
+    found, verdict = friction
     assert [n.cause.key for n in verdict.named] == [("coulomb_friction", "stick")]
     assert ("coulomb_friction", "stick") in {c.key for c in written(found, verdict)}
     after, size, doubt = tried(found, verdict, np.random.default_rng(1))
@@ -103,10 +108,9 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(reference)
     np.testing.assert_allclose(size.after, size.fixed)
 
 
-def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(reference):
+def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(friction):
     """However sure its cause is: a delay of 0.9 floors was named with 90 %, and simulating it took nothing away."""
-    found, verdict = concluded(reference, (imposed(MACHINE, "coulomb_friction", "stick", 2000.0),))
-    rng = np.random.default_rng(1)
+    (found, verdict), rng = friction, np.random.default_rng(1)
     verdict, size, _ = tried(found, verdict, rng)
     assert not usual(found, size)
     assert located(found, verdict, size, [], rng) == (found, verdict, size)
