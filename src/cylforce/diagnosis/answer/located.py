@@ -18,12 +18,13 @@ def located(
     explains it. Where none leaves more than the references leave of each other, there is none, whatever would explain
     it: what lasts would show in it."""
     found = any(spot.found for spot in spots)
-    if judged.verdict is Verdict.NO_GAP:
-        return search, judged._replace(verdict=Verdict.UNKNOWN) if found else judged, size
-    if found or judged.verdict is Verdict.NOT_OBSERVABLE or not usual(search, size):
-        return search, judged, size
-    nothing = Judged(Verdict.NO_GAP, (), 0.0)
-    return none(search), nothing, gap(search, nothing, rng)
+    if not found and judged.verdict is not Verdict.NOT_OBSERVABLE and usual(search, size):
+        if judged.verdict is Verdict.NO_GAP:
+            return none(search), judged, size
+        nothing = Judged(Verdict.NO_GAP, (), 0.0)
+        return none(search), nothing, gap(search, nothing, rng)
+    hidden = found and judged.verdict is Verdict.NO_GAP
+    return search, judged._replace(verdict=Verdict.UNKNOWN) if hidden else judged, size
 
 
 def usual(search: Search, size: Gap) -> bool:
