@@ -46,24 +46,22 @@ def test_a_step_costs_little_against_fixed_work(tmp_path):
 
 
 def test_a_step_beside_others(tmp_path):
-    """`--against` tells the four ratios; the compiled kernel's are within their limits, a third above what is
-    measured. Other programs lengthen times, also of the processor (caches): of up to three calls the shortest count."""
-    output, limits = tmp_path / "against.json", {"decode_over_canopen": DECODE[chosen() is not INTERPRETED]}
-    if chosen() is not INTERPRETED:
-        limits |= {"rows_us": 5.0, "solve_us": 5.9, "step_over_filterpy": 6.5}
+    """`--against` tells ratios and times; the compiled kernel's ratios are within their limits: a step a third above
+    what is measured, its rows and solution together below one update of filterpy. (Microseconds are of a processor and
+    of what else it does: the same code took 1.6 and 3.0 us.)"""
+    output = tmp_path / "against.json"
     command = [sys.executable, "-m", "bench", "--against", "--rounds", "1", "--json", output]
-    least = dict.fromkeys(("step_over_filterpy", "rows_us", "solve_us", "decode_over_canopen"), float("inf"))
-    for _ in range(3):
-        done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert "whole step" in done.stdout
-        found = json.loads(output.read_text())
-        assert set(found) == set(least)
-        assert min(found.values()) > 0.0
-        least = {name: min(least[name], value) for name, value in found.items()}
-        if all(least[name] < most for name, most in limits.items()):
-            return
-    assert {name: (least[name], most) for name, most in limits.items() if least[name] >= most} == {}
+    done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "whole step" in done.stdout
+    found = json.loads(output.read_text())
+    names = {"step_over_filterpy", "kernel_over_filterpy", "rows_us", "solve_us", "decode_over_canopen"}
+    assert set(found) == names
+    assert min(found.values()) > 0.0
+    assert found["decode_over_canopen"] < DECODE[chosen() is not INTERPRETED]
+    if chosen() is not INTERPRETED:
+        assert found["kernel_over_filterpy"] < 1.0
+        assert found["step_over_filterpy"] < 6.5
 
 
 def test_where_the_time_goes(tmp_path):

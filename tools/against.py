@@ -160,9 +160,11 @@ def asked() -> float:
 
 
 class Ratios(NamedTuple):
-    """What is compared, at the median; `decode_over_canopen` by frames."""
+    """What is compared, at the median; `kernel_over_filterpy`: rows and solve together, `decode_over_canopen` by
+    frames."""
 
     step_over_filterpy: float
+    kernel_over_filterpy: float
     rows_us: float
     solve_us: float
     decode_over_canopen: float
@@ -172,7 +174,8 @@ def ratios(found: Times) -> Ratios:
     """Medians of group by group."""
     over = [a / b for a, b in zip(found["step"], found["filterpy"], strict=True)]
     decode = [a / b for a, b in zip(found["decode"], found["canopen"], strict=True)]
-    return Ratios(median(over), median(found["rows"]), median(found["solve"]), median(decode))
+    rows, solve = median(found["rows"]), median(found["solve"])
+    return Ratios(median(over), (rows + solve) / median(found["filterpy"]), rows, solve, median(decode))
 
 
 def table(found: Times) -> Table:
