@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LIMIT = {True: 0.55, False: 2.7}  # yardsticks, compiled and interpreted
 DECODE = {True: 0.11, False: 0.78}  # of a frame by python-can and canopen
 TIMES = {True: 40.0, False: 5.0}  # real time; 98 and 11 beside other programs
+FILTERPY_US = 18.2  # median, as in the table of the kernel's chapter
 
 
 def test_a_step_costs_little_against_fixed_work(tmp_path):
@@ -46,22 +47,22 @@ def test_a_step_costs_little_against_fixed_work(tmp_path):
 
 
 def test_a_step_beside_others(tmp_path):
-    """`--against` tells ratios and times; the compiled kernel's ratios are within their limits: a step a third above
-    what is measured, its rows and solution together below one update of filterpy. (Microseconds are of a processor and
-    of what else it does: the same code took 1.6 and 3.0 us.)"""
+    """`--against` tells ratios and times; the compiled kernel's are within their limits, a third above what is
+    measured. The limits in microseconds are of the machine on which an update of filterpy took FILTERPY_US: another
+    one, or one that is busy with something else, is as much slower at both."""
     output = tmp_path / "against.json"
     command = [sys.executable, "-m", "bench", "--against", "--rounds", "1", "--json", output]
     done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "whole step" in done.stdout
     found = json.loads(output.read_text())
-    names = {"step_over_filterpy", "kernel_over_filterpy", "rows_us", "solve_us", "decode_over_canopen"}
-    assert set(found) == names
-    assert min(found.values()) > 0.0
-    assert found["decode_over_canopen"] < DECODE[chosen() is not INTERPRETED]
+    assert set(found) == {"step_over_filterpy", "rows_us", "solve_us", "decode_over_canopen", "filterpy_us"}
+    assert 0.0 < found["decode_over_canopen"] < DECODE[chosen() is not INTERPRETED]
     if chosen() is not INTERPRETED:
-        assert found["kernel_over_filterpy"] < 1.0
-        assert found["step_over_filterpy"] < 6.5
+        slower = found["filterpy_us"] / FILTERPY_US
+        assert 0.0 < found["rows_us"] < 5.0 * slower
+        assert 0.0 < found["solve_us"] < 5.9 * slower
+        assert 0.0 < found["step_over_filterpy"] < 6.5
 
 
 def test_where_the_time_goes(tmp_path):

@@ -322,16 +322,16 @@ def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_othe
 
     def seen(watch, kilograms, status=Status.OK, taken=200):
         gross = Quantity(kilograms, 10.0, status, Reason.NONE)
-        light, lighter = core.monitor._light(watch, gross, begun._replace(taken=taken), drift)
-        return watch._replace(light=light, lighter=lighter)
+        empty, since = core.monitor._emptied(watch, gross, begun._replace(taken=taken), drift)
+        return watch._replace(empty=empty, wrong_since=since)
 
     watch = seen(watch, -29.0)
-    assert not watch.light
+    assert not watch.empty
     first = seen(watch, -31.0)
-    assert not first.light
-    assert not seen(first, -31.0, taken=220).light  # it may end yet
-    assert not seen(seen(first, np.nan, Status.INVALID, 5), -31.0, taken=240).light  # the lift ended: another one
-    assert not seen(first, -31.0, taken=20).light
+    assert not first.empty
+    assert not seen(first, -31.0, taken=220).empty  # it may end yet
+    assert not seen(seen(first, np.nan, Status.INVALID, 5), -31.0, taken=240).empty  # the lift ended: another one
+    assert not seen(first, -31.0, taken=20).empty
     light = seen(first, -31.0, taken=240)
     for after in (light, seen(light, 500.0), seen(light, 0.0, Status.DEGRADED)):
         doubt = core.monitor._suspicion(after)
@@ -354,9 +354,9 @@ def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machi
         drift = drift._replace(returned=returned)
         gross, watch = Quantity(kilograms, 10.0, Status.OK, Reason.NONE), core.monitor.begin()
         for taken in (200, 240):
-            light_now, lighter = core.monitor._light(watch, gross, lift._replace(taken=taken), drift)
-            watch = watch._replace(light=light_now, lighter=lighter)
-        assert bool(watch.light) is light
+            empty, since = core.monitor._emptied(watch, gross, lift._replace(taken=taken), drift)
+            watch = watch._replace(empty=empty, wrong_since=since)
+        assert bool(watch.empty) is light
 
 
 @pytest.mark.parametrize(
@@ -380,10 +380,10 @@ def test_an_empty_bucket_has_no_moments_without_a_mass(machine, moments, error, 
     drift = drift._replace(covariance=np.diag([0.0] * (len(core.model.changing) - 1) + [1.0]), returned=returned)
     gross, watch = Quantity(moments[0], 5.0, Status.OK, Reason.NONE), core.monitor.begin()
     for taken in (200, 240):
-        light, lighter = core.monitor._light(watch, gross, lift._replace(taken=taken), drift)
-        watch = watch._replace(light=light, lighter=lighter)
+        empty, since = core.monitor._emptied(watch, gross, lift._replace(taken=taken), drift)
+        watch = watch._replace(empty=empty, wrong_since=since)
         assert watch.unsure is (cause is SensorFault.MISPLACED)
-    assert watch.light is cause
+    assert watch.empty is cause
     assert core.monitor._suspicion(watch).cause is cause
     assert not core.monitor._suspicion(watch).follows or cause is SensorFault.NONE
 

@@ -160,22 +160,21 @@ def asked() -> float:
 
 
 class Ratios(NamedTuple):
-    """What is compared, at the median; `kernel_over_filterpy`: rows and solve together, `decode_over_canopen` by
-    frames."""
+    """What is compared, at the median; `decode_over_canopen` by frames; `filterpy_us` tells how fast the machine is."""
 
     step_over_filterpy: float
-    kernel_over_filterpy: float
     rows_us: float
     solve_us: float
     decode_over_canopen: float
+    filterpy_us: float
 
 
 def ratios(found: Times) -> Ratios:
     """Medians of group by group."""
     over = [a / b for a, b in zip(found["step"], found["filterpy"], strict=True)]
     decode = [a / b for a, b in zip(found["decode"], found["canopen"], strict=True)]
-    rows, solve = median(found["rows"]), median(found["solve"])
-    return Ratios(median(over), (rows + solve) / median(found["filterpy"]), rows, solve, median(decode))
+    rows, solve, filterpy = (median(found[name]) for name in ("rows", "solve", "filterpy"))
+    return Ratios(median(over), rows, solve, median(decode), filterpy)
 
 
 def table(found: Times) -> Table:

@@ -10,7 +10,7 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
 from cylforce.estimation.recursive import Root, solution
 from cylforce.service.adaptation import Drift
-from cylforce.service.spill import informed
+from cylforce.service.spill import informed, side_by_side
 from cylforce.signals.estimate import Array
 
 
@@ -67,10 +67,9 @@ class Lift(NamedTuple):
     def moments(self, tares: Array, drift: Drift, colder: float = 1.0) -> tuple[Array, Array]:
         """The load's mass [kg] and first moments [kg m] (3,) with the drift taken out, and their covariance (3, 3) by
         noise, by the `tares` (P, P), and by the drift's times `colder`."""
-        change, size = (self.covariance @ self.gram)[:3], len(tares)
-        by_tares, by_drift = change[:, :size], change[:, size:]
-        unsure = by_tares @ tares @ by_tares.T + colder * by_drift @ drift.covariance @ by_drift.T
-        return self.values[:3] - by_drift @ drift.values, self.covariance[:3, :3] + unsure
+        change = (self.covariance @ self.gram)[:3]
+        unsure = change @ side_by_side(tares, colder * drift.covariance) @ change.T
+        return self.values[:3] - change[:, len(tares) :] @ drift.values, self.covariance[:3, :3] + unsure
 
     def _part(self, begin: int, end: int) -> Array:
         return np.frombuffer(self.kept)[begin:end]

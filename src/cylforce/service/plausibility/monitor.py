@@ -43,8 +43,8 @@ BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be;
 
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
-    driven and swept; which signals leapt; what was wrong with the bucket's weight when it was seen empty last, and from
-    which sample of this lift on; what is suspected; when cylinders `turned` round."""
+    driven and swept; which signals leapt; what was wrong when the bucket was seen `empty` last, and from which sample
+    of this lift on; what is suspected; when cylinders `turned` round."""
 
     gathering: Gathering
     blocks: Block
@@ -54,19 +54,18 @@ class Watch(NamedTuple):
     unnoticed: Unnoticed
     swept: Swept = Swept()
     leapt: tuple[int, ...] = ()
-    light: SensorFault = SensorFault.NONE
+    empty: SensorFault = SensorFault.NONE
     suspicion: SensorDoubt = NOTHING_SUSPECTED
     leaps: Leaps = Leaps()
-    lighter: int = NEVER
+    wrong_since: int = NEVER
     turned: Turns = Turns()
 
     @property
     def unsure(self) -> bool:
         """Whether there is some evidence, though too little for a doubt, that a signal is off by so much that a weight
         would be wrong; the force would be, too. Or whether it will be known soon."""
-        if self.lighter != NEVER:
-            return True
-        return self.offset.unsure or (self.suspicion is not NOTHING_SUSPECTED and self.suspicion.waits)
+        seen_soon = self.wrong_since != NEVER or (self.suspicion is not NOTHING_SUSPECTED and self.suspicion.waits)
+        return self.offset.unsure or seen_soon
 
 
 class Samples(NamedTuple):
@@ -160,8 +159,8 @@ class Monitor:
             and (changes.noises is before.noises or changes.lost == before.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        gathering, blocks, offset, _, driven, unnoticed, swept, _, light, suspicion, _, lighter, _ = state
-        own = (driven, unnoticed, swept, seen.leapt, light, suspicion, leaps, lighter, turned)
+        gathering, blocks, offset, _, driven, unnoticed, swept, _, empty, suspicion, _, wrong_since, _ = state
+        own = (driven, unnoticed, swept, seen.leapt, empty, suspicion, leaps, wrong_since, turned)
         state = new(Watch, (gathering, blocks, offset, changes, *own))
         if seen.pipe.steps % EVERY == 0:
             told = state
@@ -172,7 +171,7 @@ class Monitor:
     def _says_more(self, before: Watch, state: Watch) -> bool:
         """Whether a sample may have changed what is suspected: something is, or the sample says something else."""
         nothing = before.suspicion is NOTHING_SUSPECTED and state.leaps.doubt is NOTHING_SUSPECTED
-        same = state.offset is before.offset and state.light is before.light
+        same = state.offset is before.offset and state.empty is before.empty
         ways = (state.driven.path, state.swept.angle) == (before.driven.path, before.swept.angle)
         return not (nothing and same and ways)
 
@@ -197,8 +196,10 @@ class Monitor:
         turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
         now = (gathering, turned, seen.lift.taken, seen.drift)
         unnoticed = self._noticing.step(state.unnoticed, *now, hangs=bool(hangs))
-        light, lighter = self._light(state, seen.gross, seen.lift, seen.drift)
-        state = state._replace(gathering=gathering, driven=driven, light=light, lighter=lighter, unnoticed=unnoticed)
+        empty, wrong_since = self._emptied(state, seen.gross, seen.lift, seen.drift)
+        state = state._replace(
+            gathering=gathering, driven=driven, empty=empty, wrong_since=wrong_since, unnoticed=unnoticed
+        )
         if gathering.samples:
             return state._replace(swept=swept)
         state = state._replace(swept=self._sweeping.ended(swept, explained=hangs))
@@ -208,22 +209,22 @@ class Monitor:
         leaps = self._returning.judged(state.leaps, block)
         return state._replace(blocks=blocks, offset=self._voting.result(blocks), leaps=leaps)
 
-    def _light(self, state: Watch, gross: Quantity, lift: Lift, drift: Drift) -> tuple[SensorFault, int]:
+    def _emptied(self, state: Watch, gross: Quantity, lift: Lift, drift: Drift) -> tuple[SensorFault, int]:
         """Whether the empty bucket weighs less than nothing, or has moments of no mass in it, and from which of the
         lift's samples on; as before while that is not seen. As for a booking, the lift must go on for LATER_S: what
         ended it was no weight. Until empty motion has told of the drift, oil may be cold, as in the weighing's gate."""
         taken = lift.taken
         if gross.status is not Status.OK or gross.value > SMALLEST * self.model.machine.rated_payload:
-            return state.light, NEVER
-        found = self._empty(state.light, gross, lift, drift)
+            return state.empty, NEVER
+        found = self._wrong_if_empty(state.empty, gross, lift, drift)
         if found is SensorFault.NONE:
             return found, NEVER
-        if not 0 <= state.lighter <= taken:
-            return state.light, taken
-        stays = taken - state.lighter >= LATER_S * self.model.filters.rate_hz
-        return found if stays else state.light, state.lighter
+        if not 0 <= state.wrong_since <= taken:
+            return state.empty, taken
+        stays = taken - state.wrong_since >= LATER_S * self.model.filters.rate_hz
+        return found if stays else state.empty, state.wrong_since
 
-    def _empty(self, before: SensorFault, gross: Quantity, lift: Lift, drift: Drift) -> SensorFault:
+    def _wrong_if_empty(self, before: SensorFault, gross: Quantity, lift: Lift, drift: Drift) -> SensorFault:
         """What is wrong with the weight of an empty bucket, or with its place, with the operator's zero or without.
         The place is as `before` while the moments are not known as exactly as a weight must be. An error of the weight
         that does no harm, where a load lies, is none of the place, either."""
@@ -258,8 +259,8 @@ class Monitor:
         yield self._off(state.offset)
         if (swept := state.swept.level) is not FINE:
             yield SensorDoubt(swept, SensorFault.EXCHANGED, tuple(self._watching.signals))
-        if state.light is not SensorFault.NONE:
-            yield SensorDoubt(Level.DOUBTED, state.light, tuple(range(len(self.model.machine.signals))))
+        if state.empty is not SensorFault.NONE:
+            yield SensorDoubt(Level.DOUBTED, state.empty, tuple(range(len(self.model.machine.signals))))
 
     def _marked(self, marked: NDArray[np.bool_], cause: SensorFault, level: Level = Level.REJECTED) -> SensorDoubt:
         """The pressures that are `marked` (P,), if any are."""
