@@ -15,11 +15,12 @@ from pathlib import Path
 import pytest
 
 from cylforce.estimation.kernel.choice import INTERPRETED, chosen
+from speed import takes_at_most
 
 ROOT = Path(__file__).resolve().parents[1]
 LIMIT = {True: 0.55, False: 2.7}  # yardsticks, compiled and interpreted
 DECODE = {True: 0.11, False: 0.78}  # of a frame by python-can and canopen
-TIMES = {True: 40.0, False: 5.0}  # real time; 98 and 11 beside other programs
+TIMES = {True: 40.0, False: 5.0}  # real time, where numpy is imported in 0.1 s; 98 and 11 beside other programs
 FILTERPY_US = 18.2  # median, as in the table of the kernel's chapter
 
 
@@ -82,12 +83,16 @@ def test_a_replay_is_timed(tmp_path):
     """A minute and a longer one: the same bytes, the same memory."""
     output = tmp_path / "replay.json"
     command = [sys.executable, "-m", "bench", "--replay", "--minutes", "2", "--rounds", "1", "--json", output]
-    done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    minute, longer = json.loads(output.read_text())
-    assert (minute["compared"], longer["compared"]) == (13_200, 26_400)
-    assert minute["different"] == longer["different"] == 0
-    assert longer["memory"] < 1.05 * minute["memory"]
-    assert longer["times"] == pytest.approx(longer["recorded_s"] / longer["took_s"])
-    assert longer["memory"] < 80e6
-    assert longer["times"] > TIMES[chosen() is not INTERPRETED]
+
+    def took_s():
+        done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        minute, longer = json.loads(output.read_text())
+        assert (minute["compared"], longer["compared"]) == (13_200, 26_400)
+        assert minute["different"] == longer["different"] == 0
+        assert longer["memory"] < 1.05 * minute["memory"]
+        assert longer["times"] == pytest.approx(longer["recorded_s"] / longer["took_s"])
+        assert longer["memory"] < 80e6
+        return longer["took_s"]
+
+    assert takes_at_most(120.0 / TIMES[chosen() is not INTERPRETED], took_s)

@@ -1,6 +1,7 @@
 """From the start of `cylforce run` to its first PDO on a bus that other processes see: a second at most.
 
-Of its processor time, because other programs slow this computer's clock, not the program. While it computes it hardly
+Of its processor time, on a computer that imports numpy in 0.1 s: other programs slow this computer's clock, not the
+program. While it computes it hardly
 waits: on a bus where computing costs no time its first PDO comes after 24 ms (tests/virtual_clock)."""
 
 import asyncio
@@ -13,6 +14,7 @@ from cylforce.can.opening import open_bus
 from cylforce.can.python_can import Relay
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR
+from speed import takes_at_most
 
 MOST_S = 1.0  # the goal of the project
 
@@ -48,4 +50,4 @@ async def first_pdo(name, ours):
 def test_the_first_pdo_comes_within_a_second():
     ours = {pdo.can_id for pdo in load(EXCAVATOR).service.publication}
     with Relay() as relay:
-        assert 0.0 < asyncio.run(first_pdo(relay.name, ours)) < MOST_S
+        assert takes_at_most(MOST_S, lambda: asyncio.run(first_pdo(relay.name, ours)))
