@@ -58,14 +58,9 @@ class Sums:
 
     def information(self, noise: Scatter) -> Array:
         """X' P X (K+1, K+1), P the inverse covariance of noise and discrepancy."""
-        return np.asarray(np.sum(self.by_joint(noise), axis=0))
-
-    def by_joint(self, noise: Scatter) -> Array:
-        """The same of each joint (R, K+1, K+1)."""
-        share = noise.share
-        joints, size = self.whole.shape[:2]
-        white = self.whole - (share[:, None] @ self.smooth.reshape(joints, SMOOTH, -1)).reshape(joints, size, size)
-        return np.asarray(white / noise.v[:, None, None] ** 2)
+        scale, size = noise.v**-2.0, self.whole.shape[-1]
+        smooth = (noise.share * scale[:, None]).ravel() @ self.smooth.reshape(-1, size * size)
+        return np.asarray(scale @ self.whole.reshape(len(scale), -1) - smooth).reshape(size, size)
 
     @property
     def theirs(self) -> Array:

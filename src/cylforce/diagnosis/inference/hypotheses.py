@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotri
 
 from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, likeliest, log_prior, settled_noise
 from cylforce.diagnosis.inference.sizes import WIDE, Terms, beside, log_size
@@ -134,8 +134,8 @@ class Inference:
         precision, spread = self._precision(noise)
         known = (known + known.T) / 2.0
         root = np.linalg.cholesky(known + precision + rounding)
-        half = solve_triangular(root, np.eye(len(known)), lower=True)
-        covariance = half.T @ half
+        lower = np.tril(dpotri(root, lower=True)[0])
+        covariance = lower + np.tril(lower, -1).T
         fitted = covariance @ score
         log = -0.5 * (energy - score @ fitted) - 0.5 * spread - float(np.sum(np.log(np.diag(root))))
         vague = vague - (vague @ covariance) @ known
