@@ -189,20 +189,37 @@ def test_sensor_noise_in_both_is_taken_off():
     assert samples.T @ samples == pytest.approx(2.0 * 5.0**2 / 2.0**4)
 
 
-def test_a_size_whose_noise_is_not_known_well_has_less_evidence(machine):
-    """Of a score s = I size + noise of variance I + V the gain is s^2 / 2 (I + V), not s^2 / 2 I."""
-    rows = recording(6, sizes=(1.5, 0.0))
+def unsure_of(rows):
+    """The recording, and the same with noise in column and residual that is not known well."""
     products = np.zeros((2, JOINTS, 1 + SMOOTH, COUNT + 1))
     products[0, :, 0, 2], products[1, :, 0, 2] = 5.0, -5.0
-    sure, unsure = (
-        machine.asked(sums(SCENE.spread, [told(rows)._replace(crossed=each)])) for each in (0.0 * products, products)
-    )
+    return [sums(SCENE.spread, [told(rows)._replace(crossed=each)]) for each in (0.0 * products, products)]
+
+
+def test_a_size_whose_noise_is_not_known_well_has_less_evidence(machine):
+    """Of a score s = I size + noise of variance I + V the gain is s^2 / 2 (I + V), not s^2 / 2 I; its size is as much
+    less sure."""
+    sure, unsure = (machine.asked(each) for each in unsure_of(recording(6, sizes=(1.5, 0.0))))
     state = unsure.state(unsure.usual)
     own = list(SCENE.forms[0].columns)
     told_of, vague = float(state.information(own)[0, 0]), float(np.sum(state.vague[:, own] ** 2))
     assert vague > 0.1 * told_of
-    gains = [case.under((0,), case.state(case.usual))[1].gain for case in (sure, unsure)]
-    assert gains[1] == pytest.approx(gains[0] * told_of / (told_of + vague), rel=1e-2)
+    known, doubted = (case.under((0,), case.state(case.usual))[1] for case in (sure, unsure))
+    gain = known.gain - 0.5 * np.log(2.0 * np.pi / told_of)
+    less = doubted.gain - doubted.doubt - 0.5 * np.log(2.0 * np.pi * doubted.covariance[0, 0])
+    assert less == pytest.approx(gain * told_of / (told_of + vague), rel=1e-2)
+    assert doubted.covariance[0, 0] == pytest.approx((told_of + vague) / told_of**2, rel=1e-2)
+
+
+def test_noise_that_is_not_known_well_hides_a_large_effect_less_than_a_small_one(machine):
+    """The larger an effect, the larger the noise that no effect would need, and the less of its evidence is lost."""
+
+    def kept(size):
+        cases = [machine.asked(each) for each in unsure_of(recording(6, sizes=(size, 0.0)))]
+        sure, unsure = (c.hypothesis((0,), c.usual).log - c.hypothesis((), c.usual).log for c in cases)
+        return unsure / sure
+
+    assert 0.5 < kept(1.5) < kept(4.0) < kept(8.0) < 1.0
 
 
 def in_order(*rows):

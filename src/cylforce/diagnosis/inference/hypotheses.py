@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotri
 
 from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, likeliest, log_prior, settled_noise
-from cylforce.diagnosis.inference.sizes import WIDE, Terms, beside, log_size
+from cylforce.diagnosis.inference.sizes import WIDE, Fitted, Marginal, Terms, beside, log_size, positive
 from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, STEADY
 from cylforce.signals.estimate import Array
 
@@ -39,37 +39,6 @@ class Hypothesis(NamedTuple):
     sizes: Array
     errors: Array
     rest: float
-
-
-class Fitted(NamedTuple):
-    """Sizes (M,) of forms beyond those taken out already, `more`, all of them, `sizes`, their covariance (M, M) [of the
-    prior spread], and what they `gain` [nats]."""
-
-    more: Array
-    sizes: Array
-    covariance: Array
-    gain: float
-
-
-class Marginal(NamedTuple):
-    """A recording under a noise: its information (K, K), the covariance (K, K) and the sizes (K,) of the nuisances that
-    follow, the marginal score (K,) of sizes and samples (S, K) of what is not known of it beyond the noise, whose
-    products add up to a covariance, and the log likelihood without any."""
-
-    known: Array
-    covariance: Array
-    fitted: Array
-    score: Array
-    vague: Array
-    log: float
-
-    def gain(self, own: list[int]) -> Array:
-        """How the nuisances follow sizes (K, M) of some columns."""
-        return self.covariance @ self.known[:, own]
-
-    def information(self, own: list[int]) -> Array:
-        """Marginal information (M, M) of the sizes of some columns."""
-        return self.known[np.ix_(own, own)] - self.known[own] @ self.gain(own)
 
 
 def _nothing(*_: object) -> float:
@@ -149,14 +118,19 @@ class Inference:
         own, taken = self._own(which), self._taken(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
         precision = np.where(certain > 0.0, certain, WIDE)
-        information = _positive(state.information(own)) + np.diag(precision)
+        information = positive(state.information(own)) + np.diag(precision)
         vague = state.vague[:, own].T @ state.vague[:, own]
-        alone = _positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
+        alone = positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
         covariance = alone + alone @ vague @ alone
         score = state.score[own] - precision * taken
         more = alone @ score
-        gain = 0.5 * float(score @ np.linalg.solve(information + vague, score)) - 0.5 * float(certain @ taken**2)
-        return own, Fitted(more, taken + more, covariance, gain)
+        told = np.linalg.solve(information + vague, score)
+        gain = 0.5 * float(score @ more) - 0.5 * float(certain @ taken**2)
+        doubt = 0.5 * float(score @ (more - told))
+        if own:
+            gain += 0.5 * float(np.linalg.slogdet(2.0 * np.pi * alone)[1])
+            doubt -= 0.5 * float(np.linalg.slogdet(covariance @ information)[1])
+        return own, Fitted(more, taken + more, covariance, gain, doubt)
 
     def _taken(self, which: tuple[int, ...]) -> Array:
         """What is taken out of the recording already (M,)."""
@@ -173,8 +147,6 @@ class Inference:
         coefficients (K+1,) of what it leaves."""
         own, fitted = self._sizes(which, state)
         log, k = state.log + fitted.gain, 0
-        if own:
-            log += 0.5 * float(np.linalg.slogdet(2.0 * np.pi * fitted.covariance)[1])
         for p in which:
             column = self.scene.forms[p]
             m, axes = len(column.columns), column.measured
@@ -186,8 +158,18 @@ class Inference:
             k += m
         return log, fitted, self._left(own, fitted.more, state)
 
-    def hypothesis(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
-        """A hypothesis with its own noise: maximised in turns with what it leaves (expectation maximisation)."""
+    @cached_property
+    def _none(self) -> Marginal:
+        """Under the noise that no effect has."""
+        return self._settled((), self.usual)[1]
+
+    def _doubt(self, which: tuple[int, ...]) -> float:
+        """By how much no effect is more probable [nats] because noise in column and residual is not told exactly, under
+        the noise that no effect has: under the effect's own, which is less, it would outweigh any evidence."""
+        return self._sizes(which, self._none)[1].doubt if which else 0.0
+
+    def _settled(self, which: tuple[int, ...], noise: Scatter) -> tuple[Scatter, Marginal]:
+        """The noise of a hypothesis, maximised in turns with what it leaves (expectation maximisation)."""
         state = self.state(noise)
         for _ in range(ROUNDS):
             left, before = self.under(which, state)[2], noise
@@ -196,10 +178,17 @@ class Inference:
             if np.array_equal(noise.rho, before.rho) and np.array_equal(noise.v, before.v):
                 break
             state = self.state(noise)
+        return noise, state
+
+    def hypothesis(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
+        """A hypothesis with its own noise."""
+        noise, state = self._settled(which, noise)
         log, fitted, left = self.under(which, state)
         prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
         errors = np.sqrt(np.diag(fitted.covariance))
-        return Hypothesis(which, log + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise))
+        return Hypothesis(
+            which, log - self._doubt(which) + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise)
+        )
 
     def likeliest(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
         """A hypothesis with the everyday differences under which it is the most probable."""
@@ -250,7 +239,7 @@ class Inference:
         """The same beside what happens at moments: at the hypothesis' noise."""
         named = {self.scene.forms[p][:2] for p in base.which}
         free = [p for p in asked if self.scene.forms[p][:2] not in named]
-        return sorted(free, key=lambda p: -self.under((*base.which, p), state)[0])
+        return sorted(free, key=lambda p: self._doubt((*base.which, p)) - self.under((*base.which, p), state)[0])
 
     def searched(self, asked: Sequence[int]) -> list[Hypothesis]:
         """Hypotheses of more and more forms, each with the everyday differences under which it is the most probable."""
@@ -290,9 +279,3 @@ class Inference:
                 break
             beam = best
         return beam
-
-
-def _positive(matrix: Array) -> Array:
-    """The nearest matrix (M, M) that is symmetric and not negative: differences of large ones may be neither."""
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -148,9 +148,10 @@ class Asked:
         gap, left = self.gap**2 - 1.0, rest**2 - 1.0
         return 1.0 - left / gap if min(gap, left) > SAME else 1.0
 
-    def slight(self, happened: Happened) -> bool:
-        """Whether a torque at moments is everyday: without it there is no more left than references leave."""
-        return happened.key == UNKNOWN and self.none.rest**2 - 1.0 <= SAME
+    @property
+    def slight(self) -> bool:
+        """Whether what may happen at moments is everyday: without it there is no more left than references leave."""
+        return self.none.rest**2 - 1.0 <= SAME
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
@@ -186,9 +187,7 @@ def believed(asked: Asked) -> Belief:
         found[UNKNOWN] += weight * (1.0 - usual)
     for happened, weight in zip(asked.happened, asked.weights[len(asked.hypotheses) :], strict=True):
         named = happened.busy <= SELDOM and asked.share(happened.rest) >= HALF
-        key = happened.key if named else UNKNOWN
-        if key == UNKNOWN and asked.slight(happened):
-            key = NOTHING
+        key = NOTHING if asked.slight else happened.key if named else UNKNOWN
         found[key] = found.get(key, 0.0) + weight
     whole = sum(found.values())
     found = {k: p / whole for k, p in found.items()}

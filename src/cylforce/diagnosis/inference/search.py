@@ -177,8 +177,8 @@ class _Search:
         none, happened = case.likeliest((), case.usual), tuple(each for each, _ in told)
         alone = Asked(case.scene.forms, (none,), happened, case.usual, 0.0)
         first, again = max(happened, key=lambda each: each.log, default=None), self.plain.aside is not None
-        if self.plain.problem.clean and not again and first and first.log > none.log and alone.slight(first):
-            # A torque at one joint in some blocks that is everyday: what is wrong besides shows in the others.
+        if self.plain.problem.clean and not again and first and first.log > none.log and alone.slight:
+            # What happens in some blocks is everyday: what is wrong besides shows in the others.
             return self._beside(next(where for each, where in told if each is first)).found()
         when = {each.key: where for each, where in told}
         hypotheses = case.searched(wanted)

@@ -48,6 +48,39 @@ class Terms(NamedTuple):
     first: int
 
 
+class Fitted(NamedTuple):
+    """Sizes (M,) of forms beyond those taken out already, `more`, all of them, `sizes`, their covariance (M, M) [of the
+    prior spread], and what they `gain`; `doubt`: what of that the samples of noise in column and residual would
+    explain without them [nats]."""
+
+    more: Array
+    sizes: Array
+    covariance: Array
+    gain: float
+    doubt: float
+
+
+class Marginal(NamedTuple):
+    """A recording under a noise: its information (K, K), the covariance (K, K) and the sizes (K,) of the nuisances that
+    follow, the marginal score (K,) of sizes and samples (S, K) of what is not known of it beyond the noise, whose
+    products add up to a covariance, and the log likelihood without any."""
+
+    known: Array
+    covariance: Array
+    fitted: Array
+    score: Array
+    vague: Array
+    log: float
+
+    def gain(self, own: list[int]) -> Array:
+        """How the nuisances follow sizes (K, M) of some columns."""
+        return self.covariance @ self.known[:, own]
+
+    def information(self, own: list[int]) -> Array:
+        """Marginal information (M, M) of the sizes of some columns."""
+        return self.known[np.ix_(own, own)] - self.known[own] @ self.gain(own)
+
+
 def _draws(count: int) -> Array:
     """Points (count, AXES) of a standard normal distribution, evenly spread (Kronecker sequence; Roberts 2018)."""
     golden = 2.0
@@ -101,3 +134,9 @@ def _outside(column: Column, axes: int, sizes: Array, covariance: Array) -> floa
 def surface(axes: int) -> float:
     """Of the unit sphere; of one axis its two directions."""
     return float(2.0 * pi ** (axes / 2.0) / gamma(axes / 2.0))
+
+
+def positive(matrix: Array) -> Array:
+    """The nearest matrix (M, M) that is symmetric and not negative: differences of large ones may be neither."""
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
