@@ -18,7 +18,7 @@ NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
-FEATURES = 8
+FEATURES = 9
 
 
 class Happened(NamedTuple):
@@ -197,9 +197,10 @@ def believed(asked: Asked) -> Belief:
 def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap; log
     of what the first leaves by itself, in units of the floor and of what a law leaves of the gap where it is not quite
-    the true one; the evidence by which it is, by itself, ahead of the next one [log of one plus nats]; log of one plus
-    the number of references; log of how uncertain they leave the torques; the evidence by which it is ahead of an
-    unknown torque. Zeros where no effect was asked."""
+    the true one; the share of its evidence that the next one lacks; log of one plus the number of references; log of
+    how uncertain they leave the torques; log odds of `unknown`; by how many nats the first is, by itself, ahead of an
+    unknown torque [log of one plus that]: odds end where right and wrong answers look alike. Zeros where no effect was
+    asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
@@ -207,15 +208,17 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     log, rest = asked.alone.get(first, (none.log, none.rest))
     rest /= float(np.hypot(1.0, LAW * asked.gap))
     others = [other for k, (other, _) in asked.alone.items() if k not in (first, UNKNOWN)]
+    lacks = max(log - max(others, default=none.log), 0.0) / max(log - none.log, 1.0)
     unknown, _ = asked.alone.get(UNKNOWN, (none.log, none.rest))
     return (
         _log_odds(found[first], second),
         _log_odds(sum(found[k] for k in effects), found[NOTHING]),
         float(np.log(max(asked.gap, NONE))),
         float(np.log(max(rest, NONE))),
-        float(np.log1p(max(log - max(others, default=none.log), 0.0))),
+        lacks,
         float(np.log1p(asked.references)),
         float(np.log(max(asked.unsure, NONE))),
+        _log_odds(found[UNKNOWN], 1.0 - found[UNKNOWN]),
         float(np.log1p(max(log - unknown, 0.0))),
     )
 
