@@ -243,14 +243,19 @@ def test_a_joint_that_no_reference_moves_is_as_sure_as_without_references():
     assert noise.unsure[0] == 1.0
 
 
-def test_a_torque_at_moments_that_explains_hardly_anything_is_everyday(machine):
-    """Three standard errors at an instant are evidence, but no gap."""
+@pytest.mark.parametrize("key", [UNKNOWN, ("soil_contact", "bucket")])
+def test_what_happens_at_moments_and_explains_hardly_anything_is_everyday(machine, key):
+    """Three standard errors at an instant are evidence, but no gap; contact, only where references show what is
+    everyday, and not where it alone is asked."""
     case = machine.asked(sums(SCENE.spread, [told(recording(9))]))
     none = case.hypothesis((), case.usual)
-    asked = Asked(PARTS, (none,), (Happened(UNKNOWN, none.log + 30.0, 0.05, 0.99 * none.rest),), case.usual, 1.0)
+    happened = Happened(key, none.log + 30.0, 0.05, 0.99 * none.rest)
+    asked = Asked(PARTS, (none,), (happened,), case.usual, 1.0, references=2)
     assert believed(asked).first == NOTHING
-    large = replace(asked, gap=3.0, hypotheses=(none._replace(rest=1.8),))
-    assert believed(large).first == UNKNOWN
+    large = replace(asked, gap=3.0, hypotheses=(none._replace(rest=1.8),), happened=(happened._replace(rest=1.0),))
+    assert believed(large).first == key
+    for other in (replace(asked, references=0), replace(asked, only=True)):
+        assert believed(other).first == (NOTHING if key == UNKNOWN else key)
 
 
 def test_another_motion_than_the_references_is_less_sure(machine):

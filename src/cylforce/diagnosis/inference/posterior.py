@@ -63,7 +63,7 @@ class Belief(NamedTuple):
 class Asked:
     """What a search found: forms, hypotheses, what may have happened at moments; the noise that is usual; the gap over
     the floor with nothing fitted; how many `references` there were, and how uncertain they leave the torques of the
-    recording, which moves as they do or otherwise, `unsure`, of the floor."""
+    recording, which moves as they do or otherwise, `unsure`, of the floor; whether one effect `only` was asked."""
 
     forms: tuple[Column, ...]
     hypotheses: tuple[Hypothesis, ...]
@@ -72,6 +72,7 @@ class Asked:
     gap: float
     references: int = 0
     unsure: float = 0.0
+    only: bool = False
 
     @cached_property
     def none(self) -> Hypothesis:
@@ -148,10 +149,12 @@ class Asked:
         gap, left = self.gap**2 - 1.0, rest**2 - 1.0
         return 1.0 - left / gap if min(gap, left) > SAME else 1.0
 
-    @property
-    def slight(self) -> bool:
-        """Whether what may happen at moments is everyday: without it there is no more left than references leave."""
-        return self.none.rest**2 - 1.0 <= SAME
+    def slight(self, happened: Happened) -> bool:
+        """Whether what may happen at moments is everyday: without it no more is left than references leave of each
+        other, over the whole recording. What has a name is so only where references show what is everyday, and not
+        where it alone is asked."""
+        unnamed = happened.key == UNKNOWN
+        return (unnamed or (self.references > 0 and not self.only)) and self.none.rest**2 - 1.0 <= SAME
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
@@ -187,7 +190,7 @@ def believed(asked: Asked) -> Belief:
         found[UNKNOWN] += weight * (1.0 - usual)
     for happened, weight in zip(asked.happened, asked.weights[len(asked.hypotheses) :], strict=True):
         named = happened.busy <= SELDOM and asked.share(happened.rest) >= HALF
-        key = NOTHING if asked.slight else happened.key if named else UNKNOWN
+        key = NOTHING if asked.slight(happened) else happened.key if named else UNKNOWN
         found[key] = found.get(key, 0.0) + weight
     whole = sum(found.values())
     found = {k: p / whole for k, p in found.items()}

@@ -175,9 +175,9 @@ class _Search:
         case, wanted = self._case, self._wanted(self._question)
         told = happening(self._question, case, self._left(case), self.only)
         none, happened = case.likeliest((), case.usual), tuple(each for each, _ in told)
-        alone = Asked(case.scene.forms, (none,), happened, case.usual, 0.0)
+        alone = self._told_of(case, (none,), happened)
         first, again = max(happened, key=lambda each: each.log, default=None), self.plain.aside is not None
-        if self.plain.problem.clean and not again and first and first.log > none.log and alone.slight:
+        if self.plain.problem.clean and not again and first and first.log > none.log and alone.slight(first):
             # What happens in some blocks is everyday: what is wrong besides shows in the others.
             return self._beside(next(where for each, where in told if each is first)).found()
         when = {each.key: where for each, where in told}
@@ -235,7 +235,8 @@ class _Search:
     def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:
         gap = case.rest(self._left(case), case.usual)
         shown = len({seen.recorded.name for seen in self.plain.problem.clean})
-        return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown, self._first.uncertain)
+        unsure, only = self._first.uncertain, self.only is not None
+        return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown, unsure, only)
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
