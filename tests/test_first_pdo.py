@@ -1,8 +1,8 @@
 """From the start of `cylforce run` to its first PDO on a bus that other processes see: a second at most.
 
 Of its processor time, on a computer that imports numpy in 0.1 s: other programs slow this computer's clock, not the
-program. While it computes it hardly
-waits: on a bus where computing costs no time its first PDO comes after 24 ms (tests/virtual_clock)."""
+program. While it computes it hardly waits: on a bus where computing costs no time its first PDO comes after 24 ms
+(tests/virtual_clock)."""
 
 import asyncio
 import os

@@ -65,7 +65,8 @@ LIMITS = {
 }
 
 
-# A sensor, the geometry, an incident; a law of friction and a mass are found on the real crane (test_crane_gap.py).
+# A sensor, the geometry, an incident. Dry friction and where a mass is are found on the real crane (test_crane_gap.py),
+# friction of other laws in test_gap_scenes.py and test_own_effect.py.
 ALWAYS = ("pressure_offset", "linkage_geometry", "payload_spill")
 
 

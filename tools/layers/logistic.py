@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 from cylforce.diagnosis.inference.posterior import Outcomes
 
 Array = NDArray[np.float64]
-RIDGE = 3.0  # precision of the coefficients, in standard deviations of the features; of 0.1 to 3 the best log score
+RIDGE = 3.0  # precision of the coefficients, in standard deviations of the features; of 0.1 to 30 the best log score
 KINDS = 4  # of outcomes
 
 

@@ -164,8 +164,9 @@ class Inference:
         return self._settled((), self.usual)[1]
 
     def _doubt(self, which: tuple[int, ...]) -> float:
-        """By how much no effect is more probable [nats] because noise in column and residual is not told exactly, under
-        the noise that no effect has: under the effect's own, which is less, it would outweigh any evidence."""
+        """By how much a recording without effect is more probable [nats] because noise in column and residual is not
+        told exactly: under the noise of such a recording. Under the noise of the effect, which is less, that would
+        outweigh any evidence. What is taken out of the recording already is not doubted."""
         return self._sizes(which, self._none)[1].doubt if which else 0.0
 
     def _settled(self, which: tuple[int, ...], noise: Scatter) -> tuple[Scatter, Marginal]:

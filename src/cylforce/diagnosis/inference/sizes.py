@@ -50,8 +50,9 @@ class Terms(NamedTuple):
 
 class Fitted(NamedTuple):
     """Sizes (M,) of forms beyond those taken out already, `more`, all of them, `sizes`, their covariance (M, M) [of the
-    prior spread], and what they `gain`; `doubt`: what of that the samples of noise in column and residual would
-    explain without them [nats]."""
+    prior spread], and the evidence that they `gain`, integrated over their uncertainty; `doubt`: by how much no such
+    size is more probable because noise in column and residual is not told exactly (less than 0 of a small score)
+    [nats]."""
 
     more: Array
     sizes: Array
