@@ -4,6 +4,7 @@ two laws of friction by themselves. (Our own simulator: this shows that the prog
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.answer import shrinkage
 from cylforce.diagnosis.answer.located import located, usual
 from cylforce.diagnosis.answer.shrinkage import tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
@@ -106,6 +107,25 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(friction):
     assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
     assert "coulomb_friction@stick" in doubt
     np.testing.assert_allclose(size.after, size.fixed)
+
+
+def test_what_happens_at_moments_is_refuted_by_the_share_itself(friction, monkeypatch):
+    """Its sizes are of the very blocks in which it is simulated: it takes away no more elsewhere. What lasts has its
+    sizes from other stretches, and the interval counts."""
+    (found, verdict), rng = friction, np.random.default_rng(1)
+    monkeypatch.setattr(shrinkage, "closure", lambda *_: (0.2, (0.0, 0.6)))
+    assert tried(found, verdict, rng)[2] == ""
+    proposal = next(p for p in found.original.proposals if p.course is TimeCourse.WINDOWS and p.name == "soil_contact")
+    blocks = np.eye(len(found.original.times))[:2]
+    columns = tuple(found.original.places[found.original.proposals.index(proposal)])
+    forces = np.full((2, len(columns)), 3e3)
+    contact = found.causes[0]._replace(
+        proposal=proposal, form=None, columns=columns, course=blocks, sizes=forces, errors=0.1 * forces
+    )
+    named = verdict._replace(named=(verdict.named[0]._replace(cause=contact),))
+    after, _, doubt = tried(found._replace(causes=(contact,)), named, rng)
+    assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
+    assert "soil_contact@bucket" in doubt
 
 
 def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(friction):

@@ -28,7 +28,8 @@ AT_WORK = (
 class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
-    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT,
+    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT (of what
+    happens at moments, whose sizes are of the very blocks, the value itself),
     `partial`: below HALF, told or not; `removed` [N m, rms], and `shift`: refitted parameters against what they were,
     in standard errors of the prior; `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind
     `fixed` and `after`, `clean`: of the clean ones, unseen by their fit."""
@@ -77,7 +78,7 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     return Gap(
         *(fixed, refit_rms, after_rms, floor),
         *told,
-        bool(causes) and high < SLIGHT,
+        bool(causes) and (high if all(c.lasts for c in causes) else value) < SLIGHT,
         bool(causes) and value < HALF,
         float(np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))),
         shift,
