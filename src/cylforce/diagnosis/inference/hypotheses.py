@@ -124,12 +124,9 @@ class Inference:
         covariance = alone + alone @ vague @ alone
         score = state.score[own] - precision * taken
         more = alone @ score
-        told = np.linalg.solve(information + vague, score)
-        gain = 0.5 * float(score @ more) - 0.5 * float(certain @ taken**2)
-        doubt = 0.5 * float(score @ (more - told))
-        if own:
-            gain += 0.5 * float(np.linalg.slogdet(2.0 * np.pi * alone)[1])
-            doubt -= 0.5 * float(np.linalg.slogdet(covariance @ information)[1])
+        known, told = (float(np.linalg.slogdet(each)[1]) for each in (information, information + vague))
+        gain = 0.5 * float(score @ more - certain @ taken**2 + len(own) * np.log(2.0 * np.pi) - known)
+        doubt = 0.5 * float(score @ (more - np.linalg.solve(information + vague, score)) + known - told)
         return own, Fitted(more, taken + more, covariance, gain, doubt)
 
     def _taken(self, which: tuple[int, ...]) -> Array:
