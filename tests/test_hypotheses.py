@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
+from cylforce.diagnosis.inference.beam import screened, searched
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
@@ -76,7 +77,7 @@ def machine():
 def answer(machine, rows):
     case = machine.asked(sums(SCENE.spread, [told(rows)]))
     gap = case.rest(np.append(-case.mean, 1.0))
-    return believed(Asked(PARTS, tuple(case.searched(range(len(PARTS)))), (), case.usual, gap))
+    return believed(Asked(PARTS, tuple(searched(case, range(len(PARTS)))), (), case.usual, gap))
 
 
 def test_the_likelihood_is_that_of_the_whole_covariance():
@@ -138,18 +139,25 @@ def test_a_force_at_moments_is_found_in_its_blocks(machine):
     assert found.log + forces(rows).prior(where) > case.hypothesis((), case.usual).log + 20.0
 
 
-def test_what_was_taken_out_at_its_size_is_as_probable_as_before(machine):
-    """A linear effect: nothing changes where its size is taken out of the recording, also noise in both."""
+@pytest.mark.parametrize("spread", [0.0, 0.5])
+def test_what_was_taken_out_at_its_size_is_as_probable_as_before(machine, spread):
+    """A linear effect: nothing changes where its size is taken out of the recording, also noise in both, whether it is
+    known well or not: what it is doubted stays."""
     rows = recording(6, sizes=(1.5, 0.0))
-    before = told(rows)._replace(crossed=white_noise(np.full((JOINTS, COUNT + 1), 3.0)))
+    noise = white_noise(np.full((JOINTS, COUNT + 1), 3.0))
+    noise = np.concatenate([noise * (1.0 + spread), noise * (1.0 - spread)]) / 2.0
+    before = told(rows)._replace(crossed=noise)
     case = machine.asked(sums(SCENE.spread, [before]))
     plain = case.hypothesis((0,), case.usual)
     rows[..., -1] -= 1.5 * rows[..., 2]
-    lost = 2.0 * 1.5 * before.crossed[0, ..., 2] / BLOCKS  # of y - X s; the square of what is in X is small
+    lost = (
+        2.0 * 1.5 * np.sum(before.crossed[..., 2], axis=0) / BLOCKS
+    )  # of y - X s; the square of what is in X is small
     lost[:, 0] /= ROWS
     again = sums(SCENE.spread, [told(rows)._replace(crossed=before.crossed)]).with_noise(lost)
     again = replace(case, sums=again, taken={0: np.array([1.5 / SCENE.spread[2]])})
-    assert again.hypothesis((0,), case.usual).log == pytest.approx(plain.log, abs=0.2)
+    assert (plain.doubt > 0.2) == (spread > 0.0)
+    assert again.hypothesis((0,), case.usual, plain.doubt).log == pytest.approx(plain.log, abs=0.2)
 
 
 def test_everyday_differences_are_learnt(machine):
@@ -220,6 +228,30 @@ def test_noise_that_is_not_known_well_hides_a_large_effect_less_than_a_small_one
         return unsure / sure
 
     assert 0.0 < kept(1.5) < kept(4.0) < kept(8.0) < 1.0
+
+
+def test_a_second_effect_is_doubted_as_much_as_if_it_were_alone(machine):
+    """Beside a large effect the noise of a recording without any would hide all doubt."""
+    alone, both = (machine.asked(unsure_of(recording(6, sizes=sizes))[1]) for sizes in ((1.5, 0.0), (1.5, 8.0)))
+    first = both.hypothesis((1,), both.usual)
+    more, lone = both.with_more(first, 0).doubt - first.doubt, alone.hypothesis((0,), alone.usual).doubt
+    assert lone > 5.0
+    assert more == pytest.approx(lone, rel=0.3)
+    assert both.hypothesis((0, 1), both.usual).doubt - first.doubt < 0.5 * lone
+
+
+def test_forms_are_screened_all_at_once_as_one_by_one(machine):
+    case = machine.asked(unsure_of(recording(6, sizes=(1.5, 0.8)))[1])
+    none = case.hypothesis((), case.usual)
+    state, each = case.state(none.noise), {}
+    for p in (0, 1):
+        left = case.under((p,), state)[2]
+        _, log = likeliest(case.sums, *case.sums.plain(left[None]), case.usual)
+        moved = left[:-1] + case.mean
+        moved[case.own((p,))] += case.under((p,), state)[1].more
+        each[p] = log[0] - 0.5 * moved @ case.precision(none.noise)[0] @ moved
+    assert screened(case, none, (1, 0)) == sorted(each, key=lambda p: -each[p])
+    assert screened(case, case.hypothesis((0,), case.usual), (1, 0)) == [1]
 
 
 def in_order(*rows):

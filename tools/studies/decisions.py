@@ -41,6 +41,7 @@ from cylforce.diagnosis.inference.search import asked, examined
 from cylforce.diagnosis.numbers import EVERYDAY, ODD
 from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import chosen
+from cylforce.programs.common.row_cache import KeepingViewer, RowCache
 from cylforce.programs.gap import ALWAYS, Question, viewed_by
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
@@ -59,6 +60,8 @@ CACHE = Path.home() / ".cache/cylforce/decisions"
 SEED = 2026  # of the trial's development cases
 ALONE = 0.8  # the probability from which on one cause is named alone
 ODD_ONE = 2  # the outcome "nothing of the library"
+MOST_BYTES = 40_000_000_000  # of rows: all cases', so that a search of other hypotheses starts from them
+ROOMS = ("signals", "mechanics", "effects", "estimation", "diagnosis/columns")  # whose code makes rows
 POWERS = tuple(float(x) for x in np.geomspace(1e-3, 1.0, 31))  # of the calibration, that are tried
 LEAST = 1e-3  # the probability of the truth that the log score counts at least
 FOREIGN, REFERENCE, RANDOM = "foreign", "reference", "random"  # sources
@@ -205,7 +208,11 @@ def searched(work: tuple[Case, dict[str, float], Path]) -> Row:
     case, everyday, cache = work
     file = cache / "asked" / f"{case.source}_{case.machine}_{case.name}.pickle"
     if not file.exists():
-        viewer, known, clean, faulty = viewed(load(case.file), case)
+        loaded = load(case.file)
+        viewer, known, clean, faulty = viewed(loaded, case)
+        names = frozenset(path.name for path in (*case.field, *case.reference))
+        rows = RowCache(cache.parent / "rows", MOST_BYTES)
+        viewer = KeepingViewer(viewer.model, viewer.tares, rows, names, loaded.sha256, ROOMS)
         found = examined(viewer, faulty, clean, np.random.default_rng(1), known=known, everyday=everyday)
         _pickled(file, (found.asked, found.working))
     return Row(case, *pickle.loads(file.read_bytes()))

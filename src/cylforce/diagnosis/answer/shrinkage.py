@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.answer.closure import blockwise, closure
+from cylforce.diagnosis.answer.fitting import Sized
 from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.resimulation import Resimulation, known, read_blocks
 from cylforce.diagnosis.answer.verdict import Cause, Judged, Search, Verdict
 from cylforce.diagnosis.columns.problem import Seen
-from cylforce.diagnosis.inference.fitting import Sized
 from cylforce.diagnosis.inference.residuals import SPAN, chosen, clean, refitted, residuals, rms
 from cylforce.diagnosis.numbers import HALF, SLIGHT, WIDEST
 from cylforce.effects.imposed import Imposed

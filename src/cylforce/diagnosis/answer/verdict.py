@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.answer.fitting import Fitting, Sized, fitting, without_step
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking
-from cylforce.diagnosis.inference.fitting import Fitting, Sized, fitting, without_step
 from cylforce.diagnosis.inference.hypotheses import Hypothesis
 from cylforce.diagnosis.inference.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated

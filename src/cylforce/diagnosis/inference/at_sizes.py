@@ -42,7 +42,7 @@ class AtSizes:
             again = remade()[1]
             if float(np.sum(again.sums.rows)) < KEPT * rows:
                 break  # at these sizes the machine could not have moved so
-            found, made, asked_so = again.hypothesis(now.which, now.noise), remade, again
+            found, made, asked_so = again.hypothesis(now.which, now.noise, h.doubt), remade, again
             if np.linalg.norm(found.sizes - now.sizes) < STILL * np.linalg.norm(found.sizes):
                 break
         return found, made, asked_so

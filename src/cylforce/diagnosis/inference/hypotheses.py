@@ -10,20 +10,19 @@ unknown."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dpotri
 
-from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, likeliest, log_prior, settled_noise
+from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, log_prior, settled_noise
 from cylforce.diagnosis.inference.sizes import WIDE, Fitted, Marginal, Terms, beside, log_size, positive
-from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, STEADY
+from cylforce.diagnosis.numbers import STEADY
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
-WIDTH, DEEPEST = 2, 8  # of the beam
-KEPT = 8  # hypotheses of a beam that are refined
+REMEMBERED = 16  # states under a noise: each takes some megabytes
 NONE = 1e-12  # of a column's spread, squared: no everyday difference
 SINGLE = float(np.finfo(np.float32).eps)  # of an energy, which is the most that is lost where a load is taken off
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
@@ -31,7 +30,8 @@ ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negat
 
 class Hypothesis(NamedTuple):
     """Forms of a scene by number, the logarithm of their probability with the recording, the noise under them, their
-    sizes (M,) and standard errors (M,) [of the prior spread], and what they leave at the worst joint, of the floor."""
+    sizes (M,) and standard errors (M,) [of the prior spread], what they leave at the worst joint, of the floor, and by
+    how much they are less probable because noise in column and residual is not told exactly, `doubt`."""
 
     which: tuple[int, ...]
     log: float
@@ -39,6 +39,7 @@ class Hypothesis(NamedTuple):
     sizes: Array
     errors: Array
     rest: float
+    doubt: float = 0.0
 
 
 def _nothing(*_: object) -> float:
@@ -81,7 +82,7 @@ class Inference:
     def _precisions(self) -> dict[float, tuple[Array, float]]:
         return {}
 
-    def _precision(self, noise: Scatter) -> tuple[Array, float]:
+    def precision(self, noise: Scatter) -> tuple[Array, float]:
         """Of the parameters beforehand, with the everyday differences of a noise (K, K), and the log determinant of its
         inverse."""
         if noise.everyday not in self._precisions:
@@ -89,8 +90,20 @@ class Inference:
             self._precisions[noise.everyday] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
         return self._precisions[noise.everyday]
 
+    @cached_property
+    def _states(self) -> Callable[[bytes, bytes, float], Marginal]:
+        """Levels and scales are of a grid: many hypotheses have the same noise."""
+
+        def state(rho: bytes, v: bytes, everyday: float) -> Marginal:
+            return self._state(Scatter(np.frombuffer(rho), np.frombuffer(v), everyday=everyday))
+
+        return lru_cache(REMEMBERED)(state)
+
     def state(self, noise: Scatter) -> Marginal:
         """Everything that follows from a noise."""
+        return self._states(noise.rho.tobytes(), noise.v.tobytes(), noise.everyday)
+
+    def _state(self, noise: Scatter) -> Marginal:
         told, cost = self.sums.information(noise), 0.0
         rounding = np.diag(ROUNDING * np.diag(told)[:-1])
         if self.moments:
@@ -100,7 +113,7 @@ class Inference:
         common, vague = self.sums.common(noise)
         score = told[:-1, -1] - common - known @ inside
         energy = told[-1, -1] - 2.0 * inside @ told[:-1, -1] + inside @ known @ inside
-        precision, spread = self._precision(noise)
+        precision, spread = self.precision(noise)
         known = (known + known.T) / 2.0
         root = np.linalg.cholesky(known + precision + rounding)
         lower = np.tril(dpotri(root, lower=True)[0])
@@ -110,12 +123,13 @@ class Inference:
         vague = vague - (vague @ covariance) @ known
         return Marginal(known, covariance, fitted, score - known @ fitted, vague, log - cost + self.sums.norm(noise))
 
-    def _own(self, which: tuple[int, ...]) -> list[int]:
+    def own(self, which: tuple[int, ...]) -> list[int]:
+        """The columns of some forms."""
         return [c for p in which for c in self.scene.forms[p].columns]
 
     def _sizes(self, which: tuple[int, ...], state: Marginal) -> tuple[list[int], Fitted]:
         """Columns and sizes of some forms."""
-        own, taken = self._own(which), self._taken(which)
+        own, taken = self.own(which), self.already(which)
         certain = np.concatenate([np.zeros(0), *(beside(self.scene.forms[p]) for p in which)])
         precision = np.where(certain > 0.0, certain, WIDE)
         information = positive(state.information(own)) + np.diag(precision)
@@ -129,7 +143,7 @@ class Inference:
         doubt = 0.5 * float(score @ (more - np.linalg.solve(information + vague, score)) + known - told)
         return own, Fitted(more, taken + more, covariance, gain, doubt)
 
-    def _taken(self, which: tuple[int, ...]) -> Array:
+    def already(self, which: tuple[int, ...]) -> Array:
         """What is taken out of the recording already (M,)."""
         zero = (np.zeros(len(self.scene.forms[p].columns)) for p in which)
         return np.concatenate([np.zeros(0), *(self.taken.get(p, z) for p, z in zip(which, zero, strict=True))])
@@ -156,15 +170,17 @@ class Inference:
         return log, fitted, self._left(own, fitted.more, state)
 
     @cached_property
-    def _none(self) -> Marginal:
-        """Under the noise that no effect has."""
-        return self._settled((), self.usual)[1]
+    def _none(self) -> Hypothesis:
+        """No effect, and the noise that it needs."""
+        return self.hypothesis((), self.usual)
 
-    def _doubt(self, which: tuple[int, ...]) -> float:
-        """By how much a recording without effect is more probable [nats] because noise in column and residual is not
-        told exactly: under the noise of such a recording. Under the noise of the effect, which is less, that would
-        outweigh any evidence. What is taken out of the recording already is not doubted."""
-        return self._sizes(which, self._none)[1].doubt if which else 0.0
+    def doubted(self, which: tuple[int, ...], base: Hypothesis) -> float:
+        """By how much a recording with the forms of `base` alone is more probable [nats] because noise in column and
+        residual is not told exactly, and one without them: each under the noise of such a recording. Under the noise of
+        the effect, which is less, that would outweigh any evidence."""
+        state = self.state(base.noise)
+        whole, before = (self._sizes(each, state)[1].doubt for each in (which, base.which))
+        return base.doubt + whole - before
 
     def _settled(self, which: tuple[int, ...], noise: Scatter) -> tuple[Scatter, Marginal]:
         """The noise of a hypothesis, maximised in turns with what it leaves (expectation maximisation)."""
@@ -178,19 +194,24 @@ class Inference:
             state = self.state(noise)
         return noise, state
 
-    def hypothesis(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
-        """A hypothesis with its own noise."""
+    def hypothesis(self, which: tuple[int, ...], noise: Scatter, doubt: float | None = None) -> Hypothesis:
+        """A hypothesis with its own noise; `doubt` [nats], by default that of all its sizes beside none."""
+        if doubt is None:
+            doubt = self.doubted(which, self._none) if which else 0.0
         noise, state = self._settled(which, noise)
         log, fitted, left = self.under(which, state)
         prior = sum(float(log_prior(noise.rho[r], noise.v[r], self.usual, r)) for r in range(len(noise.rho)))
-        errors = np.sqrt(np.diag(fitted.covariance))
-        return Hypothesis(
-            which, log - self._doubt(which) + prior + self.apart, noise, fitted.sizes, errors, self.rest(left, noise)
-        )
+        errors, log = np.sqrt(np.diag(fitted.covariance)), log - doubt + prior + self.apart
+        return Hypothesis(which, log, noise, fitted.sizes, errors, self.rest(left, noise), doubt)
 
-    def likeliest(self, which: tuple[int, ...], noise: Scatter) -> Hypothesis:
+    def with_more(self, base: Hypothesis, form: int) -> Hypothesis:
+        """A hypothesis with one form more."""
+        which = tuple(sorted((*base.which, form)))
+        return self.hypothesis(which, base.noise, self.doubted(which, base))
+
+    def likeliest(self, which: tuple[int, ...], noise: Scatter, doubt: float | None = None) -> Hypothesis:
         """A hypothesis with the everyday differences under which it is the most probable."""
-        each = [self.hypothesis(which, noise._replace(everyday=share)) for share in STEADY]
+        each = [self.hypothesis(which, noise._replace(everyday=share), doubt) for share in STEADY]
         return max(each, key=lambda h: h.log)
 
     def _energies(self, left: Array, covariance: Array, noise: Scatter) -> tuple[Array, Array]:
@@ -212,68 +233,3 @@ class Inference:
             white, smooth = self.moments.energies(left, noise)
             energy = np.maximum(energy + white + np.sum(smooth, axis=1), 0.0)
         return np.asarray(energy / np.maximum(self.sums.rows, 1.0))
-
-    def screened(self, base: Hypothesis, asked: Sequence[int]) -> list[int]:
-        """Proposals beside a hypothesis, most promising first: at its noise, and with the noise that would then be
-        likeliest."""
-        state = self.state(base.noise)
-        if self.moments:
-            return self._in_moments(base, asked, state)
-        named = {self.scene.forms[p][:2] for p in base.which}
-        free = [p for p in asked if self.scene.forms[p][:2] not in named]
-        if not free:
-            return []
-        left, shift = [], []
-        for p in free:
-            own, sizes = self._sizes((*base.which, p), state)
-            left.append(self._left(own, sizes.more, state))
-            shift.append(state.fitted - state.gain(own) @ sizes.more)
-        moved = np.array(shift)
-        _, log = likeliest(self.sums, *self.sums.plain(np.array(left)), self.usual)
-        log -= 0.5 * np.einsum("hi,hi->h", moved, moved @ self._precision(base.noise)[0])
-        return [free[k] for k in np.argsort(-log).tolist()]
-
-    def _in_moments(self, base: Hypothesis, asked: Sequence[int], state: Marginal) -> list[int]:
-        """The same beside what happens at moments: at the hypothesis' noise."""
-        named = {self.scene.forms[p][:2] for p in base.which}
-        free = [p for p in asked if self.scene.forms[p][:2] not in named]
-        return sorted(free, key=lambda p: self._doubt((*base.which, p)) - self.under((*base.which, p), state)[0])
-
-    def searched(self, asked: Sequence[int]) -> list[Hypothesis]:
-        """Hypotheses of more and more forms, each with the everyday differences under which it is the most probable."""
-        found = dict[tuple[int, ...], Hypothesis]()
-        for share in STEADY:
-            for h in self._searched(asked, self.usual._replace(everyday=share)):
-                if h.which not in found or h.log > found[h.which].log:
-                    found[h.which] = h
-        return list(found.values())
-
-    def _searched(self, asked: Sequence[int], noise: Scatter) -> list[Hypothesis]:
-        """Hypotheses under a noise at first, found by a beam, as long as one form more is worth its prior; first of
-        those forms that are expected, then beside them of all."""
-        none = self.hypothesis((), noise)
-        found = dict[tuple[int, ...], Hypothesis]({(): none})
-        expected = [p for p in asked if self.scene.forms[p].expected]
-        beam = self._grown(found, [none], expected, 0.0) if expected else [none]
-        if expected and beam[0].rest <= 1.0:
-            return list(found.values())  # the floor is all that is left: it was not measured on other recordings
-        self._grown(found, beam, asked, -float(np.log(SECOND * (1.0 - IN_ORDER - ODD) / max(len(asked), 1))))
-        return list(found.values())
-
-    def _grown(
-        self, found: dict[tuple[int, ...], Hypothesis], beam: list[Hypothesis], asked: Sequence[int], worth: float
-    ) -> list[Hypothesis]:
-        """The last beam that was worth [nats] one form more; all hypotheses go to `found`."""
-        for _ in range(DEEPEST):
-            grown = []
-            for base in beam:
-                for p in self.screened(base, asked)[:KEPT]:
-                    which = tuple(sorted((*base.which, p)))
-                    if which not in found:
-                        found[which] = self.hypothesis(which, base.noise)
-                        grown.append(found[which])
-            best = sorted(grown, key=lambda h: -h.log)[:WIDTH]
-            if not best or (len(best[0].which) > 1 and best[0].log < beam[0].log + worth):
-                break
-            beam = best
-        return beam

@@ -13,6 +13,7 @@ from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking, noisy
 from cylforce.diagnosis.inference.at_sizes import AtSizes
+from cylforce.diagnosis.inference.beam import screened, searched
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.moments import Blocks, changed, happening
@@ -181,7 +182,7 @@ class _Search:
             # What happens in some blocks is everyday: what is wrong besides shows in the others.
             return self._beside(next(where for each, where in told if each is first)).found()
         when = {each.key: where for each, where in told}
-        hypotheses = case.searched(wanted)
+        hypotheses = searched(case, wanted)
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
@@ -214,7 +215,7 @@ class _Search:
         size: where loads hang, what bends is small beside what its columns leave open."""
         wanted = [p for p in self._wanted(self.plain) if not hangs(self.plain, self.plain.forms[p][0])]
         case, found = work.case, dict[tuple[int, ...], Hypothesis]({(): idle})
-        for h in case.searched(wanted):
+        for h in searched(case, wanted):
             if h.which not in found or h.log > found[h.which].log:
                 found[h.which] = h
         told = self._told_of(case, tuple(found.values()), ())
@@ -274,9 +275,8 @@ class _Search:
                     most, own = log, other
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))
         if best.which in again and len(best.which) == 1:
-            for p in own.screened(best, self._wanted(self._question))[:AGAIN]:
-                which = tuple(sorted((*best.which, p)))
-                more = own.hypothesis(which, best.noise)
-                if which not in found or more.log > found[which].log:
-                    found[which], again[which] = more, again[best.which]
+            for p in screened(own, best, self._wanted(self._question))[:AGAIN]:
+                more = own.with_more(best, p)
+                if more.which not in found or more.log > found[more.which].log:
+                    found[more.which], again[more.which] = more, again[best.which]
         return replace(told, hypotheses=tuple(found.values())), again

@@ -138,6 +138,6 @@ def surface(axes: int) -> float:
 
 
 def positive(matrix: Array) -> Array:
-    """The nearest matrix (M, M) that is symmetric and not negative: differences of large ones may be neither."""
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    """The nearest matrix (..., M, M) that is symmetric and not negative: differences of large ones may be neither."""
+    values, vectors = np.linalg.eigh((matrix + np.swapaxes(matrix, -1, -2)) / 2.0)
+    return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2))

@@ -80,11 +80,13 @@ class RowCache:
 
 @dataclass(frozen=True)
 class KeepingViewer(Viewer):
-    """A viewer that keeps the rows of recordings with certain `names`; `machine`: hash of the machine file."""
+    """A viewer that keeps the rows of recordings with certain `names`; `machine`: hash of the machine file; `rooms`:
+    whose code makes them."""
 
     kept: RowCache
     names: frozenset[str]
     machine: str
+    rooms: tuple[str, ...] = ROOMS
 
     def rows(self, recorded: Recorded, wanted: Sequence[Proposal], lost: NDArray[np.bool_] | None = None) -> GapRows:
         """The rows of a recording, see `Viewer.rows`."""
@@ -102,7 +104,7 @@ class KeepingViewer(Viewer):
         said = (self.machine, self.model.friction, self.model.filters, recorded.load, recorded.begins)
         effects = [(p.name, p.at, p.where, p.group) for p in wanted]
         files = sorted({getfile(type(effect)) for p in wanted for effect in p.group})
-        parts = [repr(said).encode(), repr(effects).encode(), program(ROOMS).encode(), *map(_file, files)]
+        parts = [repr(said).encode(), repr(effects).encode(), program(self.rooms).encode(), *map(_file, files)]
         values = [_bytes(recorded.values), _bytes(self.tares)]
         counts = [] if recorded.counts is None else [_bytes(recorded.counts)]
         return sha256(b"\0".join([*parts, *values, *counts])).hexdigest()
