@@ -21,7 +21,7 @@ from cylforce.diagnosis.inference.posterior import (
     believed,
 )
 from cylforce.diagnosis.inference.sizes import BEYOND, Column, Terms, log_size
-from cylforce.diagnosis.numbers import UNSEEN, UNSURE
+from cylforce.diagnosis.numbers import HOLDS, IN_ORDER, UNSEEN, UNSURE
 from layers.everyday import learnt
 
 ROWS, BLOCKS, JOINTS, COUNT = 60, 40, 2, 4  # rows of a block, blocks, joints, columns
@@ -275,6 +275,36 @@ def test_a_joint_that_no_reference_moves_is_as_sure_as_without_references():
     assert noise.unsure[0] == 1.0
 
 
+def test_what_nothing_explains_is_no_noise_and_makes_evidence_count_less(machine):
+    """Beside a residual that is all noise every row counts; beside one that holds for HOLDS rows, one of as many."""
+    case = machine.asked(sums(SCENE.spread, [told(recording(6, sizes=(1.5, 0.0)))]))
+    none, one = (case.hypothesis(which, case.usual) for which in ((), (0,)))
+    ahead = {"none": none.log, "one": none.log + 40.0}
+
+    def odds(rest):
+        found = (none._replace(rest=5.0), one._replace(log=ahead["one"], rest=rest))
+        asked = Asked(PARTS, found, (), case.usual, 5.0)
+        return asked.counts, np.log(asked.weights[1] / asked.weights[0]) - asked.prior_of(one) + np.log(IN_ORDER)
+
+    assert odds(0.9) == pytest.approx((1.0, 40.0))
+    assert odds(1e3) == pytest.approx((1.0 / HOLDS, 40.0 / HOLDS), rel=1e-3)
+    assert 1.0 / HOLDS < odds(1.5)[0] < 1.0
+
+
+def test_a_law_that_is_only_approximate_leaves_a_share_of_a_large_gap(machine):
+    """Out of the tail of what is usual, but a twentieth of the gap: its law's; half of the gap: unknown."""
+    case = machine.asked(sums(SCENE.spread, [told(recording(6, sizes=(1.5, 0.0)))]))
+    none, one = (case.hypothesis(which, case.usual) for which in ((), (0,)))
+    loud = one.noise._replace(v=6.0 * np.ones(JOINTS), rho=100.0 * np.ones(JOINTS))
+
+    def unknown(rest):
+        found = (none._replace(rest=100.0), one._replace(log=none.log + 500.0, rest=rest, noise=loud))
+        return believed(Asked(PARTS, found, (), case.usual, 100.0)).of[UNKNOWN]
+
+    assert unknown(5.0) < 0.05
+    assert unknown(60.0) > 0.9
+
+
 @pytest.mark.parametrize("key", [UNKNOWN, ("soil_contact", "bucket")])
 def test_what_happens_at_moments_and_explains_hardly_anything_is_everyday(machine, key):
     """Three standard errors at an instant are evidence, but no gap; contact, only where references show what is
@@ -295,11 +325,13 @@ def test_another_motion_than_the_references_is_less_sure(machine):
     rows = recording(3)
     wide = rows * np.array([3.0, 3.0, 3.0, 3.0, 1.0])
     narrow, other = (machine.asked(sums(SCENE.spread, [told(each)])) for each in (rows, wide))
-    assert other.uncertain == pytest.approx(3.0 * narrow.uncertain)
+    assert other.uncertain() == pytest.approx(3.0 * narrow.uncertain())
     size = np.sqrt(
         np.einsum(
             "brti,ij,brtj->r", rows[..., :-1], machine.covariance * np.outer(SCENE.spread, SCENE.spread), rows[..., :-1]
         )
         / rows[:, 0, :, 0].size
     )
-    assert narrow.uncertain == pytest.approx(float(np.max(size)))
+    assert narrow.uncertain() == pytest.approx(float(np.max(size)))
+    assert narrow.uncertain(range(COUNT)) == 0.0  # what only the field itself tells, no reference can
+    assert 0.0 < narrow.uncertain((3,)) < narrow.uncertain()

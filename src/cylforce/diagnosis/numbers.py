@@ -60,6 +60,10 @@ SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, an
 GAP = 2.0  # times the floor, rms: a gap that is never called none
 LAW = 0.2  # of a torque: how far the true law may be from the one written (as `About.form` of friction: convention)
 
+# Rows of 0.05 s for which a torque that nothing explains stays what it is (fit: of 1 to 100 the best log score of the
+# study of the decisions).
+HOLDS = 6.0
+
 # The share of the gap's energy that goes, once simulated.
 RATIO = 0.1  # of the floor's energy: a smaller gap has no meaningful share (convention)
 WIDEST = 0.2  # an interval wider than that says nothing: no share is given (convention)

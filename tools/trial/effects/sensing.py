@@ -125,18 +125,21 @@ def slew_ignored(draw: Draw, scene: Scene) -> Fault:
 
 
 def line_loss(draw: Draw, scene: Scene) -> Fault:
-    """2-15 bar at 0.3 m/s between chamber and sensor where oil leaves, growing with a power of speed;
-    less on the head side."""
+    """2-15 bar at 0.3 m/s between chamber and sensor where oil leaves, growing with a power of speed; less on the head
+    side. The chamber itself, behind the loss, takes that pressure, and the other one drives against it: its sensor
+    reads more."""
     at, size, power = draw.one(JOINTS), draw.size(2.0, 15.0), draw.uniform(1.0, 2.1)
-    sides = {"head": -draw.uniform(0.1, 1.0), "rod": 1.0}
+    less = draw.uniform(0.1, 1.0)
 
     def apply(machine: Machine, _: Stretch) -> Machine:
+        head, rod = machine.specimen.areas(at)
+
         def effect(signal: str, t: Array, values: Array, truth: Truth) -> Array:
             if signal not in (f"{at}_head_pressure", f"{at}_rod_pressure"):
                 return values
-            part = sides[signal.split("_")[1]]
-            outward = np.maximum(np.sign(part) * speed(machine.specimen, at, t, dict(truth)), 0.0)
-            return np.asarray(np.maximum(values - abs(part) * size * BAR * (outward / 0.3) ** power, 0.0))
+            drives, share = (1.0, rod / head) if signal.endswith("head_pressure") else (-1.0, less * head / rod)
+            outward = np.maximum(drives * speed(machine.specimen, at, t, dict(truth)), 0.0)
+            return np.asarray(values + share * size * BAR * (outward / 0.3) ** power)
 
         return on_sensors(machine, effect)
 

@@ -64,10 +64,12 @@ class Inference:
     told: Callable[[int, Array], float] = _nothing
     apart: float = 0.0
 
-    @property
-    def uncertain(self) -> float:
-        """How uncertain the references leave the torques of the recording at the worst joint, of the floor (rms)."""
-        energy = np.einsum("rij,ij->r", self.sums.whole[:, :-1, :-1], self.covariance)
+    def uncertain(self, fields: Sequence[int] = ()) -> float:
+        """How uncertain the references leave the torques of the recording at the worst joint, of the floor (rms), but
+        for columns that only the field itself tells, such as where a load hangs."""
+        told = np.delete(np.arange(len(self.mean)), list(fields))
+        known = np.ix_(np.arange(len(self.sums.rows)), told, told)
+        energy = np.einsum("rij,ij->r", self.sums.whole[known], self.covariance[np.ix_(told, told)])
         return float(np.sqrt(np.max(np.maximum(energy, 0.0) / np.maximum(self.sums.rows, 1.0))))
 
     def unsure(self, groups: Iterable[Sequence[int]]) -> "Inference":

@@ -10,7 +10,7 @@ import numpy as np
 from cylforce.diagnosis.inference.discrepancy import LEVELS, SCALES, Scatter, log_prior
 from cylforce.diagnosis.inference.hypotheses import Hypothesis
 from cylforce.diagnosis.inference.sizes import Column
-from cylforce.diagnosis.numbers import HALF, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
+from cylforce.diagnosis.numbers import HALF, HOLDS, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
 from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place
@@ -164,12 +164,28 @@ class Asked:
             found *= 1.0 - float(np.exp(flat - log_prior(noise.rho[r], noise.v[r], self.usual, r)))
         return found
 
+    def lawful(self, h: Hypothesis) -> float:
+        """How probable it is that what a hypothesis leaves is what is usual, or as much as its law is approximate by:
+        LAW of the gap, one standard deviation."""
+        usual, gap = self.usually(h.noise), self.gap**2 - 1.0
+        if not h.which or gap <= 0.0:
+            return usual
+        return usual + (1.0 - usual) * float(np.exp(-0.5 * max(h.rest**2 - 1.0, 0.0) / gap / LAW**2))
+
+    @cached_property
+    def counts(self) -> float:
+        """The share of the evidence that counts. What the likeliest hypothesis leaves beyond the floor is no noise: it
+        stays what it is for HOLDS rows, which tell no more than one."""
+        best = max(self.hypotheses, key=lambda h: h.log + self.prior_of(h))
+        beyond = max(1.0 - max(best.rest, NONE) ** -2.0, 0.0)
+        return float(1.0 / (1.0 + (HOLDS - 1.0) * beyond))
+
     @cached_property
     def weights(self) -> list[float]:
         """Posterior weights of all hypotheses and then of all that happened; the largest is 1."""
-        logs = [h.log + self.prior_of(h) for h in self.hypotheses]
-        logs += [h.log + self.prior_at_moments(h) for h in self.happened]
-        each = np.array(logs)
+        told = [h.log for h in self.hypotheses] + [h.log for h in self.happened]
+        before = [self.prior_of(h) for h in self.hypotheses] + [self.prior_at_moments(h) for h in self.happened]
+        each = self.counts * (np.array(told) - self.none.log) + np.array(before)
         return list(np.exp(each - np.max(each)).tolist())
 
 
@@ -180,11 +196,11 @@ def largest_evidence(asked: Asked) -> Belief:
 
 
 def believed(asked: Asked) -> Belief:
-    """Bayes' rule over all hypotheses; what of a hypothesis is out of the noise's tail is unknown, and so is one that
-    leaves most of the gap."""
+    """Bayes' rule over all hypotheses; what of a hypothesis is neither usual nor its law's is unknown, and so is one
+    that leaves most of the gap."""
     found: dict[Key, float] = {NOTHING: 0.0, UNKNOWN: 0.0}
     for h, weight in zip(asked.hypotheses, asked.weights, strict=False):
-        usual = asked.usually(h.noise) * float(asked.explained(h) >= HALF)
+        usual = asked.lawful(h) * float(asked.explained(h) >= HALF)
         key = asked.main(h) if h.which else NOTHING
         found[key] = found.get(key, 0.0) + weight * usual
         found[UNKNOWN] += weight * (1.0 - usual)
@@ -211,18 +227,18 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     log, rest = asked.alone.get(first, (none.log, none.rest))
     rest /= float(np.hypot(1.0, LAW * asked.gap))
     others = [other for k, (other, _) in asked.alone.items() if k not in (first, UNKNOWN)]
-    lacks = max(log - max(others, default=none.log), 0.0) / max(log - none.log, 1.0)
     unknown, _ = asked.alone.get(UNKNOWN, (none.log, none.rest))
+    ahead, gained, told = (asked.counts * (log - other) for other in (max(others, default=none.log), none.log, unknown))
     return (
         _log_odds(found[first], second),
         _log_odds(sum(found[k] for k in effects), found[NOTHING]),
         float(np.log(max(asked.gap, NONE))),
         float(np.log(max(rest, NONE))),
-        lacks,
+        max(ahead, 0.0) / max(gained, 1.0),
         float(np.log1p(asked.references)),
         float(np.log(max(asked.unsure, NONE))),
         _log_odds(found[UNKNOWN], 1.0 - found[UNKNOWN]),
-        float(np.log1p(max(log - unknown, 0.0))),
+        float(np.log1p(max(told, 0.0))),
     )
 
 

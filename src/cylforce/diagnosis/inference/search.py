@@ -236,7 +236,8 @@ class _Search:
     def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:
         gap = case.rest(self._left(case), case.usual)
         shown = len({seen.recorded.name for seen in self.plain.problem.clean})
-        unsure, only = self._first.uncertain, self.only is not None
+        fields = self.plain.problem.of_the_field
+        unsure, only = self._first.uncertain(fields), self.only is not None
         return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown, unsure, only)
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
