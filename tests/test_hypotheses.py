@@ -291,6 +291,17 @@ def test_what_nothing_explains_is_no_noise_and_makes_evidence_count_less(machine
     assert 1.0 / HOLDS < odds(1.5)[0] < 1.0
 
 
+def test_the_main_of_several_effects_is_told_by_those_that_were_asked(machine):
+    """Of three effects only the true one was asked alone: without it the others explain nothing that is known."""
+    case = machine.asked(sums(SCENE.spread, [told(recording(6, sizes=(1.5, 0.0)))]))
+    parts = (*PARTS, Column("a third", "c", (2,), 0.2, 8.0, 0, 1))
+    none, one = (case.hypothesis(which, case.usual) for which in ((), (1,)))
+    found = (none, one._replace(log=none.log + 500.0), one._replace(which=(0, 1, 2), log=none.log + 520.0))
+    asked = Asked(parts, found, (), case.usual, 5.0)
+    assert asked.main(found[2]) == ("two", "b")
+    assert asked.without(found[2], ("one", "a")) == found[1].log
+
+
 def test_a_law_that_is_only_approximate_leaves_a_share_of_a_large_gap(machine):
     """Out of the tail of what is usual, but a twentieth of the gap: its law's; half of the gap: unknown."""
     case = machine.asked(sums(SCENE.spread, [told(recording(6, sizes=(1.5, 0.0)))]))

@@ -174,8 +174,7 @@ def _causes(found: Found, h: Hypothesis, belief: Belief) -> tuple[tuple[Cause, .
         unit = found.question.scene.spread[list(found.question.forms[p][1].columns)]
         sizes = h.sizes[k : k + m] * unit, h.errors[k : k + m] * unit
         k += m
-        without = [g for g in told.hypotheses if g.which == tuple(x for x in h.which if x != p)]
-        nats = h.log - (without[0] if without else told.none).log
+        nats = h.log - told.without(h, told.key(p))
         p_of = belief.of.get(told.key(p), 0.0) if told.key(p) == told.main(h) else _included(found, told.key(p))
         causes.append(_cause(found, p, sizes, p_of, nats))
     return tuple(sorted(causes, key=lambda c: c.key != told.main(h))), fitting(found, h)

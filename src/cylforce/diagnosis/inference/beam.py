@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cylforce.diagnosis.inference.discrepancy import likeliest
-from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
+from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference, counted
 from cylforce.diagnosis.inference.sizes import WIDE, Marginal, beside, positive
 from cylforce.diagnosis.numbers import IN_ORDER, ODD, SECOND, STEADY
 from cylforce.signals.estimate import Array
@@ -45,7 +45,8 @@ def _grown(
         first = sorted(grown.values(), key=lambda h: -h.log)[:WIDTH]
         best = sorted((case.likeliest(h.which, h.noise, h.doubt) for h in first), key=lambda h: -h.log)
         found |= grown | {h.which: h for h in best}
-        if not best or (len(best[0].which) > 1 and best[0].log < max(h.log for h in beam) + worth):
+        gained = max((counted(h.rest) * (h.log - max(b.log for b in beam)) for h in best), default=-np.inf)
+        if not best or (len(best[0].which) > 1 and gained < worth):
             break
         beam = best
     return beam

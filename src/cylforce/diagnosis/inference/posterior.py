@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.inference.discrepancy import LEVELS, SCALES, Scatter, log_prior
-from cylforce.diagnosis.inference.hypotheses import Hypothesis
+from cylforce.diagnosis.inference.hypotheses import Hypothesis, counted
 from cylforce.diagnosis.inference.sizes import Column
-from cylforce.diagnosis.numbers import HALF, HOLDS, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
+from cylforce.diagnosis.numbers import HALF, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
 from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place
@@ -96,10 +96,14 @@ class Asked:
             found[self.keys(h)] = max(h.log, found.get(self.keys(h), -np.inf))
         return found
 
+    def without(self, h: Hypothesis, key: Key) -> float:
+        """The logarithm of what the other effects of a hypothesis, or some of them, explain at best."""
+        others = self.keys(h) - {key}
+        return max(log for some, log in self._best.items() if some <= others)
+
     def main(self, h: Hypothesis) -> Key:
         """Of several effects the one without which most is lost."""
-        keys = self.keys(h)
-        return min(keys, key=lambda k: (self._best.get(keys - {k}, self.none.log), k))
+        return min(self.keys(h), key=lambda k: (self.without(h, k), k))
 
     @cached_property
     def alone(self) -> dict[Key, tuple[float, float]]:
@@ -174,11 +178,9 @@ class Asked:
 
     @cached_property
     def counts(self) -> float:
-        """The share of the evidence that counts. What the likeliest hypothesis leaves beyond the floor is no noise: it
-        stays what it is for HOLDS rows, which tell no more than one."""
+        """The share of the evidence that counts beside what the likeliest hypothesis leaves."""
         best = max(self.hypotheses, key=lambda h: h.log + self.prior_of(h))
-        beyond = max(1.0 - max(best.rest, NONE) ** -2.0, 0.0)
-        return float(1.0 / (1.0 + (HOLDS - 1.0) * beyond))
+        return counted(best.rest)
 
     @cached_property
     def weights(self) -> list[float]:
