@@ -286,9 +286,9 @@ def test_what_nothing_explains_is_no_noise_and_makes_evidence_count_less(machine
         asked = Asked(PARTS, found, (), case.usual, 5.0)
         return asked.counts, np.log(asked.weights[1] / asked.weights[0]) - asked.prior_of(one) + np.log(IN_ORDER)
 
-    assert odds(0.9) == pytest.approx((1.0, 40.0))
+    assert odds(0.9) == odds(1.3) == pytest.approx((1.0, 40.0))  # 1.3: as references leave of each other
     assert odds(1e3) == pytest.approx((1.0 / HOLDS, 40.0 / HOLDS), rel=1e-3)
-    assert 1.0 / HOLDS < odds(1.5)[0] < 1.0
+    assert 1.0 / HOLDS < odds(2.0)[0] < odds(1.5)[0] < 1.0
 
 
 def test_the_main_of_several_effects_is_told_by_those_that_were_asked(machine):

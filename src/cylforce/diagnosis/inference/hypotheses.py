@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dpotri
 
 from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, log_prior, settled_noise
 from cylforce.diagnosis.inference.sizes import WIDE, Fitted, Marginal, Terms, beside, log_size, positive
-from cylforce.diagnosis.numbers import HOLDS, STEADY
+from cylforce.diagnosis.numbers import HOLDS, SAME, STEADY
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
@@ -43,9 +43,10 @@ class Hypothesis(NamedTuple):
 
 
 def counted(rest: float) -> float:
-    """The share of evidence that counts beside what is left, of the floor (rms): what is beyond the floor is no noise
-    and stays what it is for HOLDS rows, which tell no more than one."""
-    return float(1.0 / (1.0 + (HOLDS - 1.0) * max(1.0 - max(rest, NONE) ** -2.0, 0.0)))
+    """The share of evidence that counts beside what is left, of the floor (rms): what is beyond what references leave of
+    each other is no noise. It stays what it is for HOLDS rows, which tell no more than one."""
+    beyond = max(1.0 - (1.0 + SAME) / max(rest, NONE) ** 2, 0.0)
+    return float(1.0 / (1.0 + (HOLDS - 1.0) * beyond))
 
 
 def _nothing(*_: object) -> float:
