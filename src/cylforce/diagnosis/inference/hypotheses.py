@@ -43,8 +43,8 @@ class Hypothesis(NamedTuple):
 
 
 def counted(rest: float) -> float:
-    """The share of evidence that counts beside what is left, of the floor (rms): what is beyond what references leave of
-    each other is no noise. It stays what it is for HOLDS rows, which tell no more than one."""
+    """The share of evidence that counts beside what is left, of the floor (rms): beyond what references leave of each
+    other it is no noise, but stays what it is for HOLDS rows, which tell no more than one."""
     beyond = max(1.0 - (1.0 + SAME) / max(rest, NONE) ** 2, 0.0)
     return float(1.0 / (1.0 + (HOLDS - 1.0) * beyond))
 

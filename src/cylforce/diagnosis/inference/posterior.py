@@ -18,7 +18,7 @@ NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
-FEATURES = 9
+FEATURES = 10
 
 
 class Happened(NamedTuple):
@@ -63,7 +63,8 @@ class Belief(NamedTuple):
 class Asked:
     """What a search found: forms, hypotheses, what may have happened at moments; the noise that is usual; the gap over
     the floor with nothing fitted; how many `references` there were, and how uncertain they leave the torques of the
-    recording, which moves as they do or otherwise, `unsure`, of the floor; whether one effect `only` was asked."""
+    recording, which moves as they do or otherwise, `unsure`, of the floor; whether one effect `only` was asked; whether
+    it was `loaded` with a known load."""
 
     forms: tuple[Column, ...]
     hypotheses: tuple[Hypothesis, ...]
@@ -73,6 +74,7 @@ class Asked:
     references: int = 0
     unsure: float = 0.0
     only: bool = False
+    loaded: bool = False
 
     @cached_property
     def none(self) -> Hypothesis:
@@ -220,8 +222,8 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     of what the first leaves by itself, in units of the floor and of what a law leaves of the gap where it is not quite
     the true one; the share of its evidence that the next one lacks; log of one plus the number of references; log of
     how uncertain they leave the torques; log odds of `unknown`; by how many nats the first is, by itself, ahead of an
-    unknown torque [log of one plus that]: odds end where right and wrong answers look alike. Zeros where no effect was
-    asked."""
+    unknown torque [log of one plus that]: odds end where right and wrong answers look alike; 1 with a known load, which
+    tells more and is less sure itself. Zeros where no effect was asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
@@ -241,6 +243,7 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
         float(np.log(max(asked.unsure, NONE))),
         _log_odds(found[UNKNOWN], 1.0 - found[UNKNOWN]),
         float(np.log1p(max(told, 0.0))),
+        float(asked.loaded),
     )
 
 

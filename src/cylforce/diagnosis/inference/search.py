@@ -238,7 +238,8 @@ class _Search:
         shown = len({seen.recorded.name for seen in self.plain.problem.clean})
         fields = self.plain.problem.of_the_field
         unsure, only = self._first.uncertain(fields), self.only is not None
-        return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown, unsure, only)
+        loaded = any(seen.recorded.load > 0.0 for seen in self.plain.problem.faulty)
+        return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown, unsure, only, loaded)
 
     def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
         """The smallest size of every effect at every place that would stand out, of its most telling form."""
