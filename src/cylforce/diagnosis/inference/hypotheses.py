@@ -10,7 +10,7 @@ unknown."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -100,17 +100,18 @@ class Inference:
         return self._precisions[noise.everyday]
 
     @cached_property
-    def _states(self) -> Callable[[bytes, bytes, float], Marginal]:
-        """Levels and scales are of a grid: many hypotheses have the same noise."""
-
-        def state(rho: bytes, v: bytes, everyday: float) -> Marginal:
-            return self._state(Scatter(np.frombuffer(rho), np.frombuffer(v), everyday=everyday))
-
-        return lru_cache(REMEMBERED)(state)
+    def _states(self) -> dict[tuple[bytes, bytes, float], Marginal]:
+        return {}
 
     def state(self, noise: Scatter) -> Marginal:
-        """Everything that follows from a noise."""
-        return self._states(noise.rho.tobytes(), noise.v.tobytes(), noise.everyday)
+        """Everything that follows from a noise. Its levels and scales are of a grid, so that many hypotheses have the
+        same; the last ones are kept."""
+        key = noise.rho.tobytes(), noise.v.tobytes(), noise.everyday
+        found = self._states.pop(key, None) or self._state(noise)
+        self._states[key] = found
+        if len(self._states) > REMEMBERED:
+            del self._states[next(iter(self._states))]
+        return found
 
     def _state(self, noise: Scatter) -> Marginal:
         told, cost = self.sums.information(noise), 0.0
