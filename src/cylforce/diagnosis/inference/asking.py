@@ -229,7 +229,7 @@ def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generat
     own = [*range(problem.lasting), problem.lasting + CLOCK]
     found = []
     for group, others in ((problem.clean, twin.clean), (problem.faulty, twin.faulty)):
-        pairs = [(problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True)]
+        pairs = ((problem.columns(seen), twin.columns(other)) for seen, other in zip(group, others, strict=True))
         found.append(tuple(shared(b - a[: len(b)], floor, own) for a, b in pairs))
     return Noisy(found[0], found[1], tuple(seen.recorded for seen in twin.faulty))
 
