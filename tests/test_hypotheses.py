@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
-from cylforce.diagnosis.inference.beam import screened, searched
+from cylforce.diagnosis.inference.beam import _with_each, screened, searched
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
@@ -238,6 +238,19 @@ def test_a_second_effect_is_doubted_as_much_as_if_it_were_alone(machine):
     assert lone > 5.0
     assert more == pytest.approx(lone, rel=0.3)
     assert both.hypothesis((0, 1), both.usual).doubt - first.doubt < 0.5 * lone
+    (pair,) = (h for h in searched(both, (0, 1)) if h.which == (0, 1))
+    assert pair.doubt - first.doubt == pytest.approx(more, rel=0.1)  # by the likelier of both, not by the lenient one
+
+
+def test_a_neighbour_of_a_true_effect_pays_none_of_its_doubt_back(machine):
+    """Two columns that are nearly the same: with the second one the first is doubted no less."""
+    rows = recording(6, sizes=(8.0, 0.0))
+    rows[..., 3] = 0.9 * rows[..., 2] + 0.43 * rows[..., 3]
+    case = machine.asked(unsure_of(rows)[1])
+    one = case.hypothesis((0,), case.usual)
+    assert one.doubt > 5.0
+    assert case.with_more(one, 1).doubt >= one.doubt
+    assert case.with_more(one, 1).log < one.log + 5.0
 
 
 def test_forms_are_screened_all_at_once_as_one_by_one(machine):
@@ -252,6 +265,12 @@ def test_forms_are_screened_all_at_once_as_one_by_one(machine):
         each[p] = log[0] - 0.5 * moved @ case.precision(none.noise)[0] @ moved
     assert screened(case, none, (1, 0)) == sorted(each, key=lambda p: -each[p])
     assert screened(case, case.hypothesis((0,), case.usual), (1, 0)) == [1]
+    for which in ((), (0,)):
+        left, shift = _with_each(case, which, [1], state)
+        assert left[0] == pytest.approx(case.under((*which, 1), state)[2])
+        assert shift[0] == pytest.approx(
+            state.fitted - state.gain(case.own((*which, 1))) @ case.under((*which, 1), state)[1].more
+        )
 
 
 def in_order(*rows):

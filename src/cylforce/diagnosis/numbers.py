@@ -1,5 +1,5 @@
 """Every number that a decision of the diagnosis rests on, and where it comes from: physics, a convention, or a fit by a
-command (then it is in `learnt.py`). Nothing else in this folder decides by a number of its own."""
+command (of one number here, of many in `learnt.py`). Nothing else in this folder decides by a number of its own."""
 
 # Prior probabilities: conventions, said in the chapter.
 IN_ORDER = 0.5  # that the machine is in order

@@ -36,12 +36,15 @@ def _grown(
 ) -> list[Hypothesis]:
     """The last beam that was worth [nats] one form more; all hypotheses go to `found`."""
     for _ in range(DEEPEST):
-        grown = dict[tuple[int, ...], Hypothesis]()
-        for base in beam:
+        grown, grown_from = dict[tuple[int, ...], Hypothesis](), dict[tuple[int, ...], tuple[int, ...]]()
+        for base in sorted(beam, key=lambda h: -h.log):
             for p in screened(case, base, asked)[:KEPT]:
+                which = tuple(sorted((*base.which, p)))
+                if which in found or grown_from.setdefault(which, base.which) != base.which:
+                    continue  # known, or from a likelier one, beside which it is doubted as it should be
                 h = case.with_more(base, p)
-                if h.which not in found and (h.which not in grown or h.log > grown[h.which].log):
-                    grown[h.which] = h
+                if which not in grown or h.log > grown[which].log:
+                    grown[which] = h
         first = sorted(grown.values(), key=lambda h: -h.log)[:WIDTH]
         best = sorted((case.likeliest(h.which, h.noise, h.doubt) for h in first), key=lambda h: -h.log)
         found |= grown | {h.which: h for h in best}

@@ -3,8 +3,8 @@ effects of the library, a smooth discrepancy of each joint, and noise.
 
     y = X (m + g) + X_h s + Q d + e,   g ~ N(0, C),   d ~ N(0, rho^2 w_k),   e ~ N(0, v^2)
 
-with mean m and covariance C from the references and everyday differences, whose size is maximised under every
-hypothesis, sizes s of a hypothesis h log-uniform over the plausible range, and level rho and scale v of each joint
+with mean m and covariance C from the references and everyday differences, whose size is maximised under the promising
+hypotheses, sizes s of a hypothesis h log-uniform over the plausible range, and level rho and scale v of each joint
 maximised under every hypothesis, with a prior around what the references show and a flat tail: the tail is what is
 unknown."""
 
@@ -45,7 +45,7 @@ class Hypothesis(NamedTuple):
 def counted(rest: float) -> float:
     """The share of evidence that counts beside what is left, of the floor (rms): beyond what references leave of each
     other it is no noise, but stays what it is for HOLDS rows, which tell no more than one."""
-    beyond = max(1.0 - (1.0 + SAME) / max(rest, NONE) ** 2, 0.0)
+    beyond = max(1.0 - (1.0 + SAME) / max(rest, 1.0) ** 2, 0.0)
     return float(1.0 / (1.0 + (HOLDS - 1.0) * beyond))
 
 
@@ -185,12 +185,12 @@ class Inference:
         return self.hypothesis((), self.usual)
 
     def doubted(self, which: tuple[int, ...], base: Hypothesis) -> float:
-        """By how much a recording with the forms of `base` alone is more probable [nats] because noise in column and
-        residual is not told exactly, and one without them: each under the noise of such a recording. Under the noise of
-        the effect, which is less, that would outweigh any evidence."""
+        """By how much the forms that `base` lacks are less probable [nats] because noise in column and residual is not
+        told exactly: under the noise that a recording without them has. Under the noise of the effect, which is less,
+        that would outweigh any evidence. One more form gives nothing back of what the others are doubted."""
         state = self.state(base.noise)
         whole, before = (self._sizes(each, state)[1].doubt for each in (which, base.which))
-        return base.doubt + whole - before
+        return base.doubt + max(whole - before, 0.0)
 
     def _settled(self, which: tuple[int, ...], noise: Scatter) -> tuple[Scatter, Marginal]:
         """The noise of a hypothesis, maximised in turns with what it leaves (expectation maximisation)."""

@@ -180,9 +180,10 @@ class Asked:
 
     @cached_property
     def counts(self) -> float:
-        """The share of the evidence that counts beside what the likeliest hypothesis leaves."""
-        best = max(self.hypotheses, key=lambda h: h.log + self.prior_of(h))
-        return counted(best.rest)
+        """The share of the evidence that counts beside what the likeliest leaves of all that lasts or happens."""
+        each = [(h.log + self.prior_of(h), h.rest) for h in self.hypotheses]
+        each += [(h.log + self.prior_at_moments(h), h.rest) for h in self.happened]
+        return counted(max(each)[1])
 
     @cached_property
     def weights(self) -> list[float]:
@@ -221,9 +222,9 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
     """What the calibration looks at: log odds of the first effect against the second, of all against none; log gap; log
     of what the first leaves by itself, in units of the floor and of what a law leaves of the gap where it is not quite
     the true one; the share of its evidence that the next one lacks; log of one plus the number of references; log of
-    how uncertain they leave the torques; log odds of `unknown`; by how many nats the first is, by itself, ahead of an
-    unknown torque [log of one plus that]: odds end where right and wrong answers look alike; 1 with a known load, which
-    tells more and is less sure itself. Zeros where no effect was asked."""
+    how uncertain they leave the torques; log odds of `unknown`; by how many nats that count the first is, by itself,
+    ahead of an unknown torque [log of one plus that]: odds end where right and wrong answers look alike; 1 with a known
+    load, which tells more and is less sure itself. Zeros where no effect was asked."""
     effects = sorted((k for k in found if k not in (NOTHING, UNKNOWN)), key=lambda k: -found[k])
     if not effects:
         return (0.0,) * FEATURES
