@@ -8,7 +8,7 @@ from cylforce.diagnosis.answer.shrinkage import Gap, gap
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict
 from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
-from cylforce.diagnosis.numbers import RATIO
+from cylforce.diagnosis.numbers import SAME
 
 
 def located(
@@ -28,11 +28,10 @@ def located(
 
 
 def usual(search: Search, size: Gap) -> bool:
-    """Whether the field leaves no more than references leave of each other at any joint (less than RATIO of their
-    energy more), and what was found would have to show there, not at moments or in the clocks alone."""
+    """Whether the field leaves no more than references leave of each other at any joint, and what was found would have to show there, not at moments or in the clocks alone."""
     if search.working or not search.original.clean or not all(c.lasts and not c.clock for c in search.causes):
         return False
-    return not np.any(size.fixed**2 > (1.0 + RATIO) * size.floor**2)
+    return not np.any(size.fixed**2 > (1.0 + SAME) * size.floor**2)
 
 
 def none(search: Search) -> Search:
