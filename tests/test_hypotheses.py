@@ -150,9 +150,8 @@ def test_what_was_taken_out_at_its_size_is_as_probable_as_before(machine, spread
     case = machine.asked(sums(SCENE.spread, [before]))
     plain = case.hypothesis((0,), case.usual)
     rows[..., -1] -= 1.5 * rows[..., 2]
-    lost = (
-        2.0 * 1.5 * np.sum(before.crossed[..., 2], axis=0) / BLOCKS
-    )  # of y - X s; the square of what is in X is small
+    crossed = np.sum(before.crossed[..., 2], axis=0)
+    lost = 2.0 * 1.5 * crossed / BLOCKS  # of y - X s; the square of what is in X is small
     lost[:, 0] /= ROWS
     again = sums(SCENE.spread, [told(rows)._replace(crossed=before.crossed)]).with_noise(lost)
     again = replace(case, sums=again, taken={0: np.array([1.5 / SCENE.spread[2]])})
@@ -298,10 +297,9 @@ def test_what_nothing_explains_is_no_noise_and_makes_evidence_count_less(machine
     """Beside a residual that is all noise every row counts; beside one that holds for HOLDS rows, one of as many."""
     case = machine.asked(sums(SCENE.spread, [told(recording(6, sizes=(1.5, 0.0)))]))
     none, one = (case.hypothesis(which, case.usual) for which in ((), (0,)))
-    ahead = {"none": none.log, "one": none.log + 40.0}
 
     def odds(rest):
-        found = (none._replace(rest=5.0), one._replace(log=ahead["one"], rest=rest))
+        found = (none._replace(rest=5.0), one._replace(log=none.log + 40.0, rest=rest))
         asked = Asked(PARTS, found, (), case.usual, 5.0)
         return asked.counts, np.log(asked.weights[1] / asked.weights[0]) - asked.prior_of(one) + np.log(IN_ORDER)
 

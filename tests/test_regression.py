@@ -32,15 +32,19 @@ def test_stepped_filter_equals_run_filter(design) -> None:
 @example(0.04055098110823343, 50.0)  # 4.6 roundings apart
 @settings(max_examples=300, deadline=None)
 def test_the_butterworth_low_pass_is_scipys(share, rate_hz) -> None:
-    """Its coefficients are those of scipy (of b its size, of a the largest possible, 2) but for what both round, each
-    some four times: ours lies as near to the exact ones; it settles as scipy's does."""
-    ours, eps = second_order(share * rate_hz, 1.0 / rate_hz), float(np.finfo(np.float64).eps)
-    b, a = signal.butter(2, share * rate_hz, fs=rate_hz)
-    np.testing.assert_allclose(ours.b, b, rtol=8.0 * eps, atol=0.0)
-    np.testing.assert_allclose(ours.a, a, rtol=0.0, atol=16.0 * eps)
+    """Its coefficients are the exact ones to 1e-15 (of b its size, of a the largest possible, 2), and so those of
+    scipy, which is no nearer, to twice that; it settles as scipy's does."""
+    ours = second_order(share * rate_hz, 1.0 / rate_hz)
     k = np.tan(4.0 * np.arctan(np.longdouble(1.0)) * np.longdouble(share * rate_hz) / np.longdouble(rate_hz))
-    exact = float(k**2 / (1.0 + np.sqrt(np.longdouble(2.0)) * k + k**2))
-    np.testing.assert_allclose(ours.b, exact * np.array([1.0, 2.0, 1.0]), rtol=4.5 * eps, atol=0.0)
+    root = np.sqrt(np.longdouble(2.0)) * k
+    norm = 1.0 + root + k**2
+    exact_b = np.array([1.0, 2.0, 1.0]) * k**2 / norm
+    exact_a = np.array([norm, 2.0 * (k**2 - 1.0), 1.0 - root + k**2]) / norm
+    np.testing.assert_allclose(ours.b, exact_b.astype(np.float64), rtol=1e-15, atol=0.0)
+    np.testing.assert_allclose(ours.a, exact_a.astype(np.float64), rtol=0.0, atol=2e-15)
+    b, a = signal.butter(2, share * rate_hz, fs=rate_hz)
+    np.testing.assert_allclose(ours.b, b, rtol=2e-15, atol=0.0)
+    np.testing.assert_allclose(ours.a, a, rtol=0.0, atol=4e-15)
     np.testing.assert_allclose(ours.steady(np.ones(())), signal.lfilter_zi(ours.b, ours.a), rtol=1e-14)
 
 

@@ -2,9 +2,9 @@
 
 Of every case what was searched is kept in a cache folder, and the rows of its recordings (some 50 MB a case), so that
 other hypotheses are searched in half the time: of the labelled machines in FOLDER, and of reference machines from the
-development generator of the withheld trial. A layer turns them into
-probabilities of "no gap", of every effect at its place, and of "unknown". Everyday differences are learnt on the other
-source than the one that is scored, the calibration on other machines than the one that is scored."""
+development generator of the withheld trial. A layer turns them into probabilities of "no gap", of every effect at its
+place, and of "unknown". Everyday differences are learnt on the other source than the one that is scored, the
+calibration on other machines than the one that is scored."""
 
 import argparse
 import json
