@@ -48,7 +48,8 @@ def work(rng, lifts=LIFTS, count=900):
     left = 100.0 * np.stack([np.sin(t / 7.0), np.cos(t / 9.0)], axis=1)
     for first, last, carried in lifts:
         left[first:last] = loads[first:last, :, 0] * carried
-    return Whitened(left + rng.standard_normal(left.shape), loads, np.ones(left.shape, dtype=np.bool_))
+    good = np.ones(left.shape, dtype=np.bool_)
+    return Whitened(left + rng.standard_normal(left.shape), loads, good, 0.3 * np.sin(t / 40.0))
 
 
 def test_lifts_and_returns_are_found_without_the_rows_in_which_filters_settle():
@@ -59,6 +60,45 @@ def test_lifts_and_returns_are_found_without_the_rows_in_which_filters_settle():
         assert first + SETTLE - 4 <= each.first <= first + SETTLE + 4
         assert last - SETTLE - 4 <= each.last <= last - SETTLE + 4
         assert each.carried == pytest.approx([carried], abs=1.0)
+
+
+PARTS = ((100, 260, 900.0), (266, 400, 840.0), (500, 660, 500.0))  # 60 fall out of the first within 0.3 s
+
+
+@pytest.mark.parametrize(
+    ("until", "tilted", "on"),
+    [(266, 0.0, True), (266, 0.04, True), (266, 1.0, False), (340, 0.0, False)],
+    ids=["falls out", "tilted a little", "is dumped", "is put down"],
+)
+def test_a_load_is_carried_on_unless_it_is_dumped_or_the_ground_takes_it(until, tilted, on):
+    seen = work(np.random.default_rng(SEED), (PARTS[0], (until, *PARTS[1][1:]), PARTS[2]))
+    tilt = np.zeros(900)
+    tilt[261:265] = tilted
+    found = stretches(seen._replace(tilt=tilt), np.array([1000.0]), np.array([15.0]), SETTLE)
+    assert [each.on for each in found if each.loaded] == [False, on, False], f"seed {SEED}"
+
+
+def hanging(rng, second):
+    """Loads of two stretches of ten blocks, the second carried on from the first, of 100 and `second` times a noise of
+    one; coefficients of what is left without them."""
+    own, load, noise = rng.standard_normal((3, BLOCKS * BLOCK))
+    left = load * np.repeat([100.0, second], BLOCKS * BLOCK // 2) + noise
+    white = White(np.stack([own, load, left], axis=-1)[:, None, :].astype(np.float32), np.ones((own.size, 1), bool))
+    each = moments([white], [0], np.ones(1), [1], 100.0 * np.ones(1))
+    stretch, none = np.repeat([0, 1], BLOCKS // 2), np.zeros((BLOCKS, 1, 1 + SMOOTH, 1))
+    on = np.array([False, True])
+    return Loads(each.across, each.within, each.waves, each.smooth, stretch, on, none, np.ones(1)), np.array([0.0, 1.0])
+
+
+@pytest.mark.parametrize(("second", "lost"), [(100.0, False), (99.0, True), (101.0, False), (40.0, True)])
+def test_what_is_lost_is_seen_if_it_is_more_than_the_noise_and_less_than_before(second, lost):
+    """The same load is one load: all rows of both stretches tell it."""
+    loads, left = hanging(np.random.default_rng(SEED), second)
+    where, less, errors = loads.lost(left, USUAL)
+    assert where.tolist() == [False, lost], f"seed {SEED}"
+    assert abs(100.0 * less[1, 0] - (100.0 - second)) < 4.0 * 100.0 * errors[1, 0]
+    assert 100.0 * errors[1, 0] == pytest.approx(np.sqrt(2.0 / (BLOCKS * BLOCK / 2)), rel=0.2)
+    assert np.ptp(loads.expected(left, USUAL)[0]) == 0.0
 
 
 @pytest.mark.parametrize("lifts", [(), ((0, 900, 0.0),)])
@@ -83,7 +123,8 @@ def test_one_load_in_all_blocks_of_a_stretch_is_known_better_than_one_in_each():
     white = White(np.stack([own, load, noise], axis=-1)[:, None, :].astype(np.float32), np.ones((own.size, 1), bool))
     each = moments([white], [0], np.ones(1), [1], 100.0 * np.ones(1))
     one, none = np.zeros(BLOCKS, dtype=np.int_), np.zeros((BLOCKS, 1, 1 + SMOOTH, 1))
-    whole = Loads(each.across, each.within, each.waves, each.smooth, one, none, np.ones(1))
+    begins = np.zeros(1, dtype=np.bool_)
+    whole = Loads(each.across, each.within, each.waves, each.smooth, one, begins, none, np.ones(1))
     sizes, covariance = whole.expected(np.array([0.0, 1.0]), USUAL)
     apart = each.expected(np.array([0.0, 1.0]), USUAL)[1]
     assert np.ptp(sizes) == 0.0

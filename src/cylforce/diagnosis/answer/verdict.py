@@ -16,6 +16,7 @@ from cylforce.diagnosis.inference.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
 from cylforce.diagnosis.inference.residuals import added, hung, residuals, rms
 from cylforce.diagnosis.inference.search import Found
+from cylforce.diagnosis.inference.working import Lost
 from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, SURE, UNSAID
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
@@ -209,6 +210,8 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tu
     """What happens at moments, if that is the likeliest effect: sizes of its own in every block; and the fit."""
     question, case = found.question, found.case
     key = next((c.key for c in candidates), NOTHING)
+    if found.lost and key == found.lost.happened.key and belief.of.get(key, 0.0) > 0.0:
+        return _fallen(found, found.lost, belief.of[key])
     where = found.when.get(key, np.zeros(len(question.problem.times), dtype=np.bool_))
     if key in (NOTHING, UNKNOWN) or not np.any(where) or belief.of.get(key, 0.0) <= 0.0:
         return (), Fitting(question, case, (), found.asked.none.noise)
@@ -224,6 +227,16 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tu
     course, words = np.eye(len(where))[where], f"{np.count_nonzero(where)} times"
     cause = Cause(proposal, words, None, places, course, sizes, errors, belief.of[key], nats)
     return (cause,), Fitting(question, case, (), h.noise)
+
+
+def _fallen(found: Found, lost: Lost, probability: float) -> tuple[tuple[Cause, ...], Fitting]:
+    """What fell out of loads of which nothing is known, and the fit."""
+    problem, key = found.question.problem, lost.happened.key
+    k = next(k for k, p in enumerate(problem.proposals) if (p.name, p.at) == key)
+    words, nats = f"{len(lost.sizes)} times", lost.happened.log - found.asked.none.log
+    course, places = lost.after.astype(np.float64), problem.places[k]
+    cause = Cause(problem.proposals[k], words, None, places, course, lost.sizes, lost.errors, probability, nats)
+    return (cause,), Fitting(found.question, lost.case, (), lost.noise)
 
 
 def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen
 from cylforce.diagnosis.columns.recorded import GapRows, Recorded
@@ -43,11 +44,11 @@ def without(problem: Problem, viewer: Viewer, applied: Sequence[Applied]) -> Pro
     return replace(problem, faulty=tuple(faulty), base=problem.riding)
 
 
-def left_without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied]) -> Array:
-    """What is left (T', R) of a recording, its known load taken off, with some effects taken out."""
+def left_without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied], lost: NDArray[np.bool_]) -> Array:
+    """What is left (T', R) of a recording, its known load taken off, with some effects taken out; `lost` (T'', R):
+    which rows are not usable, of as many or more."""
     other, found = _without(recorded, viewer, applied)
-    rows = other.rows(found, ())
-    return np.asarray(rows.left - (rows.base @ other.model.load)[..., 0] * recorded.load)
+    return other.left(found, lost)
 
 
 def _without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied]) -> tuple[Viewer, Recorded]:

@@ -174,6 +174,14 @@ class Viewer:
             turning[late],
         )
 
+    def left(self, recorded: Recorded, lost: NDArray[np.bool_]) -> Array:
+        """What is left (T', R) of a recording alone, its known load taken off; `lost` (T'', R): which rows are not
+        usable, of as many or more."""
+        moving = self.slow.channels.run(self.thinned(recorded.values)).motion
+        tares = self.tares + self.model.load[:, 0] * recorded.load
+        found = self._filtered().left(moving, tares)[self.slow.settle_steps :]
+        return np.where(lost[: len(found)], np.nan, found)
+
     @staticmethod
     def _before(late: NDArray[np.bool_], whole: Array) -> tuple[tuple[int, int], tuple[int, int]]:
         """What settles before the rows begin."""

@@ -25,12 +25,14 @@ class White(NamedTuple):
     good: NDArray[np.bool_]
 
 
-def white(columns: Array, floor: Floor) -> White:
-    """Columns (T, R, N) whitened by the floor, in units of its white noise."""
-    each = [whitened(columns[:, r], floor.memory[r]) / floor.white[r] for r in range(columns.shape[1])]
-    rows = np.stack(each, axis=1)
-    good = np.all(np.isfinite(rows), axis=2)
-    return White(np.where(good[..., None], rows, 0.0).astype(np.float32), good)
+def white(columns: Array, floor: Floor, only: Sequence[int] | slice = slice(None)) -> White:
+    """Columns (T, R, N) whitened by the floor, in units of its white noise; `only` some of them, the others zero."""
+    each = [whitened(columns[:, r, only], floor.memory[r]) / floor.white[r] for r in range(columns.shape[1])]
+    chosen = np.stack(each, axis=1)
+    good = np.all(np.isfinite(chosen), axis=2)
+    rows = np.zeros(columns.shape, dtype=np.float32)
+    rows[..., only] = np.where(good[..., None], chosen, 0.0)
+    return White(rows, good)
 
 
 class Shared(NamedTuple):
@@ -74,13 +76,24 @@ def statistics(each: White, own: Sequence[int], shared: Shared) -> Statistics:
 
 
 def _one(rows: Array, good: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    padded = blocked(rows)
     usable = blocked(good.astype(np.float64))
-    counted = usable.sum(axis=1)
-    basis = polynomials(usable)
     whole = np.stack([rows[:, r].T @ rows[:, r] for r in range(rows.shape[1])])
-    smooth = np.moveaxis(basis, 2, 1).swapaxes(2, 3) @ np.moveaxis(padded, 2, 1)
-    return whole, np.asarray(smooth), np.asarray(counted)
+    return whole, _along(rows, polynomials(usable)), np.asarray(usable.sum(axis=1))
+
+
+def crossing(each: White, own: Sequence[int], places: Sequence[int]) -> tuple[Array, Array]:
+    """Products of the columns `places` of [columns `own` | left] with all of these (R, M, K+1), and their share along
+    the polynomials (R, SMOOTH, M, K+1)."""
+    rows = each.rows[..., [*own, -1]].astype(np.float64)
+    whole = np.stack([rows[:, r, places].T @ rows[:, r] for r in range(rows.shape[1])])
+    along = _along(rows, polynomials(blocked(each.good.astype(np.float64))))
+    smooth = np.einsum("brkm,brkj->rkmj", along[..., places], along, optimize=True)
+    return whole, np.asarray(smooth)
+
+
+def _along(rows: Array, basis: Array) -> Array:
+    """Rows (T, R, N) along the polynomials (B, R, SMOOTH, N) of each block."""
+    return np.asarray(np.moveaxis(basis, 2, 1).swapaxes(2, 3) @ np.moveaxis(blocked(rows), 2, 1))
 
 
 def blocked(rows: Array) -> Array:

@@ -13,7 +13,17 @@ from cylforce.diagnosis.columns.correction import Applied, left_without
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
-from cylforce.diagnosis.columns.statistics import SMOOTH, Shared, White, energy, laid, shared, statistics, white
+from cylforce.diagnosis.columns.statistics import (
+    SMOOTH,
+    Shared,
+    White,
+    crossing,
+    energy,
+    laid,
+    shared,
+    statistics,
+    white,
+)
 from cylforce.diagnosis.columns.whitening import Floor
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
@@ -59,21 +69,43 @@ class Asking:
         more = range(last + 1, last + 1 + len(LOAD)) if self.step else ()
         return [*range(self.problem.lasting), self.problem.lasting + CLOCK, last, *more]
 
-    def whites(self, group: Sequence[Seen]) -> list[White]:
-        """Whitened columns of recordings, with those that effects need besides, what is left last."""
-        return self._field if group is self.problem.faulty else self._whites(group)
+    def whites(self, group: Sequence[Seen], only: Sequence[int] | None = None) -> list[White]:
+        """Whitened columns of recordings, with those that effects need besides, what is left last; `only` some of the
+        problem's, the others zero."""
+        if only is None and group is self.problem.faulty:
+            return self._field
+        return self._whites(group, slice(None) if only is None else only)
 
     @cached_property
     def _field(self) -> list[White]:
-        found = self._whites(self.problem.faulty)
-        return [laid(w, rows) for w, rows in zip(found, self.layout, strict=True)] if self.layout else found
+        return self._whites(self.problem.faulty, slice(None))
 
-    def _whites(self, group: Sequence[Seen]) -> list[White]:
+    def _whites(self, group: Sequence[Seen], only: Sequence[int] | slice) -> list[White]:
         found, block = [], 0
         for seen in group:
-            found.append(self._with_more(white(self.problem.columns(seen), self.floor), seen, block))
+            found.append(self._with_more(white(self.problem.columns(seen), self.floor, only), seen, block))
             block += -(-len(seen.rows.t) // BLOCK)
+        if self.layout and group is self.problem.faulty:
+            return [laid(w, rows) for w, rows in zip(found, self.layout, strict=True)]
         return found
+
+    def renewed(self, problem: Problem, applied: Sequence[Applied], before: Sums) -> Sums:
+        """What `before`, the statistics of the faulty recordings, becomes in a problem with some effects taken out of
+        these, in which the columns of all others are as they were."""
+        places, proposals = self.problem.places, self.problem.proposals
+        own = (places[proposals.index(a.proposal)] for a in applied)
+        same = sorted(set(range(self.problem.first, self.problem.lasting)).difference(*own))
+        other, unit = replace(self, problem=problem), np.append(self.scene.spread, 1.0)
+        only = np.delete(np.arange(len(problem.spread) + 1), same).tolist()
+        whites = other.whites(problem.faulty, only)
+        if any(not np.array_equal(a.good, b.good) for a, b in zip(self._field, whites, strict=True)):
+            return other.sums(problem.faulty, self.noisy.faulty)
+        for old, new in zip(self._field, whites, strict=True):
+            new.rows[..., same] = old.rows[..., same]
+        changed = np.delete(np.arange(len(unit)), same).tolist()
+        parts = [crossing(each, self.own, changed) for each in whites]
+        whole, smooth = (np.sum(each, axis=0) for each in zip(*parts, strict=True))
+        return before.with_products(unit, changed, whole, smooth)
 
     def _with_more(self, each: White, seen: Seen, block: int) -> White:
         """`block`: number of the recording's first."""
@@ -179,8 +211,9 @@ class Asking:
         found = []
         for seen, twin in zip(self.problem.faulty, self.noisy.twins, strict=False):
             plain = seen.recorded._replace(values=seen.recorded.values[: len(twin.values)])
-            once, twice = (left_without(recorded, self.viewer, applied)[..., None] for recorded in (plain, twin))
-            found.append(shared(twice - once, self.floor, []))
+            lost = np.isnan(seen.rows.left)
+            once, twice = (left_without(recorded, self.viewer, applied, lost) for recorded in (plain, twin))
+            found.append(shared((twice - once)[..., None], self.floor, []))
         return energy(found) if found else np.zeros((len(self.floor.rms), 1 + SMOOTH))
 
     @cached_property

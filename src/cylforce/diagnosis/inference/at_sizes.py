@@ -10,6 +10,7 @@ import numpy as np
 from cylforce.diagnosis.columns.correction import Applied, without
 from cylforce.diagnosis.columns.problem import Problem
 from cylforce.diagnosis.inference.asking import Asking
+from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.sizes import Column
 from cylforce.effects.fault import BEYOND
@@ -22,10 +23,10 @@ KEPT = 0.5  # of the usable rows, which must be left when effects are taken out 
 
 @dataclass(frozen=True)
 class AtSizes:
-    """The question, and how it is `put` to other recordings."""
+    """The question, and how it is `put` to other recordings with their statistics."""
 
     question: Asking
-    put: Callable[[Problem], Inference]
+    put: Callable[[Problem, Sums], Inference]
 
     def looked_at(
         self, case: Inference, h: Hypothesis
@@ -52,7 +53,7 @@ class AtSizes:
         problem = without(self.question.problem, self.question.viewer, [a for _, a in applied])
         unit = {p: case.scene.spread[list(case.scene.forms[p].columns)] for p, _ in applied}
         taken = {p: a.sizes / unit[p] for p, a in applied}
-        put = self.put(problem)
+        put = self.put(problem, self.question.renewed(problem, [a for _, a in applied], case.sums))
         noise = self._noise - self.question.noise_without([a for _, a in applied])
         return problem, replace(put, sums=put.sums.with_noise(noise), taken=taken, told=case.told)
 

@@ -83,6 +83,15 @@ class Sums:
         smooth[:, :, -1, -1] += self.blocks[:, None] * given[:, 1:]
         return replace(self, whole=whole, smooth=smooth)
 
+    def with_products(self, unit: Array, places: Sequence[int], whole: Array, smooth: Array) -> "Sums":
+        """The same with other products of the columns `places`, (R, M, K+1) and (R, SMOOTH, M, K+1); `unit` (K+1,):
+        of the columns."""
+        both = np.outer(unit[places], unit)
+        found = self.whole.copy(), self.smooth.copy()
+        for old, new in zip(found, (whole * both, smooth * both), strict=True):
+            old[..., places, :], old[..., :, places] = new, np.swapaxes(new, -1, -2)
+        return replace(self, whole=found[0], smooth=found[1])
+
     def norm(self, noise: Scatter) -> float:
         """What of the logarithm of the likelihood depends on noise alone."""
         each = np.log1p(noise.rho[:, None] ** 2 * DECAY / noise.v[:, None] ** 2)

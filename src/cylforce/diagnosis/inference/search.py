@@ -4,6 +4,7 @@ at again at their sizes."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,22 +15,25 @@ from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking, noisy
 from cylforce.diagnosis.inference.at_sizes import AtSizes
 from cylforce.diagnosis.inference.beam import screened, searched
+from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.moments import Blocks, changed, happening
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import hung, residuals
-from cylforce.diagnosis.inference.working import AtWork, at_work, hangs
+from cylforce.diagnosis.inference.working import AtWork, Lost, at_work, hangs
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
 from cylforce.diagnosis.recordings.glitches import Jumping, jumping, others
 from cylforce.effects.fault import Place
+from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
 from cylforce.effects.unknown import UNKNOWN_TORQUES
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
+SPILL = PayloadSpill().about.name
 AGAIN = 6  # hypotheses that are looked at again at their sizes
 Watch = Callable[[str], None]
 
@@ -49,7 +53,7 @@ class Found:
     """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
     were looked at again, how their problem with their effects taken out and what is then asked are made once more (both
     take much memory); in which blocks (B,) something happens at moments, by key; whether the machine was at work; the
-    smallest size of each effect that could be seen, `least`."""
+    smallest size of each effect that could be seen, `least`; what fell out of loads of which nothing is known."""
 
     question: Asking
     machine: InOrder
@@ -59,6 +63,7 @@ class Found:
     when: Mapping[Key, Blocks]
     working: bool
     least: dict[Key, float]
+    lost: Lost | None = None
 
     def looked_at(self, which: tuple[int, ...]) -> tuple[Problem, Inference]:
         """The problem with the effects of a hypothesis taken out at their sizes, and what was then asked."""
@@ -90,6 +95,14 @@ def examined(
     watch("noise of the columns")
     question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
     return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}, rng).found()
+
+
+class _Work(NamedTuple):
+    """The machine at work, in order or with loads of which a part falls out, whatever is best, and what that is."""
+
+    work: AtWork
+    best: Hypothesis | Happened
+    lost: Lost | None
 
 
 @dataclass(frozen=True)
@@ -149,16 +162,17 @@ class _Search:
     def _case(self) -> Inference:
         if self._question.step is None:
             return self._first
-        return replace(self._with_step(self._question.problem), told=self._told(self._question))
+        question = self._question
+        recording = question.sums(question.problem.faulty, question.noisy.faulty)
+        return replace(self._with_step(question.problem, recording), told=self._told(question))
 
-    def _with_step(self, problem: Problem) -> Inference:
-        """A problem's recordings with what the references show."""
+    def _with_step(self, problem: Problem, recording: Sums) -> Inference:
+        """A problem's recordings, by their statistics, with what the references show."""
         question = replace(self._question, problem=problem)
         case, size = self._machine.asked(self._first.sums), len(question.scene.spread)
         more = size - len(case.mean)
         covariance = np.zeros((size, size))
         covariance[: size - more, : size - more] = case.covariance
-        recording = question.sums(problem.faulty, self.plain.noisy.faulty)
         mean, everyday = (np.append(each, np.zeros(more)) for each in (case.mean, case.everyday))
         return replace(case, scene=question.scene, sums=recording, mean=mean, covariance=covariance, everyday=everyday)
 
@@ -174,28 +188,28 @@ class _Search:
         """Everything."""
         self.watch("hypotheses")
         case, wanted = self._case, self._wanted(self._question)
-        told = happening(self._question, case, self._left(case), self.only)
-        none, happened = case.likeliest((), case.usual), tuple(each for each, _ in told)
+        when = happening(self._question, case, self._left(case), self.only)
+        none, happened = case.likeliest((), case.usual), tuple(each for each, _ in when)
         alone = self._told_of(case, (none,), happened)
         first, again = max(happened, key=lambda each: each.log, default=None), self.plain.aside is not None
         if self.plain.problem.clean and not again and first and first.log > none.log and alone.slight(first):
             # What happens in some blocks is everyday: what is wrong besides shows in the others.
-            return self._beside(next(where for each, where in told if each is first)).found()
-        when = {each.key: where for each, where in told}
+            return self._beside(next(where for each, where in when if each is first)).found()
         hypotheses = searched(case, wanted)
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
         work = self._at_work(hypotheses, happened)
-        if work and work[0].share > SELDOM:
-            return self._working(*work)
+        if work and work.work.share > SELDOM:
+            return self._working(work.work, work.lost)
         if work:
-            happened = (*happened, Happened(UNKNOWN, work[1].log, work[0].share, work[1].rest))
-        return self._as_found(case, hypotheses, happened, when)
+            happened = (*happened, Happened(UNKNOWN, work.best.log, work.work.share, work.best.rest))
+        self.watch("effects at their sizes")
+        told, looked = self._again(case, self._told_of(case, tuple(hypotheses), happened))
+        blocks = {each.key: where for each, where in when}
+        return Found(self._question, self._machine, case, told, looked, blocks, False, self._least(case, told.none))
 
-    def _at_work(
-        self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
-    ) -> tuple[AtWork, Hypothesis] | None:
+    def _at_work(self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]) -> _Work | None:
         """The machine in order at work, if this is likelier than all that was found, and leaves less of what counts:
         loads and contact together may hide each other from all that is asked by itself."""
         found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
@@ -203,35 +217,26 @@ class _Search:
         if least <= GAP or not (work := at_work(self.plain, self._values * unit, self._put, self.rng)):
             return None
         idle = work.case.likeliest((), work.case.usual)
-        return (work, idle) if idle.log > max(log for log, _ in found) and idle.rest < least else None
+        lost = next((work.lost(idle, p) for p in self.plain.problem.proposals if self._spills(p)), None)
+        best = lost.happened if lost and lost.happened.log > idle.log else idle
+        return _Work(work, best, lost) if best.log > max(log for log, _ in found) and best.rest < least else None
+
+    def _spills(self, p: Proposal) -> bool:
+        """Whether it is a load that falls out, and asked."""
+        return p.name == SPILL and (not self.only or self.only in ((p.name, p.at), (p.name, "")))
 
     def _put(self, question: Asking) -> Inference:
         """The question put to the field's rows that count."""
         recording = question.sums(question.problem.faulty, question.noisy.faulty)
         return replace(self._machine.asked(recording), told=self._told(question))
 
-    def _working(self, work: AtWork, idle: Hypothesis) -> Found:
+    def _working(self, work: AtWork, lost: Lost | None) -> Found:
         """What may be the cause beside loads and contact of which nothing is known. It is not looked at again at its
         size: where loads hang, what bends is small beside what its columns leave open."""
         wanted = [p for p in self._wanted(self.plain) if not hangs(self.plain, self.plain.forms[p][0])]
-        case, found = work.case, dict[tuple[int, ...], Hypothesis]({(): idle})
-        for h in searched(case, wanted):
-            if h.which not in found or h.log > found[h.which].log:
-                found[h.which] = h
-        told = self._told_of(case, tuple(found.values()), ())
-        return Found(work.question, self._machine, case, told, {}, {}, True, self._least(case, told.none))
-
-    def _as_found(
-        self,
-        case: Inference,
-        hypotheses: Sequence[Hypothesis],
-        happened: tuple[Happened, ...],
-        when: Mapping[Key, Blocks],
-    ) -> Found:
-        told = self._told_of(case, tuple(hypotheses), happened)
-        self.watch("effects at their sizes")
-        told, again = self._again(case, told)
-        return Found(self._question, self._machine, case, told, again, when, False, self._least(case, told.none))
+        told = self._told_of(work.case, tuple(searched(work.case, wanted)), (lost.happened,) if lost else ())
+        least = self._least(work.case, told.none)
+        return Found(work.question, self._machine, work.case, told, {}, {}, True, least, lost)
 
     def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:
         gap = case.rest(self._left(case), case.usual)

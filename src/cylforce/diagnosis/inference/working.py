@@ -1,8 +1,10 @@
 """A machine at work: loads of which nothing is known hang in the bucket, and while the teeth touch the ground nothing
-can be told. Only stretches free of contact count (`recordings/lifts.py`), each with one load of its own."""
+can be told. Only stretches free of contact count (`recordings/lifts.py`), each with one load of its own, or with that
+of the stretch before, if it is carried on."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,51 +14,136 @@ from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.columns.statistics import Shared, blocked, polynomials, shared
 from cylforce.diagnosis.inference.asking import CLOCK, Asking, with_noise
 from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter, moments
-from cylforce.diagnosis.inference.hypotheses import Inference
+from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
+from cylforce.diagnosis.inference.posterior import Happened
+from cylforce.diagnosis.inference.sizes import Column, log_size
 from cylforce.diagnosis.numbers import HAPPENS, HEAVY, STICKS
 from cylforce.diagnosis.recordings.lifts import FreeOfContact, Whitened, stretches
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
+ROUNDS = 4  # in which it is found when a part of a load fell out
 CARRIED = ("load.mass", "load.X", "load.Z", "load.J")
 
 
 @dataclass(frozen=True)
 class Loads(Moments):
-    """What hangs in the bucket: one load in all blocks of a stretch; `stretch` (B,): its number. `noise`
-    (B, R, 1+SMOOTH, I): products of the sensors' noise in a load's columns and in what is left, whole and along each
-    polynomial; `theirs` (R,): energy of that noise in what is left, per row."""
+    """What hangs in the bucket: one load in all blocks of a stretch; `stretch` (B,): its number; `on` (S,): whether it
+    is that of the stretch before. `noise` (B, R, 1+SMOOTH, I): products of the sensors' noise in a load's columns and
+    in what is left, whole and along each polynomial; `theirs` (R,): energy of that noise in what is left, per row."""
 
     stretch: NDArray[np.int_]
+    on: NDArray[np.bool_]
     noise: Array
     theirs: Array
 
+    @cached_property
+    def load(self) -> NDArray[np.int_]:
+        """The number of every block's load (B,)."""
+        return np.asarray((np.cumsum(~self.on) - 1)[self.stretch])
+
     def weighed(self, noise: Scatter) -> tuple[Array, Array, float]:
-        """The same as of single blocks, of every stretch, without the noise that a load's columns share with what is
+        """The same as of single blocks, of every load, without the noise that a load's columns share with what is
         left."""
         across, precision, _ = super().weighed(noise)
         across[..., -1] -= np.einsum("rq,brqi->bi", noise.weight(self.theirs), self.noise, optimize=True)
-        count, unit = int(self.stretch[-1]) + 1, np.eye(precision.shape[-1])
+        count, unit = int(self.load[-1]) + 1, np.eye(precision.shape[-1])
         each, within = np.zeros((count, *across.shape[1:])), np.zeros((count, *precision.shape[1:]))
-        np.add.at(each, self.stretch, across)
-        np.add.at(within, self.stretch, precision - unit)
+        np.add.at(each, self.load, across)
+        np.add.at(within, self.load, precision - unit)
         within += unit
         return each, within, 0.5 * float(np.sum(np.linalg.slogdet(within)[1]))
 
     def expected(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """Sizes (B, I) in every block by what coefficients (K+1,) leave, and their covariance (B, I, I)."""
         sizes, covariance = super().expected(left, noise)
-        return sizes[self.stretch], covariance[self.stretch]
+        return sizes[self.load], covariance[self.load]
+
+    def lost(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], Array, Array]:
+        """Before which stretches (S,) a part of a load most probably fell out, by what coefficients (K+1,) leave; how
+        much less of it (S, I) hangs in each stretch than in the one before, and standard errors (S, I)."""
+        across, precision, _ = replace(self, on=np.zeros_like(self.on)).weighed(noise)
+        pull, unit = across @ left, np.eye(precision.shape[-1])
+        loads, covariance = np.linalg.solve(precision, pull[..., None])[..., 0], np.linalg.inv(precision)
+        less, errors = np.zeros_like(loads), np.zeros_like(loads)
+        less[1:] = loads[:-1] - loads[1:]
+        errors[1:] = np.sqrt(np.einsum("sii->si", covariance[:-1] + covariance[1:]))
+        apart, one = evidence(pull, precision), evidence(pull[:-1] + pull[1:], precision[:-1] + precision[1:] - unit)
+        gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
+        return self.on & (less[:, 0] > 0.0) & (gain > np.log((1.0 - HAPPENS) / HAPPENS)), less, errors
+
+
+def evidence(score: Array, precision: Array) -> Array:
+    """Evidence (S,) [nats] of scores (S, I), sizes integrated out."""
+    sizes = np.linalg.solve(precision, score[..., None])[..., 0]
+    return np.asarray(0.5 * np.einsum("si,si->s", score, sizes) - 0.5 * np.linalg.slogdet(precision)[1])
+
+
+class Lost(NamedTuple):
+    """Loads of which a part fell out while nothing touched the teeth: how probable that is with the recordings, what is
+    then asked, and its noise; of each of W times the faulty blocks `after` it (W, B) with the same load, and what it
+    changed, `sizes` (W, 3) [kg, kg m, kg m] with standard errors."""
+
+    happened: Happened
+    case: Inference
+    noise: Scatter
+    after: NDArray[np.bool_]
+    sizes: Array
+    errors: Array
 
 
 class AtWork(NamedTuple):
-    """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them; the
-    `share` of the rows in which the teeth touch the ground or a load hangs."""
+    """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them, its
+    `loads`; the `share` of the rows in which the teeth touch the ground or a load hangs; in which of the faulty blocks
+    (S, B) each stretch is, or what carries its load on."""
 
     question: Asking
     case: Inference
+    loads: Loads
     share: float
+    blocks: NDArray[np.bool_]
+
+    def lost(self, idle: Hypothesis, spill: Proposal) -> Lost | None:
+        """What fell out of the loads, None if nothing did; `idle`: the machine in order if nothing did."""
+        where, less, errors = self.loads.lost(self._left(self.case, idle), self.case.usual)
+        for _ in range(ROUNDS):
+            if not np.any(where):
+                return None
+            case = replace(self.case, moments=replace(self.loads, on=self.loads.on & ~where))
+            idle = case.likeliest((), case.usual)
+            before, (where, less, errors) = where, self.loads.lost(self._left(case, idle), idle.noise)
+            if np.array_equal(where, before):
+                return self._lost(case, idle, spill, (where, less, errors))
+        return None  # it is in doubt when
+
+    @staticmethod
+    def _left(case: Inference, idle: Hypothesis) -> Array:
+        return case.under((), case.state(idle.noise))[2]
+
+    def _lost(
+        self, case: Inference, idle: Hypothesis, spill: Proposal, told: tuple[NDArray[np.bool_], Array, Array]
+    ) -> Lost:
+        where, less, errors = told
+        unit = HEAVY * self.question.problem.unusual[: len(spill.incidents)]
+        sizes, errors = (each[where][:, : len(unit)] * unit for each in (-less, errors))
+        density = _density(spill, sizes[:, 0], errors[:, 0]) + float(np.log(np.sqrt(2.0 * np.pi) * unit[0]))
+        log = idle.log + density + Moments.prior(where[self.loads.on])  # its density instead of any load's
+        share = float(np.sum(where)) / self.blocks.shape[1]
+        happened = Happened((spill.name, spill.at), log, share, idle.rest)
+        return Lost(happened, case, idle.noise, self._after(where), sizes, errors)
+
+    def _after(self, where: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The faulty blocks (W, B) in which a load is carried on from each of some stretches (S,)."""
+        load = np.cumsum(~(self.loads.on & ~where))
+        return np.stack([np.any(self.blocks[load == load[n]], axis=0) for n in np.flatnonzero(where)])
+
+
+def _density(spill: Proposal, sizes: Array, errors: Array) -> float:
+    """Log of the prior density of the size of losses (W,): their root mean square."""
+    about, size = spill.about, float(np.sqrt(np.mean(sizes**2)))
+    column = Column(spill.name, spill.at, (0,), about.low, about.high, about.sign, 1)
+    return log_size(column, np.array([about.sign * size]), np.array([[np.mean(errors**2) / len(sizes)]]))
 
 
 class _Seen(NamedTuple):
@@ -82,8 +169,9 @@ def at_work(
     laid = replace(question, layout=tuple(each.rows for each in found), noisy=question.noisy._replace(faulty=faulty))
     case = put(laid)
     carried = np.concatenate([each.products[..., _of_loads(each)] for each in noise])
-    case = replace(case, moments=_loads(laid, found, carried, case.sums.theirs), apart=apart)
-    return AtWork(laid, case, _busy(question, found))
+    loads = _loads(laid, found, carried, case.sums.theirs)
+    case = replace(case, moments=loads, apart=apart)
+    return AtWork(laid, case, loads, _busy(question, found), _blocks(found))
 
 
 def hangs(question: Asking, p: Proposal) -> bool:
@@ -97,11 +185,12 @@ def _found(question: Asking, values: Array) -> tuple[list[_Seen], float]:
     problem, settle = question.problem, question.viewer.slow.settle_steps
     unit, first = problem.unusual[: len(CARRIED)], problem.lasting
     found, apart = [], 0.0
-    for each in question.whites(problem.faulty):
+    for each, seen in zip(question.whites(problem.faulty), problem.faulty, strict=True):
         rows = each.rows.astype(np.float64)
         loads = rows[..., first : first + len(CARRIED)]
         left = rows[..., -1] - rows[..., :first] @ values
-        own = stretches(Whitened(left, loads, each.good), HEAVY * unit, STICKS * unit, settle)
+        tilt = np.sum(seen.rows.posture, axis=1)
+        own = stretches(Whitened(left, loads, each.good, tilt), HEAVY * unit, STICKS * unit, settle)
         found.append(_laid(own, len(rows)))
         apart += _apart(left, each.good, own)
     return found, apart
@@ -143,6 +232,15 @@ def _busy(question: Asking, found: Sequence[_Seen]) -> float:
     return 1.0 - empty / sum(len(each.carried) for each in found)
 
 
+def _blocks(found: Sequence[_Seen]) -> NDArray[np.bool_]:
+    """The faulty blocks (S, B), as the recordings have them, in which each stretch is."""
+    ends = np.cumsum([0] + [-(-len(each.carried) // BLOCK) for each in found])
+    own = [(first, s) for first, each in zip(ends, found, strict=False) for s in each.stretches]
+    number = np.arange(ends[-1])
+    each = [(number >= first + s.first // BLOCK) & (number <= first + (s.last - 1) // BLOCK) for first, s in own]
+    return np.array(each, dtype=np.bool_)
+
+
 def _noise(question: Asking, n: int, seen: _Seen, rng: np.random.Generator) -> Shared:
     """The noise that columns of a recording, at last those of a load, share with what is left beside its loads."""
     problem, first = question.problem, question.problem.lasting
@@ -168,10 +266,11 @@ def _loads(question: Asking, found: Sequence[_Seen], noise: Array, theirs: Array
     unit = problem.spread[within]
     plain = moments(question.whites(problem.faulty), question.own, question.scene.spread, within, unit)
     numbers, size = _numbered(found)
+    on = np.array([s.on for each in found for s in each.stretches])
     across, inner = plain.across * size[:, None, :, None], plain.within * (size[:, :, None] * size[:, None])[:, None]
     shape = (*plain.waves.shape[:2], 1 + plain.waves.shape[2], len(CARRIED))  # none without references
     noise = noise * unit * size[:, None, None] if len(noise) else np.zeros(shape)
-    return Loads(across, inner, plain.waves * size[:, None, None], plain.smooth, numbers, noise, theirs)
+    return Loads(across, inner, plain.waves * size[:, None, None], plain.smooth, numbers, on, noise, theirs)
 
 
 def _numbered(found: Sequence[_Seen]) -> tuple[NDArray[np.int_], Array]:

@@ -19,25 +19,32 @@ CHANGE = float(np.log(BLOCK / HAPPENS))  # nats: that contact or a load begins j
 KIND = float(np.log(2.0))  # nats: loaded or empty, each as probable
 ROUNDS = 4  # in which the noise of both kinds of stretches is told
 SAME = 0.02  # of the noise: a smaller change of it ends that
+TILTS = (
+    0.05  # rad: by that much more a bucket may be tilted between two stretches that it carries the same load (chosen)
+)
 LEAST = 0.3  # of the floor's white noise: as little as the probability model knows
 
 
 class FreeOfContact(NamedTuple):
-    """Rows from `first` to before `last` that are free of contact; whether a load hangs there; what does, (I,)."""
+    """Rows from `first` to before `last` that are free of contact; whether a load hangs there; what does, (I,); whether
+    it is carried `on` from the stretch before: nothing touched the teeth between them for longer than the filters see,
+    and the bucket was not tilted to where it is in neither."""
 
     first: int
     last: int
     loaded: bool
     carried: Array
+    on: bool = False
 
 
 class Whitened(NamedTuple):
-    """What a machine in order leaves (T, R) of a recording, whitened, columns (T, R, I) of a load, and which rows
-    (T, R) are usable."""
+    """What a machine in order leaves (T, R) of a recording, whitened, columns (T, R, I) of a load, which rows (T, R)
+    are usable, and the angle (T,) [rad] of the tool against the house."""
 
     left: Array
     loads: Array
     good: NDArray[np.bool_]
+    tilt: Array
 
 
 class Scales(NamedTuple):
@@ -106,13 +113,24 @@ def stretches(seen: Whitened, heavy: Array, light: Array, settle: int) -> list[F
         path = _path(steps, scales, precision)
         if np.allclose(scales.free, before.free, rtol=SAME) and np.allclose(scales.busy, before.busy, rtol=SAME):
             break
-    found = []
+    found = list[FreeOfContact]()
     for each in path:
         first, last = STEP * each.first + settle, min(STEP * each.last, len(seen.left)) - settle
         if last - first >= FEWEST * STEP:
             load = steps.left(each, scales.free, precision[each.loaded])[0]
-            found.append(FreeOfContact(first, last, each.loaded, load))
+            stretch = FreeOfContact(first, last, each.loaded, load)
+            found.append(stretch._replace(on=bool(found) and _carried_on(found[-1], stretch, seen.tilt, settle)))
     return found
+
+
+def _carried_on(before: FreeOfContact, after: FreeOfContact, tilt: Array, settle: int) -> bool:
+    """Whether a load is carried on: at both ends of what is between, the filters see what is beside it."""
+    if not (before.loaded and after.loaded) or after.first - before.last > 4 * settle:
+        return False
+    between = tilt[before.last : after.first]
+    ranges = [(np.min(own), np.max(own)) for own in (tilt[s.first : s.last] for s in (before, after))]
+    there = [(between >= low - TILTS) & (between <= high + TILTS) for low, high in ranges]
+    return bool(np.all(there[0] | there[1]))
 
 
 def _steps(seen: Whitened) -> _Steps:
