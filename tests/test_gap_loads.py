@@ -94,8 +94,9 @@ def hanging(rng, second):
 def test_what_is_lost_is_seen_if_it_is_more_than_the_noise_and_less_than_before(second, lost):
     """The same load is one load: all rows of both stretches tell it."""
     loads, left = hanging(np.random.default_rng(SEED), second)
-    where, less, errors = loads.lost(left, USUAL)
+    where, less, errors = loads.fallen(left, USUAL)
     assert where.tolist() == [False, lost], f"seed {SEED}"
+    assert loads.touched(left, USUAL).on.tolist() == [False, second <= 100.0]
     assert abs(100.0 * less[1, 0] - (100.0 - second)) < 4.0 * 100.0 * errors[1, 0]
     assert 100.0 * errors[1, 0] == pytest.approx(np.sqrt(2.0 / (BLOCKS * BLOCK / 2)), rel=0.2)
     assert np.ptp(loads.expected(left, USUAL)[0]) == 0.0

@@ -7,7 +7,7 @@ import pytest
 from cylforce.diagnosis.answer import shrinkage
 from cylforce.diagnosis.answer.located import located, usual
 from cylforce.diagnosis.answer.shrinkage import tried, written
-from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.inference.posterior import NOTHING
 from cylforce.diagnosis.inference.search import examined
@@ -32,7 +32,7 @@ def concluded(reference: Reference, effects: tuple[Imposed, ...] = (), change=No
         field = [r._replace(values=change(r.values)) for r in field]
     everything = examined(reference.viewer, field, reference.clean, np.random.default_rng(1))
     found = searched(everything)
-    return found, judged(everything, found, contributed(found))
+    return found, judged(everything, found)
 
 
 @pytest.fixture(scope="module")

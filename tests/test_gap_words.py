@@ -3,6 +3,7 @@
 import re
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -153,6 +154,15 @@ def test_a_length_sensor_is_told_in_millimetres():
     size = {"value": 0.02, "low": 0.01, "high": 0.03, "unit": "rad (m)"}
     assert amount(crane, effect("angle_offset", "stick_angle", size)).startswith("1.15 degrees too high")
     assert place(crane, "machine") == "the machine"
+
+
+@pytest.mark.parametrize(("size", "when"), [(-76.0, "from 12 s on"), (76.0, "3 times")])
+def test_how_much_fell_out_is_said(size, when):
+    """Of one loss the size is that of the change, of many that of all."""
+    low, high = sorted((size - 6.0 * np.sign(size), size + 6.0 * np.sign(size)))
+    told = effect("payload_spill", "bucket", {"value": size, "low": low, "high": high, "unit": "kg"}, when)
+    said = plain(MACHINE, answered("explained", told))
+    assert f"76 kg less (90 % sure: 70 to 82), {when}." in [line for point in said.points for line in point.lines]
 
 
 def test_direction_of_friction():

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from cylforce.diagnosis.answer.shrinkage import AT_WORK, tried
-from cylforce.diagnosis.answer.verdict import Verdict, contributed, judged, searched
+from cylforce.diagnosis.answer.verdict import Verdict, judged, searched
 from cylforce.diagnosis.inference.learnt import CALIBRATION
 from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.fault import PRESSURES
@@ -29,14 +30,17 @@ ORIGIN = {
 SPILL = (-400.0, -400.0, 0.0)  # kg, kg m, of the known load
 
 
-def at_work(recorded, rng):
+DIG_S, CARRY_S = 4.0, 8.0  # in turns: a load is taken up, and carried
+
+
+def at_work(recorded, rng, contact_s=WORK_S, free_s=REST_S):
     """Pressures that no load and no single force at the teeth explains, in turns with the machine in the air."""
     rate = 100.0
     t = np.arange(len(recorded.values)) / rate
     own = [k for k, s in enumerate(MACHINE.signals) if s.kind in PRESSURES]
     waves = np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.3, 0.9, len(own))) + rng.uniform(0.0, 6.0, len(own)))
     values = recorded.values.copy()
-    values[:, own] += 3e6 * np.where((t % (WORK_S + REST_S) < WORK_S)[:, None], waves, 0.0)
+    values[:, own] += 3e6 * np.where((t % (contact_s + free_s) < contact_s)[:, None], waves, 0.0)
     return recorded._replace(values=values)
 
 
@@ -50,6 +54,33 @@ def test_work_with_a_known_load_that_falls_out_is_answered():
     assert {form.name for form in found.asked.forms}.isdisjoint({"payload_spill", "payload_shift"})
 
 
+def carried(share, rng):
+    """Loads of 600 to 1500 kg, taken up while the teeth are in the ground, of which a `share` falls out half way."""
+    spill, period = imposed(MACHINE, "payload_spill", "bucket", SPILL), DIG_S + CARRY_S
+    for k, kg in enumerate(rng.uniform(600.0, 1500.0, 6)):
+        whole, until = kg * np.array([1.0, 0.9, 0.2]), (k + 1) * period + DIG_S / 2.0
+        yield spill._replace(sizes=tuple(whole), begin=k * period + DIG_S / 2.0, end=until)
+        yield spill._replace(sizes=tuple(-share * whole), begin=k * period + DIG_S + CARRY_S / 2.0, end=until)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1])
+def test_what_falls_out_of_an_unknown_load_is_weighed(share):
+    """Where it was not in doubt that the load was carried on: a load that is tilted may have been dumped."""
+    rng, reference = np.random.default_rng(SEED), as_it_was()
+    loads = tuple(carried(share, rng))
+    field = [at_work(recordings(SEED, loads)[0], rng, DIG_S, CARRY_S)]
+    found = examined(reference.viewer, field, reference.clean, rng, only=("payload_spill", ""))
+    assert found.working, f"seed {SEED}"
+    assert (found.lost is not None) == (share > 0.0)
+    if found.lost:
+        assert found.lost.happened.log - found.asked.none.log > 50.0
+        lost = [-sizes[0] for sizes in (each.sizes for each in loads[1::2])]
+        for kg, error in zip(found.lost.sizes[:, 0], found.lost.errors[:, 0], strict=True):
+            assert min(abs(-kg - each) for each in lost) < 4.0 * error
+        (cause,) = searched(found, at_work=None).causes
+        assert (cause.key, cause.when) == (("payload_spill", "bucket"), f"{len(found.lost.sizes)} times")
+
+
 def test_a_cause_that_work_does_not_hide_is_named_without_a_share():
     """Of the gap of a machine at work, which is contact, no effect takes away anything; weights hold the loads. As if
     a machine in the air worked."""
@@ -57,7 +88,7 @@ def test_a_cause_that_work_does_not_hide_is_named_without_a_share():
     late = imposed(MACHINE, "sensor_delay", "bucket_angle", 0.06)
     found = replace(examined(reference.viewer, recordings(SEED, (late,)), reference.clean, rng), working=True)
     search = searched(found, at_work=CALIBRATION)
-    verdict, size, warning = tried(search, judged(found, search, contributed(search)), rng)
+    verdict, size, warning = tried(search, judged(found, search), rng)
     told = answer(search, verdict, size, (), {})
     assert [(each["name"], each["at"]) for each in told["effects"]] == [("sensor_delay", "bucket_angle")]
     assert told["effects"][0]["closure"] == {"value": None, "low": None, "high": None}
@@ -74,5 +105,5 @@ def test_at_work_no_gap_and_something_unknown_are_not_observable():
     rng, reference = np.random.default_rng(SEED), as_it_was()
     found = replace(examined(reference.viewer, recordings(SEED), reference.clean, rng), working=True)
     search = searched(found, at_work=CALIBRATION)
-    told = judged(found, search, contributed(search))
+    told = judged(found, search)
     assert (told.verdict, told.named) == (Verdict.NOT_OBSERVABLE, ())

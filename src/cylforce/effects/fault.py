@@ -29,8 +29,8 @@ class About(NamedTuple):
     """Description of an effect: the `name` by which it is reported; `unit` (SI) of its size; the plausible range
     `low`..`high` of the magnitude of its size; `sign` (1 or -1 where only that sign is possible, else 0); the `place`
     where it sits; in which regimes it `shows`; the experiment that would `confirm` it; `axes`: how many of its sizes
-    are the components of that magnitude; `of_its_own`: whether each recording has its own size; `form`: relative
-    standard error of a size because the law itself is only approximate. It is at least 0.01: levers and areas, which
+    are the components of that magnitude; `form`: relative standard
+    error of a size because the law itself is only approximate. It is at least 0.01: levers and areas, which
     turn the size into torque, are not known better than to one percent."""
 
     name: str
@@ -42,7 +42,6 @@ class About(NamedTuple):
     confirm: str
     sign: int = 0
     axes: int = 1
-    of_its_own: bool = False
     form: float = 0.01
 
 

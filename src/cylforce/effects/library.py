@@ -153,7 +153,7 @@ class Proposal(NamedTuple):
         """Whether its columns depend on its size: an error of readings, of the machine file or of clocks; not a torque
         of which nothing is known, which only looks like one."""
         apart = isinstance(self.group[0], Distortion | Alteration) and self.name != UNKNOWN
-        return apart or self.course is TimeCourse.CLOCK
+        return apart or self.clock
 
     @property
     def of_dry(self) -> float | None:
@@ -172,6 +172,11 @@ class Proposal(NamedTuple):
         """Names of the columns of what begins at some instant (see `INCIDENTAL`); none of what lasts."""
         effect = self.group[0]
         return effect.columns if isinstance(effect, Incident) else ()
+
+    @property
+    def clock(self) -> bool:
+        """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
+        return self.course is TimeCourse.CLOCK
 
     @property
     def course(self) -> TimeCourse | None:

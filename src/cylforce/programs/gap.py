@@ -9,7 +9,7 @@ import numpy as np
 from cylforce.diagnosis.answer.located import located
 from cylforce.diagnosis.answer.shape import unexplained
 from cylforce.diagnosis.answer.shrinkage import Gap, tried
-from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, contributed, judged, searched
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import where
 from cylforce.diagnosis.columns.floor import fitted_tares
 from cylforce.diagnosis.columns.recorded import Recorded
@@ -98,7 +98,7 @@ def diagnose(
     everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, _daily(loaded, question))
     watch("causes", None)
     found = searched(everything)
-    verdict = judged(everything, found, contributed(found))
+    verdict = judged(everything, found)
     if late and not _by_clock(verdict):
         return _off_clock(late)
     seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / RATE_HZ
@@ -176,7 +176,7 @@ def _left_out(odd: Sequence[Slip], others: bool) -> str:
 
 def _by_clock(judged: Judged) -> bool:
     """Whether the clocks come first among what is named."""
-    return bool(judged.named) and judged.named[0].cause.clock
+    return bool(judged.named) and judged.named[0].cause.proposal.clock
 
 
 def _off_clock(late: Sequence[Slip]) -> Diagnosed:

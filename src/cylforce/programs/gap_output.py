@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cylforce.diagnosis.answer.patch import patch
-from cylforce.diagnosis.answer.shrinkage import courses, written
+from cylforce.diagnosis.answer.shrinkage import written
 from cylforce.files.atomic import replacing
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.tables import print_table
@@ -45,9 +45,13 @@ def write_all(found: Diagnosed, report: str | None, outputs: Outputs) -> None:
 def _residuals(found: Diagnosed) -> dict[str, Array]:
     """What is left of every recording before and after: NAME.t, NAME.before, NAME.after."""
     columns: dict[str, list[Array]] = {}
-    for course in courses(found.search, found.gap) if found.search and found.gap else ():
-        for kind in ("t", "before", "after"):
-            columns.setdefault(f"{Path(course.name).stem}.{kind}", []).append(getattr(course, kind))
+    begins: dict[str, float] = {}  # of a recording's first stretch
+    search, gap = found.search, found.gap
+    for seen, *left in zip(search.original.faulty, gap.nominal, gap.left, strict=True) if search and gap else ():
+        name = Path(seen.recorded.name).stem
+        t = seen.rows.t - begins.setdefault(seen.recorded.name, seen.recorded.begins)
+        for kind, each in zip(("t", "before", "after"), (t, *left), strict=True):
+            columns.setdefault(f"{name}.{kind}", []).append(each)
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 

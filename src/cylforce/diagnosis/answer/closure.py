@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cylforce.diagnosis.columns.rows import BLOCK
+from cylforce.diagnosis.columns.statistics import blocked
 from cylforce.diagnosis.inference.residuals import SPAN
 from cylforce.diagnosis.numbers import MASS, RATIO, UNTOLD
 from cylforce.signals.estimate import Array
@@ -12,13 +12,10 @@ DRAWS = 400
 
 def blockwise(residual: Array) -> Array:
     """Mean squares (B, R) of a residual's blocks (T, R); NaN where a block has no rows."""
-    found = np.full((-(-len(residual) // BLOCK), residual.shape[1]), np.nan)
-    for k in range(len(found)):
-        part = residual[k * BLOCK : (k + 1) * BLOCK]
-        good = np.isfinite(part)
-        count = np.sum(good, axis=0)
-        found[k] = np.where(count > 0, np.sum(np.where(good, part, 0.0) ** 2, axis=0) / np.maximum(count, 1), np.nan)
-    return found
+    good = np.isfinite(residual)
+    count = np.sum(blocked(good.astype(np.float64)), axis=1)
+    squares = np.sum(blocked(np.where(good, residual, 0.0) ** 2), axis=1)
+    return np.where(count > 0.0, squares / np.maximum(count, 1.0), np.nan)
 
 
 def closure(

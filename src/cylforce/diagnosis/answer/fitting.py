@@ -55,17 +55,3 @@ def fitting(found: Found, h: Hypothesis) -> Fitting:
     """A hypothesis with what bends taken out of the recordings, as it was looked at."""
     problem, case = found.looked_at(h.which)
     return Fitting(replace(found.question, problem=problem), case, h.which, h.noise)
-
-
-def without_step(found: Found) -> tuple[Asking, Inference]:
-    """The question with the block that does not count where a load may have changed."""
-    plain, case = replace(found.question, step=None), found.case
-    size, faulty = len(plain.scene.spread), found.question.problem.faulty
-    return plain, replace(
-        case,
-        scene=plain.scene,
-        sums=plain.sums(faulty, plain.noisy.faulty),
-        mean=case.mean[:size],
-        covariance=case.covariance[:size, :size],
-        everyday=case.everyday[:size],
-    )

@@ -30,7 +30,7 @@ def located(
 def usual(search: Search, size: Gap) -> bool:
     """Whether the field leaves no more than references leave of each other at any joint, and what was found would have
     to show there, not at moments or in the clocks alone."""
-    if search.working or not search.original.clean or not all(c.lasts and not c.clock for c in search.causes):
+    if search.working or not search.original.clean or not all(c.lasts and not c.proposal.clock for c in search.causes):
         return False
     return not np.any(size.fixed**2 > (1.0 + SAME) * size.floor**2)
 

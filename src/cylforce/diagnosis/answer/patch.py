@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.answer.resimulation import known, read_blocks
+from cylforce.diagnosis.answer.resimulation import read_blocks
 from cylforce.diagnosis.answer.verdict import Cause, Search
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ, shapes
@@ -22,7 +22,7 @@ WITHIN = shapes((np.arange(PARTS) + 0.5) / PARTS)  # (SHAPES, PARTS)
 def patch(search: Search, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """One block per cause, or one for each window in which it has sizes of its own; see `effects/imposed.py` for what
     the simulated machine makes of it; clocks last, for they are those of readings that have all other errors."""
-    blocks = [block for cause in sorted(causes, key=lambda c: c.clock) for block in _blocks(search, cause)]
+    blocks = [block for cause in sorted(causes, key=lambda c: c.proposal.clock) for block in _blocks(search, cause)]
     return [block for block in blocks if _possible(search.original, block)]
 
 
@@ -30,7 +30,7 @@ def _possible(problem: Problem, block: dict[str, Any]) -> bool:
     """Whether the simulated machine takes it: a size may come out larger than any plausible one, or of the sign that
     cannot be, where it is uncertain."""
     try:
-        read_blocks(problem.model.machine, [block], known(problem))
+        read_blocks(problem.model.machine, [block], tuple(p.group for p in problem.proposals))
     except ValueError:
         return False
     return True
@@ -45,6 +45,11 @@ def _blocks(search: Search, cause: Cause) -> Iterator[dict[str, Any]]:
             yield from (plain | part for part in _window(search, cause, own, block))
     elif course is TimeCourse.CLOCK:
         yield plain | {"value": [float(sizes[0, 0]), float(sizes[1, 0]) / GROWTH_S]}
+    elif course is TimeCourse.AFTER and search.working:
+        for own, there in zip(sizes, cause.course > 0.0, strict=True):
+            t = search.original.times[there] - search.viewer.lag
+            span = {"from_s": max(float(t[0]) - LENGTH_S / 2.0, 0.0), "until_s": float(t[-1]) + LENGTH_S / 2.0}
+            yield plain | {"value": own.tolist()} | span
     elif course is TimeCourse.AFTER:
         yield plain | {"value": sizes[0].tolist()} | _times(search, cause)
     else:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.columns.problem import Problem, Seen
+from cylforce.diagnosis.columns.problem import Seen
 from cylforce.diagnosis.columns.recorded import GapRows
 from cylforce.diagnosis.columns.riding import Carried, quiet
 from cylforce.diagnosis.columns.rows import Viewer
@@ -59,11 +59,6 @@ def read_blocks(
         )
         for block in blocks
     )
-
-
-def known(problem: Problem) -> tuple[Group, ...]:
-    """The library of a problem."""
-    return tuple(proposal.group for proposal in problem.proposals)
 
 
 @dataclass(frozen=True)

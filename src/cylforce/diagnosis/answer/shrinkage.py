@@ -10,7 +10,7 @@ import numpy as np
 from cylforce.diagnosis.answer.closure import blockwise, closure
 from cylforce.diagnosis.answer.fitting import Sized
 from cylforce.diagnosis.answer.patch import patch
-from cylforce.diagnosis.answer.resimulation import Resimulation, known, read_blocks
+from cylforce.diagnosis.answer.resimulation import Resimulation, read_blocks
 from cylforce.diagnosis.answer.verdict import Cause, Judged, Search, Verdict
 from cylforce.diagnosis.columns.problem import Seen
 from cylforce.diagnosis.inference.residuals import SPAN, chosen, clean, refitted, residuals, rms
@@ -88,25 +88,6 @@ def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
     )
 
 
-class Leftover(NamedTuple):
-    """A faulty recording's name, times `t` (T,) [s] from where its first stretch begins, what is left (T, R) [N m]
-    `before` and `after`."""
-
-    name: str
-    t: Array
-    before: Array
-    after: Array
-
-
-def courses(search: Search, gap: Gap) -> list[Leftover]:
-    """What is left of each faulty recording with the parameters as they were, and with what was found simulated."""
-    begins = {seen.recorded.name: seen.recorded.begins for seen in reversed(search.original.faulty)}
-    return [
-        Leftover(seen.recorded.name, seen.rows.t - begins[seen.recorded.name], a, b)
-        for seen, a, b in zip(search.original.faulty, gap.nominal, gap.left, strict=True)
-    ]
-
-
 def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
     """The causes that are written as blocks: those named, and the known ones beside them, which are not sure enough to
     be named, but whose sizes were found together with theirs. None where nothing is named."""
@@ -146,7 +127,7 @@ class Simulation:
         values = search.at_rest(self.causes, told, self.clean.values)
         if not problem.clean:  # parameters that are known as well as they were identified give way to effects
             values[: problem.first] = told.own
-        effects = read_blocks(problem.model.machine, patch(search, now), known(problem))
+        effects = read_blocks(problem.model.machine, patch(search, now), tuple(p.group for p in problem.proposals))
         try:
             seen = tuple(_resimulation(search, effects, each, values).seen(each) for each in problem.faulty)
         except ValueError:  # such as a load of which more falls out than there is: what cannot be explains nothing

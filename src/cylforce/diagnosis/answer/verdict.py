@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer.fitting import Fitting, Sized, fitting, without_step
+from cylforce.diagnosis.answer.fitting import Fitting, Sized, fitting
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking
@@ -64,11 +64,6 @@ class Cause(NamedTuple):
     def lasts(self) -> bool:
         """Whether it has the same sizes as long as it is there."""
         return self.proposal.course is not TimeCourse.WINDOWS
-
-    @property
-    def clock(self) -> bool:
-        """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
-        return self.proposal.course is TimeCourse.CLOCK
 
     @property
     def size(self) -> float:
@@ -208,21 +203,20 @@ def _cause(found: Found, form: int, told: tuple[Array, Array], probability: floa
 
 def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tuple[tuple[Cause, ...], Fitting]:
     """What happens at moments, if that is the likeliest effect: sizes of its own in every block; and the fit."""
-    question, case = found.question, found.case
+    question, case = found.plain
     key = next((c.key for c in candidates), NOTHING)
     if found.lost and key == found.lost.happened.key and belief.of.get(key, 0.0) > 0.0:
         return _fallen(found, found.lost, belief.of[key])
     where = found.when.get(key, np.zeros(len(question.problem.times), dtype=np.bool_))
     if key in (NOTHING, UNKNOWN) or not np.any(where) or belief.of.get(key, 0.0) <= 0.0:
-        return (), Fitting(question, case, (), found.asked.none.noise)
-    k = next(k for k, p in enumerate(question.problem.proposals) if (p.name, p.at) == key)
-    proposal, places = question.problem.proposals[k], question.problem.places[k]
-    question, case = without_step(found)
-    moments = question.moments(question.problem.faulty, proposal.incidents).only(where)
+        return (), Fitting(found.question, found.case, (), found.asked.none.noise)
+    proposal, places = _asked(question.problem)[key]
+    moments = question.moments(places).only(where)
     case = replace(case, moments=moments)
     h = case.hypothesis((), case.usual)
     unit = question.problem.spread[list(places)]
-    sizes, errors = (x[where] * unit for x in moments.sizes(case.under((), case.state(h.noise))[2], h.noise))
+    sizes, covariance = (x[where] for x in moments.expected(case.under((), case.state(h.noise))[2], h.noise))
+    sizes, errors = sizes * unit, np.sqrt(np.einsum("bii->bi", covariance)) * unit
     nats = next(h.log for h in found.asked.happened if h.key == key) - found.asked.none.log
     course, words = np.eye(len(where))[where], f"{np.count_nonzero(where)} times"
     cause = Cause(proposal, words, None, places, course, sizes, errors, belief.of[key], nats)
@@ -231,45 +225,36 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tu
 
 def _fallen(found: Found, lost: Lost, probability: float) -> tuple[tuple[Cause, ...], Fitting]:
     """What fell out of loads of which nothing is known, and the fit."""
-    problem, key = found.question.problem, lost.happened.key
-    k = next(k for k, p in enumerate(problem.proposals) if (p.name, p.at) == key)
+    proposal, places = _asked(found.question.problem)[lost.happened.key]
     words, nats = f"{len(lost.sizes)} times", lost.happened.log - found.asked.none.log
-    course, places = lost.after.astype(np.float64), problem.places[k]
-    cause = Cause(problem.proposals[k], words, None, places, course, lost.sizes, lost.errors, probability, nats)
+    course = lost.after.astype(np.float64)
+    cause = Cause(proposal, words, None, places, course, lost.sizes, lost.errors, probability, nats)
     return (cause,), Fitting(found.question, lost.case, (), lost.noise)
 
 
 def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:
     """All effects by themselves, likeliest first, then by evidence."""
     told, best = found.asked, dict[Key, Suspect]()
-    alone = [(h.which[0], h.log) for h in told.hypotheses if len(h.which) == 1]
-    for p, log in alone:
-        key, proposal = told.key(p), found.question.forms[p][0]
-        _keep(best, Suspect(key, proposal, log - told.none.log, belief.of.get(key, 0.0)))
-    for h in told.happened:
-        proposals = [p for p in found.question.problem.proposals if (p.name, p.at) == h.key]
-        for proposal in proposals[:1]:
-            _keep(best, Suspect(h.key, proposal, h.log - told.none.log, belief.of.get(h.key, 0.0)))
+    alone, asked = [h for h in told.hypotheses if len(h.which) == 1], _asked(found.question.problem)
+    each = [(told.key(h.which[0]), found.question.forms[h.which[0]][0], h.log) for h in alone]
+    each += [(h.key, asked[h.key][0], h.log) for h in told.happened if h.key in asked]
+    for key, proposal, log in each:
+        nats = log - told.none.log
+        if key not in best or best[key].nats < nats:
+            best[key] = Suspect(key, proposal, nats, belief.of.get(key, 0.0))
     return tuple(sorted(best.values(), key=lambda c: (-c.probability, -c.nats)))
 
 
-def _keep(best: dict[Key, Suspect], candidate: Suspect) -> None:
-    if candidate.key not in best or best[candidate.key].nats < candidate.nats:
-        best[candidate.key] = candidate
+def _asked(problem: Problem) -> dict[Key, tuple[Proposal, tuple[int, ...]]]:
+    """The first form of every effect at its place, and its columns."""
+    each = zip(reversed(problem.proposals), reversed(problem.places), strict=True)
+    return {(p.name, p.at): (p, places) for p, places in each}
 
 
-def contributed(search: Search) -> list[float]:
-    """The share of each cause in what all of them add to the torques, in units of the floor (squares)."""
-    floor = search.question.floor.rms
-    each = [rms(added(search.original, c.columns, c.sizes, c.course)) / floor for c in search.causes]
-    squares = np.array([np.sum(x**2) for x in each])
-    return list((squares / max(float(np.sum(squares)), 1e-300)).tolist())
-
-
-def judged(found: Found, search: Search, shares: Sequence[float]) -> Judged:
-    """The answer that costs least; `shares`: of the gap's energy by cause."""
+def judged(found: Found, search: Search) -> Judged:
+    """The answer that costs least."""
     belief, told = search.belief, found.asked
-    named = _named(search, shares)
+    named = _named(search)
     cost = costs(belief, *((named[0].confidence, [c.probability for c in named[0].confused]) if named else (0.0, ())))
     verdict = min(cost, key=lambda v: cost[v])
     if found.working and verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):  # loads and contact may hide either
@@ -299,14 +284,17 @@ def costs(belief: Belief, first: float, rivals: Sequence[float]) -> dict[Verdict
     return found
 
 
-def _named(search: Search, shares: Sequence[float]) -> tuple[Named, ...]:
-    """The main cause with its rivals, and those beside it that are as sure as a name must be."""
+def _named(search: Search) -> tuple[Named, ...]:
+    """The main cause with its rivals, and those beside it that are as sure as a name must be; their shares of what all
+    of them add to the torques, in units of the floor (squares)."""
     belief, causes = search.belief, [c for c in search.causes if c.known]
     if not causes:
         return ()
     sure = [c for c in causes[1:] if c.probability >= SURE]
     kept = {c.key for c in (causes[0], *sure)}
     rivals = tuple(c for c in search.first if c.key in belief.credible and c.key not in kept and c.key != UNKNOWN)
-    weight = {c.key: s for c, s in zip(search.causes, shares, strict=True)}
-    first = Named(causes[0], belief.of.get(causes[0].key, 0.0), weight[causes[0].key], rivals)
-    return (first, *(Named(c, c.probability, weight[c.key], ()) for c in sure))
+    each = [rms(added(search.original, c.columns, c.sizes, c.course)) for c in search.causes]
+    squares = np.sum((np.array(each) / search.question.floor.rms) ** 2, axis=1)
+    share = dict(zip((c.key for c in search.causes), squares / max(float(np.sum(squares)), 1e-300), strict=True))
+    first = Named(causes[0], belief.of.get(causes[0].key, 0.0), float(share[causes[0].key]), rivals)
+    return (first, *(Named(c, c.probability, float(share[c.key]), ()) for c in sure))

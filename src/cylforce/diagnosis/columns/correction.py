@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen
 from cylforce.diagnosis.columns.recorded import GapRows, Recorded
 from cylforce.diagnosis.columns.rows import Viewer
-from cylforce.effects.fault import TimeCourse
 from cylforce.effects.imposed import Imposed, altered, undistorted
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
@@ -24,14 +23,9 @@ class Applied(NamedTuple):
     sizes: Array
 
     @property
-    def clock(self) -> bool:
-        """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
-        return self.proposal.course is TimeCourse.CLOCK
-
-    @property
     def imposed(self) -> Imposed:
         """The same as the simulated machine has it."""
-        sizes = self.sizes / np.array([1.0, GROWTH_S]) if self.clock else self.sizes
+        sizes = self.sizes / np.array([1.0, GROWTH_S]) if self.proposal.clock else self.sizes
         return Imposed(self.proposal.group, self.proposal.at, self.proposal.where, tuple(sizes.tolist()))
 
 
@@ -53,7 +47,7 @@ def left_without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied],
 
 def _without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied]) -> tuple[Viewer, Recorded]:
     """The altered machine and the corrected readings."""
-    model, effects = viewer.model, [a.imposed for a in sorted(applied, key=lambda a: a.clock)]
+    model, effects = viewer.model, [a.imposed for a in sorted(applied, key=lambda a: a.proposal.clock)]
     other = Viewer(replace(model, machine=altered(model.machine, effects)), viewer.tares)
     t = recorded.begins + np.arange(len(recorded.values)) / model.filters.rate_hz
     return other, recorded._replace(values=undistorted(viewer.weighed, effects, recorded.values, t))
@@ -61,7 +55,7 @@ def _without(recorded: Recorded, viewer: Viewer, applied: Sequence[Applied]) -> 
 
 def _renewed(problem: Problem, viewer: Viewer, old: GapRows, recorded: Recorded, applied: Sequence[Applied]) -> GapRows:
     """The rows of a corrected recording; the columns of effects that were not applied stay as they were."""
-    proposals = [each.proposal for each in applied if not each.clock]
+    proposals = [each.proposal for each in applied if not each.proposal.clock]
     new = viewer.rows(recorded, proposals, np.isnan(old.left))
     own = [place - problem.first for p in proposals for place in problem.places[problem.proposals.index(p)]]
     effects = old.effects.copy()

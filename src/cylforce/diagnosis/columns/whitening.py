@@ -51,11 +51,8 @@ def _memory(left: Sequence[Array]) -> Array:
 def _forgetting(memory: Array) -> Array:
     """The same with poles moved inwards until something of a constant is left: what is slow must not be taken for
     noise."""
-    for radius in np.linspace(1.0, 0.0, 101):
-        found = memory * radius ** np.arange(1, len(memory) + 1)
-        if 1.0 - np.sum(found) >= CONSTANT:
-            return np.asarray(found)
-    return np.zeros_like(memory)
+    each = (memory * radius ** np.arange(1, len(memory) + 1) for radius in np.linspace(1.0, 0.0, 101))
+    return np.asarray(next(found for found in each if 1.0 - np.sum(found) >= CONSTANT))
 
 
 def _rms(x: Array) -> float:

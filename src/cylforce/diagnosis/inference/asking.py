@@ -167,17 +167,10 @@ class Asking:
         parts = [statistics(w, self.own, _padded(noise, len(self.own) + 1)) for w, noise in each]
         return sums(self.scene.spread, parts)
 
-    def moments(self, group: Sequence[Seen], names: Sequence[str]) -> Moments:
-        """What may happen in single blocks: columns of incidents by name."""
-        within = self._incidental(names)
-        return moments(self.whites(group), self.own, self.scene.spread, within, self.problem.spread[within])
-
-    def torques(self, group: Sequence[Seen], row: int) -> Moments:
-        """The same of a torque at one measured joint alone."""
-        shapes = (len(self.problem.spread) - self.problem.lasting - len(INCIDENTAL)) // len(self.floor.rms)
-        first = self.problem.lasting + len(INCIDENTAL) + shapes * row
-        within = list(range(first, first + shapes))
-        return moments(self.whites(group), self.own, self.scene.spread, within, self.problem.spread[within])
+    def moments(self, within: Sequence[int]) -> Moments:
+        """What may happen in single blocks of the faulty recordings: numbers of the problem's columns."""
+        whites, unit = self.whites(self.problem.faulty), self.problem.spread[list(within)]
+        return moments(whites, self.own, self.scene.spread, within, unit)
 
     @property
     def believed(self) -> "Asking":

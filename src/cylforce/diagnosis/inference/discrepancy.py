@@ -211,11 +211,6 @@ class Moments:
         covariance = np.asarray(np.linalg.inv(precision))
         return np.asarray(np.einsum("bij,bjk,k->bi", covariance, across, left, optimize=True)), covariance
 
-    def sizes(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
-        """The same with standard errors (B, I)."""
-        sizes, covariance = self.expected(left, noise)
-        return sizes, np.sqrt(np.einsum("bii->bi", covariance))
-
     def energies(self, left: Array, noise: Scatter) -> tuple[Array, Array]:
         """By how much the energies, white (R,) and smooth (R, SMOOTH), of what coefficients (K+1,) leave change."""
         sizes, covariance = self.expected(left, noise)

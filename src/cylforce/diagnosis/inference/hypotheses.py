@@ -234,12 +234,8 @@ class Inference:
 
     def rest(self, left: Array, noise: Scatter | None = None) -> float:
         """What is left at the worst joint, of the floor (rms); with `noise` beside what happens at moments."""
-        return float(np.sqrt(np.max(self._left_at(left, noise))))
-
-    def _left_at(self, left: Array, noise: Scatter | None) -> Array:
-        """The energy that is left at each joint (R,), of the floor's."""
         energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
         if self.moments and noise is not None:
             white, smooth = self.moments.energies(left, noise)
             energy = np.maximum(energy + white + np.sum(smooth, axis=1), 0.0)
-        return np.asarray(energy / np.maximum(self.sums.rows, 1.0))
+        return float(np.sqrt(np.max(energy / np.maximum(self.sums.rows, 1.0))))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.columns.problem import Problem, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
+from cylforce.diagnosis.columns.statistics import blocked
 from cylforce.diagnosis.numbers import SIGMAS
 from cylforce.effects.fault import INCIDENTAL, SHAPES
 from cylforce.effects.incidents.payload_spill import PayloadSpill
@@ -51,10 +52,7 @@ def idle(model: Model, clean: Sequence[Recorded]) -> list[Recorded]:
 
 def _blocked(columns: Array) -> Array:
     """Columns (T, R, K+1) as blocks (B, BLOCK, R, K+1), zero where not usable."""
-    good = np.all(np.isfinite(columns), axis=-1, keepdims=True)
-    columns = np.where(good, columns, 0.0)
-    padded = np.pad(columns, ((0, -len(columns) % BLOCK), (0, 0), (0, 0)))
-    return np.asarray(padded.reshape(-1, BLOCK, *columns.shape[1:]))
+    return blocked(np.where(np.all(np.isfinite(columns), axis=-1, keepdims=True), columns, 0.0))
 
 
 def _at_rest(problem: Problem, blocks: Array) -> Blocks:

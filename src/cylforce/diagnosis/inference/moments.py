@@ -9,13 +9,11 @@ from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Happened, Key
-from cylforce.effects.fault import SHAPES, Place, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.unknown import NAME
 from cylforce.signals.estimate import Array
 
 Blocks = NDArray[np.bool_]
-TIP = tuple(f"tip.{axis}.{k}" for k in range(SHAPES) for axis in "xz")
-SLEW = tuple(f"slew.{k}" for k in range(SHAPES))
 SETTLING = 4  # rounds in which the blocks in which something happens are found
 
 
@@ -37,14 +35,10 @@ def happening(
 
 def _incidents(question: Asking, only: tuple[str, str] | None) -> list[tuple[Key, Moments]]:
     """What may happen at moments, with its key."""
-    group, found = question.problem.faulty, []
-    for p in question.problem.proposals:
-        asked = not only or (p.name == only[0] and only[1] in ("", p.at))
-        if p.course is TimeCourse.WINDOWS and p.name != NAME and asked:
-            names = TIP if p.about.place is Place.TOOL else SLEW
-            found.append(((p.name, p.at), question.moments(group, names)))
-    if not only:
-        found += [(UNKNOWN, question.torques(group, row)) for row in range(len(question.floor.rms))]
+    found = []
+    for p, own in zip(question.problem.proposals, question.problem.places, strict=True):
+        if p.course is TimeCourse.WINDOWS and (not only or (p.name == only[0] and only[1] in ("", p.at))):
+            found.append((UNKNOWN if p.name == NAME else (p.name, p.at), question.moments(own)))
     return found
 
 
@@ -71,7 +65,7 @@ def changed(question: Asking, case: Inference, left: Array) -> Step | None:
     loaded = [(span, seen) for span, seen in zip(problem.spans, problem.faulty, strict=True) if seen.recorded.load]
     if not loaded:
         return None
-    moments = question.moments(problem.faulty, LOAD)
+    moments = question.moments([problem.lasting + INCIDENTAL.index(name) for name in LOAD])
     across, precision, _ = moments.weighed(case.usual)
     pull, told = across @ left, precision - np.eye(precision.shape[-1])
     best, found = -np.inf, None

@@ -146,12 +146,9 @@ class Asked:
             return float(np.log(ODD / sum(h.key == UNKNOWN for h in self.happened)))
         return float(np.log((1.0 - IN_ORDER - ODD) / self._names))
 
-    def explained(self, h: Hypothesis) -> float:
-        """The share of the gap's energy beyond the floor that a hypothesis explains; 1 of none."""
-        return self.share(h.rest) if h.which else 1.0
-
     def share(self, rest: float) -> float:
-        """The same of what would be left, of the floor; 1 where that is no more than references leave of each other."""
+        """The share of the gap's energy beyond the floor that is explained where `rest` would be left, of the floor; 1
+        where that is no more than references leave of each other."""
         gap, left = self.gap**2 - 1.0, rest**2 - 1.0
         return 1.0 - left / gap if min(gap, left) > SAME else 1.0
 
@@ -205,7 +202,7 @@ def believed(asked: Asked) -> Belief:
     that leaves most of the gap."""
     found: dict[Key, float] = {NOTHING: 0.0, UNKNOWN: 0.0}
     for h, weight in zip(asked.hypotheses, asked.weights, strict=False):
-        usual = asked.lawful(h) * float(asked.explained(h) >= HALF)
+        usual = asked.lawful(h) * float(not h.which or asked.share(h.rest) >= HALF)
         key = asked.main(h) if h.which else NOTHING
         found[key] = found.get(key, 0.0) + weight * usual
         found[UNKNOWN] += weight * (1.0 - usual)

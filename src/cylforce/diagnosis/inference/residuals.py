@@ -21,16 +21,11 @@ SPAN = 5  # blocks that are held out, drawn or exchanged together: fifteen secon
 Blocks = NDArray[np.bool_]
 
 
-def lasting(problem: Problem, seen: Seen, values: Array) -> Array:
-    """What values (K,) of the columns that last leave of a recording (T, R) [N m]."""
-    columns = problem.columns(seen)
-    return np.asarray(columns[..., -1] - columns[..., : problem.lasting] @ values)
-
-
 def residuals(problem: Problem, values: Array) -> list[Array]:
-    """The same of all faulty recordings, NaN where the whitening has no past to predict from: there nothing was
-    fitted."""
-    return [_judged(lasting(problem, seen, values)) for seen in problem.faulty]
+    """What values (K,) of the columns that last leave of the faulty recordings (T, R) [N m], NaN where the whitening
+    has no past to predict from: there nothing was fitted."""
+    columns = (problem.columns(seen) for seen in problem.faulty)
+    return [_judged(c[..., -1] - c[..., : problem.lasting] @ values) for c in columns]
 
 
 def _judged(left: Array) -> Array:

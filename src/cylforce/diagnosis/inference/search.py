@@ -25,7 +25,7 @@ from cylforce.diagnosis.inference.residuals import hung, residuals
 from cylforce.diagnosis.inference.working import AtWork, Lost, at_work, hangs
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
-from cylforce.diagnosis.recordings.glitches import Jumping, jumping, others
+from cylforce.diagnosis.recordings.glitches import Jumping, jumping
 from cylforce.effects.fault import Place
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
@@ -43,7 +43,7 @@ def asked(
 ) -> tuple[Proposal, ...]:
     """Everything that is asked of the recordings: the library's proposals, sensors whose readings were seen to jump,
     and torques of which nothing is known."""
-    lasting = others(library)
+    lasting = tuple(group for group in library if group[0].about.name != GLITCH)
     seen = [each.proposal for each in jumps] if len(lasting) < len(library) else []
     return (*proposals(machine, lasting), *seen, *proposals(machine, UNKNOWN_TORQUES))
 
@@ -53,7 +53,8 @@ class Found:
     """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
     were looked at again, how their problem with their effects taken out and what is then asked are made once more (both
     take much memory); in which blocks (B,) something happens at moments, by key; whether the machine was at work; the
-    smallest size of each effect that could be seen, `least`; what fell out of loads of which nothing is known."""
+    smallest size of each effect that could be seen, `least`; the question and the case without a change of load; what
+    fell out of loads of which nothing is known."""
 
     question: Asking
     machine: InOrder
@@ -63,6 +64,7 @@ class Found:
     when: Mapping[Key, Blocks]
     working: bool
     least: dict[Key, float]
+    plain: tuple[Asking, Inference]
     lost: Lost | None = None
 
     def looked_at(self, which: tuple[int, ...]) -> tuple[Problem, Inference]:
@@ -207,7 +209,8 @@ class _Search:
         self.watch("effects at their sizes")
         told, looked = self._again(case, self._told_of(case, tuple(hypotheses), happened))
         blocks = {each.key: where for each, where in when}
-        return Found(self._question, self._machine, case, told, looked, blocks, False, self._least(case, told.none))
+        least, plain = self._least(case, told.none), (self.plain, self._first)
+        return Found(self._question, self._machine, case, told, looked, blocks, False, least, plain)
 
     def _at_work(self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]) -> _Work | None:
         """The machine in order at work, if this is likelier than all that was found, and leaves less of what counts:
@@ -236,7 +239,8 @@ class _Search:
         wanted = [p for p in self._wanted(self.plain) if not hangs(self.plain, self.plain.forms[p][0])]
         told = self._told_of(work.case, tuple(searched(work.case, wanted)), (lost.happened,) if lost else ())
         least = self._least(work.case, told.none)
-        return Found(work.question, self._machine, work.case, told, {}, {}, True, least, lost)
+        plain = work.question, work.case
+        return Found(work.question, self._machine, work.case, told, {}, {}, True, least, plain, lost)
 
     def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:
         gap = case.rest(self._left(case), case.usual)

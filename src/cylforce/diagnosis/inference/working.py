@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.columns.statistics import Shared, blocked, polynomials, shared
 from cylforce.diagnosis.inference.asking import CLOCK, Asking, with_noise
-from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter, moments
+from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.posterior import Happened
 from cylforce.diagnosis.inference.sizes import Column, log_size
@@ -60,9 +60,9 @@ class Loads(Moments):
         sizes, covariance = super().expected(left, noise)
         return sizes[self.load], covariance[self.load]
 
-    def lost(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], Array, Array]:
-        """Before which stretches (S,) a part of a load most probably fell out, by what coefficients (K+1,) leave; how
-        much less of it (S, I) hangs in each stretch than in the one before, and standard errors (S, I)."""
+    def differing(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], Array, Array]:
+        """In which stretches (S,) a load that is carried on is most probably another one, by what coefficients (K+1,)
+        leave; how much less of it (S, I) hangs in each stretch than in the one before, and standard errors (S, I)."""
         across, precision, _ = replace(self, on=np.zeros_like(self.on)).weighed(noise)
         pull, unit = across @ left, np.eye(precision.shape[-1])
         loads, covariance = np.linalg.solve(precision, pull[..., None])[..., 0], np.linalg.inv(precision)
@@ -71,7 +71,17 @@ class Loads(Moments):
         errors[1:] = np.sqrt(np.einsum("sii->si", covariance[:-1] + covariance[1:]))
         apart, one = evidence(pull, precision), evidence(pull[:-1] + pull[1:], precision[:-1] + precision[1:] - unit)
         gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
-        return self.on & (less[:, 0] > 0.0) & (gain > np.log((1.0 - HAPPENS) / HAPPENS)), less, errors
+        return self.on & (gain > np.log((1.0 - HAPPENS) / HAPPENS)), less, errors
+
+    def touched(self, left: Array, noise: Scatter) -> "Loads":
+        """The same where a load that grows is not carried on: it was taken up, so that the teeth touched something."""
+        differing, less, _ = self.differing(left, noise)
+        return replace(self, on=self.on & ~(differing & (less[:, 0] < 0.0)))
+
+    def fallen(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], Array, Array]:
+        """As `differing`, where there is less of it."""
+        differing, less, errors = self.differing(left, noise)
+        return differing & (less[:, 0] > 0.0), less, errors
 
 
 def evidence(score: Array, precision: Array) -> Array:
@@ -106,20 +116,16 @@ class AtWork(NamedTuple):
 
     def lost(self, idle: Hypothesis, spill: Proposal) -> Lost | None:
         """What fell out of the loads, None if nothing did; `idle`: the machine in order if nothing did."""
-        where, less, errors = self.loads.lost(self._left(self.case, idle), self.case.usual)
+        where, less, errors = self.loads.fallen(_left(self.case, idle.noise), self.case.usual)
         for _ in range(ROUNDS):
             if not np.any(where):
                 return None
             case = replace(self.case, moments=replace(self.loads, on=self.loads.on & ~where))
             idle = case.likeliest((), case.usual)
-            before, (where, less, errors) = where, self.loads.lost(self._left(case, idle), idle.noise)
+            before, (where, less, errors) = where, self.loads.fallen(_left(case, idle.noise), idle.noise)
             if np.array_equal(where, before):
                 return self._lost(case, idle, spill, (where, less, errors))
         return None  # it is in doubt when
-
-    @staticmethod
-    def _left(case: Inference, idle: Hypothesis) -> Array:
-        return case.under((), case.state(idle.noise))[2]
 
     def _lost(
         self, case: Inference, idle: Hypothesis, spill: Proposal, told: tuple[NDArray[np.bool_], Array, Array]
@@ -170,8 +176,15 @@ def at_work(
     case = put(laid)
     carried = np.concatenate([each.products[..., _of_loads(each)] for each in noise])
     loads = _loads(laid, found, carried, case.sums.theirs)
-    case = replace(case, moments=loads, apart=apart)
+    free = replace(case, moments=replace(loads, on=np.zeros_like(loads.on)), apart=apart)
+    loads = loads.touched(_left(free, case.usual), case.usual)
+    case = replace(free, moments=loads)
     return AtWork(laid, case, loads, _busy(question, found), _blocks(found))
+
+
+def _left(case: Inference, noise: Scatter) -> Array:
+    """Coefficients (K+1,) of what a machine in order leaves without its loads."""
+    return case.under((), case.state(noise))[2]
 
 
 def hangs(question: Asking, p: Proposal) -> bool:
@@ -264,7 +277,7 @@ def _loads(question: Asking, found: Sequence[_Seen], noise: Array, theirs: Array
     problem = question.problem
     within = [problem.lasting + INCIDENTAL.index(name) for name in CARRIED]
     unit = problem.spread[within]
-    plain = moments(question.whites(problem.faulty), question.own, question.scene.spread, within, unit)
+    plain = question.moments(within)
     numbers, size = _numbered(found)
     on = np.array([s.on for each in found for s in each.stretches])
     across, inner = plain.across * size[:, None, :, None], plain.within * (size[:, :, None] * size[:, None])[:, None]

@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.numbers import GLITCHES_PER_S, IN_ORDER, ODD
 from cylforce.effects.fault import places
-from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
+from cylforce.effects.library import LIBRARY, Proposal, proposals
 from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch, glitches
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
@@ -30,11 +30,6 @@ class Jumping(NamedTuple):
 
     proposal: Proposal
     nats: float
-
-
-def others(library: tuple[Group, ...]) -> tuple[Group, ...]:
-    """A library without this effect, which is asked where jumps were found only."""
-    return tuple(group for group in library if group[0].about.name != NAME)
 
 
 def jumping(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.numbers import GAP, HAPPENS
+from cylforce.diagnosis.recordings.shifted import running
 from cylforce.signals.estimate import Array
 
 STEP = 4  # rows of 0.05 s, to which the begin and the end of a stretch are found
@@ -73,10 +74,7 @@ class _Steps:
             np.einsum("nrij,r->nij", self.within, weight),
             self.rows @ np.log(scale),
         )
-        first = [np.zeros((1, *e.shape[1:])) for e in each]
-        energy, across, within, norm = (
-            np.cumsum(np.concatenate(pair), axis=0) for pair in zip(first, each, strict=True)
-        )
+        energy, across, within, norm = (running(e) for e in each)
         return energy, across, within, norm
 
     def busy(self, scale: Array) -> Array:

@@ -120,9 +120,9 @@ class JointRows:
         """On one clock the columns of rows of unit noise, and of the first 0..T rows the covariance (T+1, P, P) of what
         is fitted to them and the squares (T+1,) it leaves."""
         columns, wanted = self.columns / self.noise[:, None], (self._alone - self.knows) / self.noise
-        gram, score = _running(columns[:, :, None] * columns[:, None]), _running(columns * wanted[:, None])
+        gram, score = running(columns[:, :, None] * columns[:, None]), running(columns * wanted[:, None])
         covariance = np.asarray(np.linalg.inv(gram + np.eye(columns.shape[1])), dtype=np.float64)
-        left = _running(wanted**2) - np.einsum("tp,tpq,tq->t", score, covariance, score)
+        left = running(wanted**2) - np.einsum("tp,tpq,tq->t", score, covariance, score)
         return columns, covariance, left
 
     def gains(self, own: Sequence[int], clock: Clock) -> Array:
@@ -156,7 +156,7 @@ class JointRows:
         return found[0], found[1]
 
 
-def _running(each: Array) -> Array:
+def running(each: Array) -> Array:
     """Sums (T+1, ...) of the first 0..T of each (T, ...)."""
     return np.concatenate([np.zeros((1, *each.shape[1:])), np.cumsum(each, axis=0)])
 

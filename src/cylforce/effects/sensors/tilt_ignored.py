@@ -29,7 +29,6 @@ class TiltIgnored:
             "with the posture, in all joints alike, changing as the house turns",
             "the same moves with the house turned by half a turn",
             axes=2,
-            of_its_own=True,
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

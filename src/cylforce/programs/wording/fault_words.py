@@ -67,7 +67,7 @@ WORDS: dict[str, Words] = {
     "soil_contact": Words("contact of the {} with the ground or an obstacle"),
     "slew_centrifugal": Words("turning of the house that no sensor measures"),
     "boom_motion": Words("movement of what carries the first link"),
-    "payload_spill": Words("load falling out of the {}"),
+    "payload_spill": Words("load falling out of the {}", "less", "less"),
     "payload_shift": Words("load moving in the {}"),
     "clock_fault": Words("pressures and angles that were recorded on different clocks"),
     NOTHING[0]: Words("nothing: the machine is in order"),
@@ -120,7 +120,7 @@ def _signal(machine: Machine, at: str) -> Signal | None:
 def amount(machine: Machine, effect: dict[str, Any]) -> str:
     """How much, and between which bounds with 90 %; nothing for what has no size that says something."""
     size, unit = effect["parameters"]["size"], effect["parameters"]["size"]["unit"]
-    if effect["name"] in SILENT or effect["when"]:
+    if effect["name"] in SILENT or "sensors" in effect:  # of clocks, it is said when they are how far apart
         return ""
     told, factor = _told(machine, effect, unit)
     value, low, high = (size[key] * factor for key in ("value", "low", "high"))
