@@ -65,41 +65,75 @@ def test_lifts_and_returns_are_found_without_the_rows_in_which_filters_settle():
 PARTS = ((100, 260, 900.0), (266, 400, 840.0), (500, 660, 500.0))  # 60 fall out of the first within 0.3 s
 
 
+EMPTIED = 1.5  # rad, from where the bucket is as the load is lifted
+
+
 @pytest.mark.parametrize(
-    ("until", "tilted", "on"),
-    [(266, 0.0, True), (266, 0.04, True), (266, 1.0, False), (340, 0.0, False)],
-    ids=["falls out", "tilted a little", "is dumped", "is put down"],
+    ("until", "tilted", "begins", "on"),
+    [
+        (266, 0.0, 400, True),
+        (266, 0.3, 400, True),
+        (266, -1.0, 400, True),
+        (266, EMPTIED, 261, False),
+        (266, EMPTIED, 200, False),
+        (340, 0.0, 400, False),
+    ],
+    ids=["falls out", "tilted a little", "turned inwards", "dumped in parts", "slides late", "put down"],
 )
-def test_a_load_is_carried_on_unless_it_is_dumped_or_the_ground_takes_it(until, tilted, on):
+def test_a_load_is_carried_on_unless_it_is_dumped_or_the_ground_takes_it(until, tilted, begins, on):
+    """Emptied at last between the rows 400 and 500; before, the bucket is tilted from some row on."""
     seen = work(np.random.default_rng(SEED), (PARTS[0], (until, *PARTS[1][1:]), PARTS[2]))
-    tilt = np.zeros(900)
-    tilt[261:265] = tilted
+    tilt = np.where(np.arange(900) >= (begins if tilted == EMPTIED else 261), tilted, 0.0)
+    tilt[400:480] = EMPTIED
     found = stretches(seen._replace(tilt=tilt), np.array([1000.0]), np.array([15.0]), SETTLE)
     assert [each.on for each in found if each.loaded] == [False, on, False], f"seed {SEED}"
 
 
-def hanging(rng, second):
-    """Loads of two stretches of ten blocks, the second carried on from the first, of 100 and `second` times a noise of
-    one; coefficients of what is left without them."""
-    own, load, noise = rng.standard_normal((3, BLOCKS * BLOCK))
-    left = load * np.repeat([100.0, second], BLOCKS * BLOCK // 2) + noise
+def test_what_happens_while_nothing_is_usable_is_not_known():
+    seen = work(np.random.default_rng(SEED), (PARTS[0], (266, 400, 840.0), PARTS[2]))
+    good = seen.good.copy()
+    good[255:320] = False
+    tilt = np.where(np.arange(900) % 500 < 400, 0.0, EMPTIED)
+    found = stretches(seen._replace(tilt=tilt, good=good), np.array([1000.0]), np.array([15.0]), SETTLE)
+    assert not any(each.on for each in found)
+
+
+def hanging(rng, *loads):
+    """A load in stretches of ten blocks, all carried on from the first, as multiples of the noise; coefficients of what
+    is left without it."""
+    rows = BLOCKS * BLOCK // 2
+    own, load, noise = rng.standard_normal((3, rows * len(loads)))
+    left = load * np.repeat(loads, rows) + noise
     white = White(np.stack([own, load, left], axis=-1)[:, None, :].astype(np.float32), np.ones((own.size, 1), bool))
-    each = moments([white], [0], np.ones(1), [1], 100.0 * np.ones(1))
-    stretch, none = np.repeat([0, 1], BLOCKS // 2), np.zeros((BLOCKS, 1, 1 + SMOOTH, 1))
-    on = np.array([False, True])
+    each = moments([white], [0], np.ones(1), [1], WEIGHT * np.ones(1))
+    stretch = np.repeat(np.arange(len(loads)), BLOCKS // 2)
+    on, none = np.arange(len(loads)) > 0, np.zeros((len(stretch), 1, 1 + SMOOTH, 1))
     return Loads(each.across, each.within, each.waves, each.smooth, stretch, on, none, np.ones(1)), np.array([0.0, 1.0])
 
 
-@pytest.mark.parametrize(("second", "lost"), [(100.0, False), (99.0, True), (101.0, False), (40.0, True)])
-def test_what_is_lost_is_seen_if_it_is_more_than_the_noise_and_less_than_before(second, lost):
-    """The same load is one load: all rows of both stretches tell it."""
-    loads, left = hanging(np.random.default_rng(SEED), second)
-    where, less, errors = loads.fallen(left, USUAL)
-    assert where.tolist() == [False, lost], f"seed {SEED}"
-    assert loads.touched(left, USUAL).on.tolist() == [False, second <= 100.0]
-    assert abs(100.0 * less[1, 0] - (100.0 - second)) < 4.0 * 100.0 * errors[1, 0]
-    assert 100.0 * errors[1, 0] == pytest.approx(np.sqrt(2.0 / (BLOCKS * BLOCK / 2)), rel=0.2)
-    assert np.ptp(loads.expected(left, USUAL)[0]) == 0.0
+WEIGHT = 100.0  # of the noise: the usual load
+
+
+@pytest.mark.parametrize(
+    ("loads", "differs", "fell"),
+    [
+        ((100.0, 100.0), [], []),
+        ((100.0, 99.0), [1], []),  # crumbs: less than sticks in an empty bucket
+        ((100.0, 101.0), [1], []),  # taken up
+        ((100.0, 60.0), [1], [1]),
+        ((100.0, 80.0, 100.0), [1, 2], []),  # it was held up, and came back
+        ((100.0, 80.0, 81.0), [1, 2], [1]),
+        ((100.0, 80.0, 60.0), [1, 2], [1, 2]),
+    ],
+)
+def test_a_part_fell_out_if_less_hangs_there_from_then_on(loads, differs, fell):
+    hangs, left = hanging(np.random.default_rng(SEED), *loads)
+    found = hangs.differing(left, USUAL)
+    assert [np.flatnonzero(each).tolist() for each in (found.differs, found.fell)] == [differs, fell], f"seed {SEED}"
+    less, errors = WEIGHT * found.less[1:, 0], WEIGHT * found.errors[1:, 0]
+    assert np.all(np.abs(less + np.diff(loads)) < 4.0 * errors)
+    assert errors == pytest.approx(np.sqrt(2.0 / (BLOCKS * BLOCK / 2)), rel=0.2)
+    assert np.ptp(hangs.expected(left, USUAL)[0]) == 0.0  # the same load is one load
 
 
 @pytest.mark.parametrize("lifts", [(), ((0, 900, 0.0),)])

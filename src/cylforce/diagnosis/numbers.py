@@ -8,6 +8,7 @@ SECOND = 0.1  # that one more effect is there beside a first
 HAPPENS = 0.1  # that something happens in a block of three seconds
 HEAVY = 4.0  # times an unusual change of a load, 500 kg: what may hang in the bucket of a machine at work (convention)
 STICKS = 0.05  # of the same: what sticks in an empty bucket (3 to 30 kg a cycle: physics)
+FALLS = 0.01  # that a part falls out of a load that is carried on, of a machine in order: one in a hundred (convention)
 TAIL = 0.03  # that a joint's discrepancy is nothing that machines in order show: 3 % (an earlier prototype, kept)
 
 # Everyday change from one recording to another, standard deviation of a logarithm (fit: study of the decisions).

@@ -69,7 +69,8 @@ class Cause(NamedTuple):
     def size(self) -> float:
         """Its magnitude, with its sign if it has one; the root mean square over windows."""
         each = self.sizes[:, : self.proposal.about.axes]
-        return float(each[0, 0]) if each.size == 1 else float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
+        sign = np.sign(each[0, 0]) if each.size == 1 else self.proposal.about.sign or 1
+        return float(sign * np.sqrt(np.mean(np.sum(each**2, axis=1))))
 
 
 class Suspect(NamedTuple):
@@ -229,7 +230,7 @@ def _fallen(found: Found, lost: Lost, probability: float) -> tuple[tuple[Cause, 
     words, nats = f"{len(lost.sizes)} times", lost.happened.log - found.asked.none.log
     course = lost.after.astype(np.float64)
     cause = Cause(proposal, words, None, places, course, lost.sizes, lost.errors, probability, nats)
-    return (cause,), Fitting(found.question, lost.case, (), lost.noise)
+    return (cause,), Fitting(found.question, found.case, (), found.asked.none.noise)
 
 
 def _candidates(found: Found, belief: Belief) -> tuple[Suspect, ...]:
@@ -263,10 +264,8 @@ def judged(found: Found, search: Search) -> Judged:
         verdict = Verdict.AMBIGUOUS if named and belief.of[UNKNOWN] < named[0].confidence else Verdict.UNKNOWN
     if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):
         return Judged(verdict, (), 0.0)
-    h = _best(found, belief)
-    rest = (
-        h.rest if h else min((x.rest for x in told.happened if x.key == search.causes[0].key), default=told.none.rest)
-    )
+    own = [x.rest for x in told.happened if search.causes and x.key == search.causes[0].key]
+    rest = h.rest if (h := _best(found, belief)) else min(own, default=told.none.rest)
     return Judged(verdict, named, float(np.clip(told.share(rest), 0.0, 1.0)))
 
 

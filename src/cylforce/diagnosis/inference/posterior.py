@@ -23,12 +23,14 @@ FEATURES = 10
 
 class Happened(NamedTuple):
     """What may happen at moments: its name and place (`UNKNOWN` for a torque at one joint alone), the logarithm of its
-    probability with the recording, in which share of the blocks it would be, what it leaves, of the floor."""
+    probability with the recording, in which share of the blocks it would be, what it leaves, of the floor, and what is
+    left `before` it (None: as much as with no effect)."""
 
     key: Key
     log: float
     busy: float
     rest: float
+    before: float | None = None
 
 
 class Belief(NamedTuple):
@@ -156,8 +158,9 @@ class Asked:
         """Whether what may happen at moments is everyday: without it no more is left than references leave of each
         other, over the whole recording. What has a name is so only where references show what is everyday, and not
         where it alone is asked."""
+        before = self.none.rest if happened.before is None else happened.before
         unnamed = happened.key == UNKNOWN
-        return (unnamed or (self.references > 0 and not self.only)) and self.none.rest**2 - 1.0 <= SAME
+        return (unnamed or (self.references > 0 and not self.only)) and before**2 - 1.0 <= SAME
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""

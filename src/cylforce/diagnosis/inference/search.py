@@ -4,7 +4,6 @@ at again at their sizes."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -97,14 +96,6 @@ def examined(
     watch("noise of the columns")
     question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
     return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}, rng).found()
-
-
-class _Work(NamedTuple):
-    """The machine at work, in order or with loads of which a part falls out, whatever is best, and what that is."""
-
-    work: AtWork
-    best: Hypothesis | Happened
-    lost: Lost | None
 
 
 @dataclass(frozen=True)
@@ -202,17 +193,19 @@ class _Search:
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
         work = self._at_work(hypotheses, happened)
-        if work and work.work.share > SELDOM:
-            return self._working(work.work, work.lost)
+        if work and work[0].share > SELDOM:
+            return self._working(*work)
         if work:
-            happened = (*happened, Happened(UNKNOWN, work.best.log, work.work.share, work.best.rest))
+            happened = (*happened, Happened(UNKNOWN, work[1].log, work[0].share, work[1].rest))
         self.watch("effects at their sizes")
         told, looked = self._again(case, self._told_of(case, tuple(hypotheses), happened))
         blocks = {each.key: where for each, where in when}
         least, plain = self._least(case, told.none), (self.plain, self._first)
         return Found(self._question, self._machine, case, told, looked, blocks, False, least, plain)
 
-    def _at_work(self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]) -> _Work | None:
+    def _at_work(
+        self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
+    ) -> tuple[AtWork, Hypothesis] | None:
         """The machine in order at work, if this is likelier than all that was found, and leaves less of what counts:
         loads and contact together may hide each other from all that is asked by itself."""
         found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
@@ -220,26 +213,26 @@ class _Search:
         if least <= GAP or not (work := at_work(self.plain, self._values * unit, self._put, self.rng)):
             return None
         idle = work.case.likeliest((), work.case.usual)
-        lost = next((work.lost(idle, p) for p in self.plain.problem.proposals if self._spills(p)), None)
-        best = lost.happened if lost and lost.happened.log > idle.log else idle
-        return _Work(work, best, lost) if best.log > max(log for log, _ in found) and best.rest < least else None
+        return (work, idle) if idle.log > max(log for log, _ in found) and idle.rest < least else None
 
     def _spills(self, p: Proposal) -> bool:
         """Whether it is a load that falls out, and asked."""
-        return p.name == SPILL and (not self.only or self.only in ((p.name, p.at), (p.name, "")))
+        asked = not self.plain.problem.from_sheet if not self.only else self.only in ((p.name, p.at), (p.name, ""))
+        return p.name == SPILL and asked
 
     def _put(self, question: Asking) -> Inference:
         """The question put to the field's rows that count."""
         recording = question.sums(question.problem.faulty, question.noisy.faulty)
         return replace(self._machine.asked(recording), told=self._told(question))
 
-    def _working(self, work: AtWork, lost: Lost | None) -> Found:
+    def _working(self, work: AtWork, idle: Hypothesis) -> Found:
         """What may be the cause beside loads and contact of which nothing is known. It is not looked at again at its
         size: where loads hang, what bends is small beside what its columns leave open."""
         wanted = [p for p in self._wanted(self.plain) if not hangs(self.plain, self.plain.forms[p][0])]
+        gap = work.same.rest(self._left(work.same), work.same.usual)
+        lost = next((work.lost(idle, gap, p) for p in self.plain.problem.proposals if self._spills(p)), None)
         told = self._told_of(work.case, tuple(searched(work.case, wanted)), (lost.happened,) if lost else ())
-        least = self._least(work.case, told.none)
-        plain = work.question, work.case
+        told, least, plain = replace(told, gap=gap), self._least(work.case, told.none), (work.question, work.case)
         return Found(work.question, self._machine, work.case, told, {}, {}, True, least, plain, lost)
 
     def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:

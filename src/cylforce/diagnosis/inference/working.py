@@ -17,13 +17,12 @@ from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.posterior import Happened
 from cylforce.diagnosis.inference.sizes import Column, log_size
-from cylforce.diagnosis.numbers import HAPPENS, HEAVY, STICKS
+from cylforce.diagnosis.numbers import FALLS, HALF, HAPPENS, HEAVY, STICKS
 from cylforce.diagnosis.recordings.lifts import FreeOfContact, Whitened, stretches
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
-ROUNDS = 4  # in which it is found when a part of a load fell out
 CARRIED = ("load.mass", "load.X", "load.Z", "load.J")
 
 
@@ -60,9 +59,9 @@ class Loads(Moments):
         sizes, covariance = super().expected(left, noise)
         return sizes[self.load], covariance[self.load]
 
-    def differing(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], Array, Array]:
-        """In which stretches (S,) a load that is carried on is most probably another one, by what coefficients (K+1,)
-        leave; how much less of it (S, I) hangs in each stretch than in the one before, and standard errors (S, I)."""
+    def differing(self, left: Array, noise: Scatter) -> "Losses":
+        """In which stretches a load that is carried on is most probably another one, by what coefficients (K+1,)
+        leave, and in which of these a part of it fell out."""
         across, precision, _ = replace(self, on=np.zeros_like(self.on)).weighed(noise)
         pull, unit = across @ left, np.eye(precision.shape[-1])
         loads, covariance = np.linalg.solve(precision, pull[..., None])[..., 0], np.linalg.inv(precision)
@@ -71,17 +70,22 @@ class Loads(Moments):
         errors[1:] = np.sqrt(np.einsum("sii->si", covariance[:-1] + covariance[1:]))
         apart, one = evidence(pull, precision), evidence(pull[:-1] + pull[1:], precision[:-1] + precision[1:] - unit)
         gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
-        return self.on & (gain > np.log((1.0 - HAPPENS) / HAPPENS)), less, errors
+        differs, same = self.on & (gain > np.log((1.0 - HAPPENS) / HAPPENS)), np.cumsum(~self.on)
+        fell = differs & (less[:, 0] * HEAVY > STICKS)
+        for n in np.flatnonzero(fell):  # what comes back was held up
+            later = loads[n:][same[n:] == same[n], 0]
+            fell[n] = loads[n - 1, 0] - np.max(later) > HALF * less[n, 0]
+        return Losses(differs, fell, less, errors)
 
-    def touched(self, left: Array, noise: Scatter) -> "Loads":
-        """The same where a load that grows is not carried on: it was taken up, so that the teeth touched something."""
-        differing, less, _ = self.differing(left, noise)
-        return replace(self, on=self.on & ~(differing & (less[:, 0] < 0.0)))
 
-    def fallen(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], Array, Array]:
-        """As `differing`, where there is less of it."""
-        differing, less, errors = self.differing(left, noise)
-        return differing & (less[:, 0] > 0.0), less, errors
+class Losses(NamedTuple):
+    """Whether the load of each stretch (S,) differs from that of the one before though it is carried on, and whether a
+    part of it fell out; how much less of it there is (S, I), of HEAVY unusual ones, and standard errors (S, I)."""
+
+    differs: NDArray[np.bool_]
+    fell: NDArray[np.bool_]
+    less: Array
+    errors: Array
 
 
 def evidence(score: Array, precision: Array) -> Array:
@@ -91,58 +95,54 @@ def evidence(score: Array, precision: Array) -> Array:
 
 
 class Lost(NamedTuple):
-    """Loads of which a part fell out while nothing touched the teeth: how probable that is with the recordings, what is
-    then asked, and its noise; of each of W times the faulty blocks `after` it (W, B) with the same load, and what it
-    changed, `sizes` (W, 3) [kg, kg m, kg m] with standard errors."""
+    """Loads of which a part fell out while nothing touched the teeth: how probable that is with the recordings; of each
+    of W times the faulty blocks `after` it (W, B) until the load is gone, and what it changed, `sizes` (W, 3) [kg,
+    kg m, kg m] with standard errors."""
 
     happened: Happened
-    case: Inference
-    noise: Scatter
     after: NDArray[np.bool_]
     sizes: Array
     errors: Array
 
 
 class AtWork(NamedTuple):
-    """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them, its
-    `loads`; the `share` of the rows in which the teeth touch the ground or a load hangs; in which of the faulty blocks
-    (S, B) each stretch is, or what carries its load on."""
+    """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them; the
+    `share` of the rows in which the teeth touch the ground or a load hangs; the case if all loads that are carried on
+    were the same, `same`; which are not, `losses`; in which of the faulty blocks (S, B) each stretch is."""
 
     question: Asking
     case: Inference
-    loads: Loads
     share: float
+    same: Inference
+    on: NDArray[np.bool_]
+    losses: Losses
     blocks: NDArray[np.bool_]
 
-    def lost(self, idle: Hypothesis, spill: Proposal) -> Lost | None:
-        """What fell out of the loads, None if nothing did; `idle`: the machine in order if nothing did."""
-        where, less, errors = self.loads.fallen(_left(self.case, idle.noise), self.case.usual)
-        for _ in range(ROUNDS):
-            if not np.any(where):
-                return None
-            case = replace(self.case, moments=replace(self.loads, on=self.loads.on & ~where))
-            idle = case.likeliest((), case.usual)
-            before, (where, less, errors) = where, self.loads.fallen(_left(case, idle.noise), idle.noise)
-            if np.array_equal(where, before):
-                return self._lost(case, idle, spill, (where, less, errors))
-        return None  # it is in doubt when
-
-    def _lost(
-        self, case: Inference, idle: Hypothesis, spill: Proposal, told: tuple[NDArray[np.bool_], Array, Array]
-    ) -> Lost:
-        where, less, errors = told
+    def lost(self, idle: Hypothesis, gap: float, spill: Proposal) -> Lost | None:
+        """What fell out of the loads, None if nothing did; `idle`: the machine in order, of which a load seldom falls
+        out; `gap`: what is left, of the floor, if no load did so."""
+        fell = self.losses.fell
+        if not np.any(fell):
+            return None
         unit = HEAVY * self.question.problem.unusual[: len(spill.incidents)]
-        sizes, errors = (each[where][:, : len(unit)] * unit for each in (-less, errors))
+        sizes, errors = (each[fell][:, : len(unit)] * unit for each in (-self.losses.less, self.losses.errors))
+        errors = np.hypot(errors, spill.about.form * np.abs(sizes))
         density = _density(spill, sizes[:, 0], errors[:, 0]) + float(np.log(np.sqrt(2.0 * np.pi) * unit[0]))
-        log = idle.log + density + Moments.prior(where[self.loads.on])  # its density instead of any load's
-        share = float(np.sum(where)) / self.blocks.shape[1]
-        happened = Happened((spill.name, spill.at), log, share, idle.rest)
-        return Lost(happened, case, idle.noise, self._after(where), sizes, errors)
+        often, seldom = (_prior(fell[self.on], p) for p in (HAPPENS, FALLS))
+        log, share = idle.log + density + often - seldom, float(np.sum(fell)) / self.blocks.shape[1]
+        happened = Happened((spill.name, spill.at), log, share, idle.rest, gap)
+        return Lost(happened, self._after(fell), sizes, errors)
 
     def _after(self, where: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The faulty blocks (W, B) in which a load is carried on from each of some stretches (S,)."""
-        load = np.cumsum(~(self.loads.on & ~where))
-        return np.stack([np.any(self.blocks[load == load[n]], axis=0) for n in np.flatnonzero(where)])
+        load, number = np.cumsum(~self.on), np.arange(len(self.on))
+        own = [(load == load[n]) & (number >= n) for n in np.flatnonzero(where)]
+        return np.stack([np.any(self.blocks[each], axis=0) for each in own])
+
+
+def _prior(fell: NDArray[np.bool_], share: float) -> float:
+    """Log of the probability that a part falls out of just these of the loads that are carried on."""
+    return float(np.sum(np.log(np.where(fell, share, 1.0 - share))))
 
 
 def _density(spill: Proposal, sizes: Array, errors: Array) -> float:
@@ -177,14 +177,9 @@ def at_work(
     carried = np.concatenate([each.products[..., _of_loads(each)] for each in noise])
     loads = _loads(laid, found, carried, case.sums.theirs)
     free = replace(case, moments=replace(loads, on=np.zeros_like(loads.on)), apart=apart)
-    loads = loads.touched(_left(free, case.usual), case.usual)
-    case = replace(free, moments=loads)
-    return AtWork(laid, case, loads, _busy(question, found), _blocks(found))
-
-
-def _left(case: Inference, noise: Scatter) -> Array:
-    """Coefficients (K+1,) of what a machine in order leaves without its loads."""
-    return case.under((), case.state(noise))[2]
+    losses = loads.differing(free.under((), free.state(free.usual))[2], free.usual)
+    same, case = (replace(free, moments=replace(loads, on=on)) for on in (loads.on, loads.on & ~losses.differs))
+    return AtWork(laid, case, _busy(question, found), same, loads.on, losses, _blocks(found))
 
 
 def hangs(question: Asking, p: Proposal) -> bool:
@@ -204,6 +199,7 @@ def _found(question: Asking, values: Array) -> tuple[list[_Seen], float]:
         left = rows[..., -1] - rows[..., :first] @ values
         tilt = np.sum(seen.rows.posture, axis=1)
         own = stretches(Whitened(left, loads, each.good, tilt), HEAVY * unit, STICKS * unit, settle)
+        own = own if not seen.recorded.load else [s._replace(on=False) for s in own]  # told beside what is known
         found.append(_laid(own, len(rows)))
         apart += _apart(left, each.good, own)
     return found, apart

@@ -3,6 +3,7 @@ or what sticks in it. They are found by dynamic programming over what a machine 
 stretch that is free of contact it is noise beside one load, otherwise it has a variance of its own."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ CHANGE = float(np.log(BLOCK / HAPPENS))  # nats: that contact or a load begins j
 KIND = float(np.log(2.0))  # nats: loaded or empty, each as probable
 ROUNDS = 4  # in which the noise of both kinds of stretches is told
 SAME = 0.02  # of the noise: a smaller change of it ends that
+DUMPS = 0.5  # of the way from where the bucket is tilted as a load is lifted to where it is emptied (convention)
 TILTS = (
     0.05  # rad: by that much more a bucket may be tilted between two stretches that it carries the same load (chosen)
 )
@@ -28,8 +30,8 @@ LEAST = 0.3  # of the floor's white noise: as little as the probability model kn
 
 class FreeOfContact(NamedTuple):
     """Rows from `first` to before `last` that are free of contact; whether a load hangs there; what does, (I,); whether
-    it is carried `on` from the stretch before: nothing touched the teeth between them for longer than the filters see,
-    and the bucket was not tilted to where it is in neither."""
+    it is carried `on` from the stretch before: between them nothing touched the teeth for longer than the filters see,
+    and the bucket was nearer to where it was as the load was lifted than to where it is emptied."""
 
     first: int
     last: int
@@ -116,19 +118,33 @@ def stretches(seen: Whitened, heavy: Array, light: Array, settle: int) -> list[F
         first, last = STEP * each.first + settle, min(STEP * each.last, len(seen.left)) - settle
         if last - first >= FEWEST * STEP:
             load = steps.left(each, scales.free, precision[each.loaded])[0]
-            stretch = FreeOfContact(first, last, each.loaded, load)
-            found.append(stretch._replace(on=bool(found) and _carried_on(found[-1], stretch, seen.tilt, settle)))
-    return found
+            found.append(FreeOfContact(first, last, each.loaded, load))
+    return _carried_on(found, seen, settle)
 
 
-def _carried_on(before: FreeOfContact, after: FreeOfContact, tilt: Array, settle: int) -> bool:
-    """Whether a load is carried on: at both ends of what is between, the filters see what is beside it."""
-    if not (before.loaded and after.loaded) or after.first - before.last > 4 * settle:
-        return False
-    between = tilt[before.last : after.first]
-    ranges = [(np.min(own), np.max(own)) for own in (tilt[s.first : s.last] for s in (before, after))]
-    there = [(between >= low - TILTS) & (between <= high + TILTS) for low, high in ranges]
-    return bool(np.all(there[0] | there[1]))
+def _carried_on(found: list[FreeOfContact], seen: Whitened, settle: int) -> list[FreeOfContact]:
+    """The same with which loads are carried on. At both ends of what is between two stretches the filters see what is
+    beside it."""
+    on, first = [False] * len(found), 0
+    between = [_between(a, b, seen.good) for a, b in pairwise(found)]
+    for k, rows in enumerate(between, 1):
+        if found[k - 1].loaded and found[k].loaded and rows.stop - rows.start <= 4 * settle:
+            continue
+        begin = seen.tilt[found[first].first]  # as this load was lifted; it is gone in the next stretch
+        way = seen.tilt[rows] - begin
+        emptied = way[np.argmax(np.abs(way))]
+        for n in range(first + 1, k):
+            on[n] = bool(np.all((seen.tilt[between[n - 1]] - begin) / emptied < DUMPS))
+        first = k
+    return [stretch._replace(on=each) for stretch, each in zip(found, on, strict=True)]
+
+
+def _between(one: FreeOfContact, other: FreeOfContact, good: NDArray[np.bool_]) -> slice:
+    """From the last usable row of a stretch to the first of the next one."""
+    usable = np.any(good, axis=1)
+    before = np.flatnonzero(usable[: one.last])
+    after = other.first + np.flatnonzero(usable[other.first :])
+    return slice(int(before[-1]) if before.size else 0, int(after[0]) + 1 if after.size else len(usable))
 
 
 def _steps(seen: Whitened) -> _Steps:
