@@ -89,6 +89,12 @@ def test_a_load_is_carried_on_unless_it_is_dumped_or_the_ground_takes_it(until, 
     assert [each.on for each in found if each.loaded] == [False, on, False], f"seed {SEED}"
 
 
+def test_a_tool_that_never_turns_is_not_seen_to_be_emptied():
+    seen = work(np.random.default_rng(SEED), (PARTS[0], (266, 400, 840.0), PARTS[2]))
+    found = stretches(seen._replace(tilt=np.zeros(900)), np.array([1000.0]), np.array([15.0]), SETTLE)
+    assert not any(each.on for each in found)
+
+
 def test_what_happens_while_nothing_is_usable_is_not_known():
     seen = work(np.random.default_rng(SEED), (PARTS[0], (266, 400, 840.0), PARTS[2]))
     good = seen.good.copy()

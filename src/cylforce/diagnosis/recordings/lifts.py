@@ -134,7 +134,7 @@ def _carried_on(found: list[FreeOfContact], seen: Whitened, settle: int) -> list
         way = seen.tilt[rows] - begin
         emptied = way[np.argmax(np.abs(way))]
         for n in range(first + 1, k):
-            on[n] = bool(np.all((seen.tilt[between[n - 1]] - begin) / emptied < DUMPS))
+            on[n] = bool(np.all((seen.tilt[between[n - 1]] - begin) * np.sign(emptied) < DUMPS * np.abs(emptied)))
         first = k
     return [stretch._replace(on=each) for stretch, each in zip(found, on, strict=True)]
 
