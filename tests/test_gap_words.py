@@ -3,7 +3,6 @@
 import re
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -156,11 +155,10 @@ def test_a_length_sensor_is_told_in_millimetres():
     assert place(crane, "machine") == "the machine"
 
 
-@pytest.mark.parametrize(("size", "when"), [(-76.0, "from 12 s on"), (76.0, "3 times")])
-def test_how_much_fell_out_is_said(size, when):
-    """Of one loss the size is that of the change, of many that of all."""
-    low, high = sorted((size - 6.0 * np.sign(size), size + 6.0 * np.sign(size)))
-    told = effect("payload_spill", "bucket", {"value": size, "low": low, "high": high, "unit": "kg"}, when)
+@pytest.mark.parametrize("when", ["from 12 s on", "3 times"])
+def test_how_much_fell_out_is_said(when):
+    size = {"value": -76.0, "low": -82.0, "high": -70.0, "unit": "kg"}
+    told = effect("payload_spill", "bucket", size, when)
     said = plain(MACHINE, answered("explained", told))
     assert f"76 kg less (90 % sure: 70 to 82), {when}." in [line for point in said.points for line in point.lines]
 

@@ -47,3 +47,11 @@ def test_what_is_renewed_is_what_is_computed_anew(question, sizes, aside):
         one, two = getattr(renewed, name), getattr(anew, name)
         assert np.max(np.abs(one - two)) <= 1e-12 * np.max(np.abs(two)), name
     assert np.max(np.abs(renewed.whole - before.whole)) > 1e-6 * np.max(np.abs(before.whole))
+
+
+def test_what_is_left_alone_is_what_the_rows_leave(question):
+    """Without the columns of any effect; a known load is taken off."""
+    for seen in question.problem.faulty:
+        alone = question.viewer.left(seen.recorded, np.isnan(seen.rows.left))
+        load = (seen.rows.base @ question.viewer.model.load)[..., 0] * seen.recorded.load
+        assert alone == pytest.approx(seen.rows.left - load, abs=1e-6, nan_ok=True)

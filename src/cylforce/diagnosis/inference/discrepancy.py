@@ -226,10 +226,7 @@ class Moments:
     def happening(self, left: Array, noise: Scatter) -> NDArray[np.bool_]:
         """The blocks (B,) in which such a force is more probable than none, by what coefficients (K+1,) leave."""
         across, precision, _ = self.weighed(noise)
-        pull = across @ left
-        gain = 0.5 * np.einsum("bi,bi->b", pull, np.linalg.solve(precision, pull[..., None])[..., 0])
-        gain -= 0.5 * np.linalg.slogdet(precision)[1]
-        return np.asarray(gain > np.log((1.0 - HAPPENS) / HAPPENS))
+        return np.asarray(evidence(across @ left, precision) > np.log((1.0 - HAPPENS) / HAPPENS))
 
     def only(self, where: NDArray[np.bool_]) -> "Moments":
         """The same, in some blocks only."""
@@ -241,6 +238,12 @@ class Moments:
         """Log of the prior probability that it happens in just these blocks."""
         share = np.where(where, HAPPENS, 1.0 - HAPPENS)
         return float(np.sum(np.log(share)))
+
+
+def evidence(score: Array, precision: Array) -> Array:
+    """Evidence (...) [nats] of scores (..., I), sizes integrated out, by their precision (..., I, I)."""
+    sizes = np.linalg.solve(precision, score[..., None])[..., 0]
+    return np.asarray(0.5 * np.einsum("...i,...i->...", score, sizes) - 0.5 * np.linalg.slogdet(precision)[1])
 
 
 def moments(each: Sequence[White], own: Sequence[int], spread: Array, within: Sequence[int], usual: Array) -> Moments:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
-from cylforce.diagnosis.inference.discrepancy import Moments
+from cylforce.diagnosis.inference.discrepancy import Moments, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Happened, Key
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
@@ -91,15 +91,10 @@ def _gain(pull: Array, told: Array, blocks: tuple[int, int, int]) -> float:
     score = np.concatenate([pull[part][:, axis:].sum(axis=0) for part, axis in parts])
     each = [[_both(told, a, b) for b in parts] for a in parts]
     own, before = np.block(each) + np.eye(len(score)), len(LOAD) - 1
-    return _told_by(score, own) - _told_by(score[:before], own[:before, :before])
+    return float(evidence(score, own) - evidence(score[:before], own[:before, :before]))
 
 
 def _both(told: Array, a: tuple[slice, int], b: tuple[slice, int]) -> Array:
     """Information of what two parts of a recording have in common: blocks, and the first of the columns."""
     blocks = slice(max(a[0].start, b[0].start), min(a[0].stop, b[0].stop))
     return np.asarray(told[blocks][:, a[1] :, b[1] :].sum(axis=0))
-
-
-def _told_by(score: Array, precision: Array) -> float:
-    """Evidence [nats] of a score (I,), sizes integrated out."""
-    return 0.5 * float(score @ np.linalg.solve(precision, score)) - 0.5 * float(np.linalg.slogdet(precision)[1])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.columns.statistics import Shared, blocked, polynomials, shared
 from cylforce.diagnosis.inference.asking import CLOCK, Asking, with_noise
-from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter
+from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.posterior import Happened
 from cylforce.diagnosis.inference.sizes import Column, log_size
@@ -86,12 +86,6 @@ class Losses(NamedTuple):
     fell: NDArray[np.bool_]
     less: Array
     errors: Array
-
-
-def evidence(score: Array, precision: Array) -> Array:
-    """Evidence (S,) [nats] of scores (S, I), sizes integrated out."""
-    sizes = np.linalg.solve(precision, score[..., None])[..., 0]
-    return np.asarray(0.5 * np.einsum("si,si->s", score, sizes) - 0.5 * np.linalg.slogdet(precision)[1])
 
 
 class Lost(NamedTuple):

@@ -22,9 +22,6 @@ KIND = float(np.log(2.0))  # nats: loaded or empty, each as probable
 ROUNDS = 4  # in which the noise of both kinds of stretches is told
 SAME = 0.02  # of the noise: a smaller change of it ends that
 DUMPS = 0.5  # of the way from where the bucket is tilted as a load is lifted to where it is emptied (convention)
-TILTS = (
-    0.05  # rad: by that much more a bucket may be tilted between two stretches that it carries the same load (chosen)
-)
 LEAST = 0.3  # of the floor's white noise: as little as the probability model knows
 
 

@@ -67,7 +67,7 @@ WORDS: dict[str, Words] = {
     "soil_contact": Words("contact of the {} with the ground or an obstacle"),
     "slew_centrifugal": Words("turning of the house that no sensor measures"),
     "boom_motion": Words("movement of what carries the first link"),
-    "payload_spill": Words("load falling out of the {}", "less", "less"),
+    "payload_spill": Words("load falling out of the {}", less="less"),
     "payload_shift": Words("load moving in the {}"),
     "clock_fault": Words("pressures and angles that were recorded on different clocks"),
     NOTHING[0]: Words("nothing: the machine is in order"),
