@@ -39,3 +39,11 @@ def test_blocks_at_work_do_not_count(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_all_blocks_count_of_a_machine_that_does_not_work(seed: int) -> None:
     assert np.all(_at_rest(*_made(np.random.default_rng(seed), 0.0, 0.0)))
+
+
+def test_blocks_that_tell_nothing_are_no_work() -> None:
+    """A recording that rests between its steps is not at work there."""
+    problem, blocks = _made(np.random.default_rng(1), 900.0, 2e4)
+    blocks[: COUNT // 8] = 0.0
+    work = np.arange(COUNT) // (COUNT // 4)
+    assert np.array_equal(_at_rest(problem, blocks), (work == 0) | (work == 3))

@@ -1,17 +1,22 @@
 """Single scenes, of one effect or of several: what is named, what stays without a name, what simulation refutes; and
 two laws of friction by themselves. (Our own simulator: this shows that the programs work.)"""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cylforce.diagnosis.answer import shrinkage
+from cylforce.diagnosis.answer.fitting import Fitting
 from cylforce.diagnosis.answer.located import located, usual
 from cylforce.diagnosis.answer.shrinkage import tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.inference.posterior import NOTHING
+from cylforce.diagnosis.inference.residuals import FOLDS
 from cylforce.diagnosis.inference.search import examined
-from cylforce.effects.fault import Place, TimeCourse, places
+from cylforce.diagnosis.inference.sizes import plausible
+from cylforce.effects.fault import BEYOND, Place, TimeCourse, places
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed
@@ -107,6 +112,55 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(friction):
     assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
     assert "coulomb_friction@stick" in doubt
     np.testing.assert_allclose(size.after, size.fixed)
+
+
+def test_one_wrong_cause_beside_it_does_not_withdraw_the_first(friction):
+    """A poor reference lets effects beside the true one explain what it tells wrongly; simulated with these, the
+    machine was farther off than before, and all was withdrawn."""
+    found, verdict = friction
+    first, rng = found.causes[0], np.random.default_rng(1)
+    other = next(p for p in found.original.proposals if (p.name, p.at) == ("coulomb_friction", "boom"))
+    places = tuple(found.original.places[found.original.proposals.index(other)])
+    form = next(k for k, (p, _) in enumerate(found.question.forms) if p == other)
+    sizes = np.array([[-9e4]])
+    beside = first._replace(proposal=other, form=form, columns=places, sizes=sizes, errors=0.1 * sizes)
+    both = verdict._replace(named=(*verdict.named, verdict.named[0]._replace(cause=beside)))
+    search = found._replace(causes=(first, beside), fit=replace(found.fit, which=(*found.fit.which, form)))
+    assert shrinkage.gap(search, (first, beside), rng).refuted
+    after, size, doubt = tried(search, both, rng)
+    assert ([n.cause.key for n in after.named], size.refuted, doubt) == ([first.key], False, "")
+
+
+def test_a_size_larger_than_plausible_is_simulated_as_the_largest_that_is(friction):
+    """An uncertain size may come out larger: it was left out, and what was not simulated took nothing away."""
+    found, _ = friction
+    cause, rng = found.causes[0], np.random.default_rng(1)
+    column = found.question.forms[cause.form][1]
+    largest = BEYOND * column.high
+    assert plausible(column, np.array([-3.0 * largest])) == pytest.approx([-largest])
+    assert plausible(column, np.array([0.5 * largest])) == pytest.approx([0.5 * largest])
+    before, most, more = (
+        shrinkage.gap(found, causes, rng).after
+        for causes in ((), *((cause._replace(sizes=cause.sizes * 0.0 + f * largest),) for f in (1.0, 3.0)))
+    )
+    np.testing.assert_allclose(more, most, rtol=1e-3)  # sizes of the folds differ a little
+    assert most[1] > 1.5 * before[1]  # it is far more than the friction that there is
+
+
+def test_every_stretch_is_simulated_with_sizes_of_three_quarters_of_the_others(friction, monkeypatch):
+    found, verdict = friction
+    kept = []
+
+    def told(self, blocks=None):
+        kept.append(blocks)
+        return whole(self, blocks)
+
+    whole = Fitting.told
+    monkeypatch.setattr(Fitting, "told", told)
+    tried(found, verdict, np.random.default_rng(1))
+    folds = np.array([blocks for blocks in kept if blocks is not None])
+    assert folds.shape == (FOLDS, len(found.original.times))
+    assert np.all(np.sum(~folds, axis=0) == 1)
 
 
 def test_what_happens_at_moments_is_refuted_by_the_share_itself(friction, monkeypatch):

@@ -8,6 +8,7 @@ import pytest
 from cylforce.diagnosis.answer.shrinkage import AT_WORK, tried
 from cylforce.diagnosis.answer.verdict import Verdict, judged, searched
 from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.inference import search
 from cylforce.diagnosis.inference.learnt import CALIBRATION
 from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.fault import PRESSURES
@@ -71,6 +72,18 @@ def dug(kg):
     return Recorded("dug", np.concatenate([record.values for record in each]), 0.0)
 
 
+def test_what_references_show_at_nothing_but_work_works(monkeypatch):
+    """Half a minute of work tells too little of the machine for any judgement whether it works: without an effect,
+    something unknown was found with 9 floors. In the air it is not at work all the same."""
+    monkeypatch.setattr(search, "GAP", 1e3)  # as if what was found explained everything
+    rng, reference = np.random.default_rng(SEED), as_it_was()
+    work = [r._replace(counts=np.arange(len(r.values) // 5) % 200 < 60) for r in recordings(1)]
+    only = ("viscous_friction", "stick")
+    assert examined(reference.viewer, [dug(0.0)], work, rng, only=only).working
+    assert not examined(reference.viewer, recordings(SEED), work, rng, only=only).working
+    assert not examined(reference.viewer, [dug(0.0)], [*work[:1], recordings(1)[1]], rng, only=only).working
+
+
 @pytest.mark.parametrize("kg", [0.0, 80.0])
 def test_what_falls_out_of_an_unknown_load_is_weighed(kg):
     rng, reference = np.random.default_rng(SEED), as_it_was()
@@ -92,14 +105,14 @@ def test_a_cause_that_work_does_not_hide_is_named_without_a_share():
     rng, reference = np.random.default_rng(SEED), as_it_was()
     late = imposed(MACHINE, "sensor_delay", "bucket_angle", 0.06)
     found = replace(examined(reference.viewer, recordings(SEED, (late,)), reference.clean, rng), working=True)
-    search = searched(found, at_work=CALIBRATION)
-    verdict, size, warning = tried(search, judged(found, search), rng)
-    told = answer(search, verdict, size, (), {})
+    causes = searched(found, at_work=CALIBRATION)
+    verdict, size, warning = tried(causes, judged(found, causes), rng)
+    told = answer(causes, verdict, size, (), {})
     assert [(each["name"], each["at"]) for each in told["effects"]] == [("sensor_delay", "bucket_angle")]
     assert told["effects"][0]["closure"] == {"value": None, "low": None, "high": None}
     assert (told["working"], told["end_quantities"], told["explained"], warning) == (True, None, None, AT_WORK)
     assert (told["gap"]["simulated"], told["effects"][0]["removed_nm"]) == ([], None)
-    page = gap_page((search, verdict, size), told, plain(MACHINE, told), ORIGIN)
+    page = gap_page((causes, verdict, size), told, plain(MACHINE, told), ORIGIN)
     assert "How large the gap is" in page
     assert "after, bar" not in page
     said = plain(MACHINE, told)
@@ -109,6 +122,5 @@ def test_a_cause_that_work_does_not_hide_is_named_without_a_share():
 def test_at_work_no_gap_and_something_unknown_are_not_observable():
     rng, reference = np.random.default_rng(SEED), as_it_was()
     found = replace(examined(reference.viewer, recordings(SEED), reference.clean, rng), working=True)
-    search = searched(found, at_work=CALIBRATION)
-    told = judged(found, search)
+    told = judged(found, searched(found, at_work=CALIBRATION))
     assert (told.verdict, told.named) == (Verdict.NOT_OBSERVABLE, ())

@@ -22,7 +22,7 @@ def located(
         if judged.verdict is Verdict.NO_GAP:
             return none(search), judged, size
         nothing = Judged(Verdict.NO_GAP, (), 0.0)
-        return none(search), nothing, gap(search, nothing, rng)
+        return none(search), nothing, gap(search, (), rng)
     hidden = found and judged.verdict is Verdict.NO_GAP
     return search, judged._replace(verdict=Verdict.UNKNOWN) if hidden else judged, size
 

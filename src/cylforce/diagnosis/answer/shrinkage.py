@@ -13,7 +13,8 @@ from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.resimulation import Resimulation, read_blocks
 from cylforce.diagnosis.answer.verdict import Cause, Judged, Search, Verdict
 from cylforce.diagnosis.columns.problem import Seen
-from cylforce.diagnosis.inference.residuals import SPAN, chosen, clean, refitted, residuals, rms
+from cylforce.diagnosis.inference.residuals import FOLDS, SPAN, chosen, clean, refitted, residuals, rms
+from cylforce.diagnosis.inference.sizes import plausible
 from cylforce.diagnosis.numbers import HALF, SLIGHT, WIDEST
 from cylforce.effects.imposed import Imposed
 from cylforce.signals.estimate import Array
@@ -54,19 +55,23 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Jud
     """The verdict once what is named has been simulated, the gap, and a warning where that refutes it. At work nothing
     is: of what contact and loads do, which are most of that gap, no effect takes away anything."""
     if search.working:
-        return judged, gap(search, judged._replace(named=()), rng), AT_WORK if judged.named else ""
-    size = gap(search, judged, rng)
+        return judged, gap(search, (), rng), AT_WORK if judged.named else ""
+    size = gap(search, written(search, judged), rng)
+    if size.refuted and len(written(search, judged)) > 1:  # the first may be right, and those beside it not
+        alone = judged._replace(named=judged.named[:1])
+        other = gap(search, (judged.named[0].cause,), rng)
+        judged, size = (judged, size) if other.refuted else (alone, other)
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
     names = " and ".join("{}@{}".format(*n.cause.key) for n in judged.named)
     nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
-    return nothing, gap(search, nothing, rng), REFUTED.format(names)
+    return nothing, gap(search, (), rng), REFUTED.format(names)
 
 
-def gap(search: Search, judged: Judged, rng: np.random.Generator) -> Gap:
-    """The size of the gap before and after."""
-    causes, simulation = written(search, judged), Simulation(search, written(search, judged))
+def gap(search: Search, causes: Sequence[Cause], rng: np.random.Generator) -> Gap:
+    """The size of the gap before and after some causes are simulated."""
+    simulation = Simulation(search, causes)
     before, after = (simulation.left(those) for those in ((), causes))
     refit, shift = refitted(search.question, before)
     both = (simulation.clean.seen, simulation.clean.unseen)
@@ -116,14 +121,16 @@ class Simulation:
             return residuals(problem, search.at_rest(self.causes, self._fit.whole, self.clean.values))
         if any(not c.lasts for c in causes):
             return self._left(causes, self._fit.whole)
-        fold = (np.arange(len(problem.times)) // SPAN) % 2
-        each = [self._left(causes, self._fit.told(fold != k)) for k in (0, 1)]
-        return chosen(each[0], each[1], problem, fold == 1)
+        fold = (np.arange(len(problem.times)) // SPAN) % FOLDS
+        left = self._left(causes, self._fit.told(fold != 0))
+        for k in range(1, FOLDS):
+            left = chosen(left, self._left(causes, self._fit.told(fold != k)), problem, fold == k)
+        return left
 
     def _left(self, causes: Sequence[Cause], told: Sized) -> list[Array]:
         """What causes leave with the sizes that were fitted together."""
         search, problem = self.search, self.search.original
-        now = [c._replace(sizes=c.sizes + _told(c, told) - _told(c, search.fit.whole)) for c in causes]
+        now = [self._sized(c, c.sizes + _told(c, told) - _told(c, search.fit.whole)) for c in causes]
         values = search.at_rest(self.causes, told, self.clean.values)
         if not problem.clean:  # parameters that are known as well as they were identified give way to effects
             values[: problem.first] = told.own
@@ -133,6 +140,11 @@ class Simulation:
         except ValueError:  # such as a load of which more falls out than there is: what cannot be explains nothing
             seen = problem.faulty
         return residuals(replace(problem, faulty=seen), values)
+
+    def _sized(self, cause: Cause, sizes: Array) -> Cause:
+        if cause.form is not None:
+            sizes = plausible(self.search.question.forms[cause.form][1], sizes.ravel()).reshape(sizes.shape)
+        return cause._replace(sizes=sizes)
 
 
 def _told(cause: Cause, told: Sized) -> Array:

@@ -16,6 +16,7 @@ from cylforce.diagnosis.inference.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
 from cylforce.diagnosis.inference.residuals import added, hung, residuals, rms
 from cylforce.diagnosis.inference.search import Found
+from cylforce.diagnosis.inference.sizes import plausible
 from cylforce.diagnosis.inference.working import Lost
 from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, SURE, UNSAID
 from cylforce.effects.fault import TimeCourse
@@ -186,8 +187,8 @@ def _included(found: Found, key: Key) -> float:
 
 
 def _cause(found: Found, form: int, told: tuple[Array, Array], probability: float, nats: float) -> Cause:
-    problem, proposal = found.question.problem, found.question.forms[form][0]
-    sizes = told[0]
+    problem, (proposal, column) = found.question.problem, found.question.forms[form]
+    sizes = plausible(column, told[0])
     errors = np.hypot(told[1], proposal.about.form * np.abs(sizes))
     number, when = np.arange(len(problem.times)), ""
     course, rows = np.ones((1, len(number))), 1

@@ -55,6 +55,12 @@ class Problem:
         """Whether nobody identified the machine: a data sheet knows masses roughly and friction not at all."""
         return not self.model.friction
 
+    @property
+    def at_work(self) -> float:
+        """The share of the blocks that are work, of the clean recording in which they are fewest; 0 without any."""
+        counts = (seen.recorded.counts for seen in self.clean)
+        return min((0.0 if own is None else 1.0 - float(np.mean(own)) for own in counts), default=0.0)
+
     def of_load(self, seen: Seen) -> int | None:
         """The first of the columns of a recording's load beyond its mass; None for an empty one."""
         place = self._loaded.index(self._recording(seen)) if seen.recorded.load else None

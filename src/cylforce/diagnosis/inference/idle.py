@@ -56,7 +56,7 @@ def _blocked(columns: Array) -> Array:
 
 
 def _at_rest(problem: Problem, blocks: Array) -> Blocks:
-    """The blocks (B,) that count."""
+    """The blocks (B,) that count, or that tell nothing anyhow."""
     usable = np.any(blocks[..., -1] != 0.0, axis=(1, 2))
     kept, values, scale = usable, np.zeros(problem.lasting), np.ones(blocks.shape[2])
     for _ in range(ROUNDS):
@@ -72,7 +72,7 @@ def _at_rest(problem: Problem, blocks: Array) -> Blocks:
             break
         kept = now
         values, scale = _fit(problem, blocks[kept])
-    return np.asarray(kept)
+    return np.asarray(kept | ~usable)
 
 
 def _fit(problem: Problem, blocks: Array) -> tuple[Array, Array]:

@@ -207,13 +207,16 @@ class _Search:
         self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
     ) -> tuple[AtWork, Hypothesis] | None:
         """The machine in order at work, if this is likelier than all that was found, and leaves less of what counts:
-        loads and contact together may hide each other from all that is asked by itself."""
+        loads and contact together may hide each other from all that is asked by itself. Where references show the
+        machine at nothing but work, they tell too little of it to judge by, and it works as it did there."""
         found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
         least, unit = min(rest for _, rest in found), self.plain.problem.spread[: len(self._values)]
-        if least <= GAP or not (work := at_work(self.plain, self._values * unit, self._put, self.rng)):
+        worked = self.plain.problem.at_work > SELDOM
+        if (least <= GAP and not worked) or not (work := at_work(self.plain, self._values * unit, self._put, self.rng)):
             return None
         idle = work.case.likeliest((), work.case.usual)
-        return (work, idle) if idle.log > max(log for log, _ in found) and idle.rest < least else None
+        likelier = idle.log > max(log for log, _ in found) and idle.rest < least
+        return (work, idle) if likelier or (worked and work.share > SELDOM) else None
 
     def _spills(self, p: Proposal) -> bool:
         """Whether it is a load that falls out, and asked."""

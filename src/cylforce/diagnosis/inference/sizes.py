@@ -132,6 +132,12 @@ def _outside(column: Column, axes: int, sizes: Array, covariance: Array) -> floa
     return density - 0.5 * float(apart @ np.linalg.solve(covariance, apart))
 
 
+def plausible(column: Column, sizes: Array) -> Array:
+    """Sizes (M,), no larger than any plausible one, in proportion: where they are uncertain, the likeliest may be."""
+    largest = BEYOND * column.high
+    return np.asarray(sizes * min(largest / max(float(np.linalg.norm(sizes[: column.measured])), 1e-300), 1.0))
+
+
 def surface(axes: int) -> float:
     """Of the unit sphere; of one axis its two directions."""
     return float(2.0 * pi ** (axes / 2.0) / gamma(axes / 2.0))

@@ -77,6 +77,7 @@ HEADLINES = {
         "The cause cannot be named while the machine works with loads or contact of which nothing is known"
     ),
 }
+UNDECIDED = "Something is wrong{there}; which fault it is cannot be said yet{shape}"
 SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault whose size could be told
 
 
@@ -90,7 +91,17 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
         "there": f" at the {told['at']}" if told else "",
         "shape": f"; {SHAPES[told['of']]}" if told and told["of"] in SHAPES else "",
     }
-    return f"{HEADLINES[Verdict(answer['verdict'])].format(**words)}."
+    said = UNDECIDED if _undecided(answer) else HEADLINES[Verdict(answer["verdict"])]
+    return f"{said.format(**words)}."
+
+
+def _undecided(answer: dict[str, Any]) -> bool:
+    """Whether nothing is named though a known fault is the likeliest: it did not stand the simulation, or too many
+    others may be it."""
+    known = answer.get("probabilities")
+    if answer["verdict"] != Verdict.UNKNOWN or not known:
+        return False
+    return any(effect["probability"] > known["unknown"] for effect in known["effects"])
 
 
 def _found(machine: Machine, answer: dict[str, Any]) -> str:
@@ -136,6 +147,8 @@ def _shows(joint: str, found: list[dict[str, Any]]) -> str:
 def _sure(answer: dict[str, Any]) -> Lines:
     """The probability of what the headline says."""
     known = answer.get("probabilities", {})
+    if _undecided(answer):
+        return ()
     if answer["verdict"] in (Verdict.NO_GAP, Verdict.UNKNOWN) and known:
         said = "that the machine is in order" if answer["verdict"] == Verdict.NO_GAP else "that it is none of them"
         return (f"{percent(known[answer['verdict']])} {said}.",)
