@@ -12,11 +12,12 @@ from cylforce.diagnosis.answer.located import located, usual
 from cylforce.diagnosis.answer.shrinkage import tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
+from cylforce.diagnosis.inference import search
 from cylforce.diagnosis.inference.posterior import NOTHING
-from cylforce.diagnosis.inference.residuals import FOLDS
+from cylforce.diagnosis.inference.residuals import FOLDS, STEADY, unforced
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.inference.sizes import plausible
-from cylforce.effects.fault import BEYOND, Place, TimeCourse, places
+from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, places
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed
@@ -88,6 +89,24 @@ def test_a_jolt_or_two_do_not_hide_what_lasts(reference):
     assert max(found.belief.of, key=found.belief.of.__getitem__) == ("viscous_friction", "stick")
 
 
+def test_brief_hard_contacts_are_contact(reference, monkeypatch):
+    """In one row a force at the teeth explains all three joints; over a block of three seconds no polynomial does, and
+    what hid the machine there was called unknown. (That a load is known is no work either.)"""
+    begins = (21.0, 24.3, 43.5, 130.2)
+    hits = tuple(imposed(MACHINE, "soil_contact", "bucket", (2e4, -3e4), begin=b, end=b + 1.3) for b in begins)
+    shares = []
+
+    def seen(*given):
+        shares.append(unforced(*given))
+        return shares[-1]
+
+    monkeypatch.setattr(search, "unforced", seen)
+    found, verdict = concluded(reference, hits)
+    assert not found.working
+    assert [n.cause.key for n in verdict.named] == [("soil_contact", "bucket")]
+    assert shares[0] < 0.1
+
+
 def test_two_effects_are_both_named(reference):
     friction = imposed(MACHINE, "coulomb_friction", "stick", 4000.0)
     offset = imposed(MACHINE, "pressure_offset", "boom_rod_pressure", 4e5)
@@ -125,9 +144,9 @@ def test_one_wrong_cause_beside_it_does_not_withdraw_the_first(friction):
     sizes = np.array([[-9e4]])
     beside = first._replace(proposal=other, form=form, columns=places, sizes=sizes, errors=0.1 * sizes)
     both = verdict._replace(named=(*verdict.named, verdict.named[0]._replace(cause=beside)))
-    search = found._replace(causes=(first, beside), fit=replace(found.fit, which=(*found.fit.which, form)))
-    assert shrinkage.gap(search, (first, beside), rng).refuted
-    after, size, doubt = tried(search, both, rng)
+    wrong = found._replace(causes=(first, beside), fit=replace(found.fit, which=(*found.fit.which, form)))
+    assert shrinkage.gap(wrong, (first, beside), rng).refuted
+    after, size, doubt = tried(wrong, both, rng)
     assert ([n.cause.key for n in after.named], size.refuted, doubt) == ([first.key], False, "")
 
 
@@ -241,3 +260,19 @@ def test_friction_that_saturates_grows_with_small_loads_alone():
     law, loads = LoadDependentFriction(easing=3e-6), np.array([1e3, -1e3, 1e8])
     force = law.force(np.full(3, 0.5), loads, np.arange(3.0))
     np.testing.assert_allclose(force, [1e3, 1e3, 1.0 / 3e-6], rtol=0.01)
+
+
+def test_what_no_force_at_the_teeth_explains(friction):
+    """A force that is another one in every row leaves nothing, a torque at one joint most of it."""
+    question, rng = friction[0].question, np.random.default_rng(3)
+    (tips, push), floor = ([INCIDENTAL.index(name) for name in STEADY], [2e4, 1e4]), question.floor.rms
+    none = [np.zeros(0, dtype=int)] * len(question.problem.faulty)
+    forced, torque = [], []
+    for seen in question.problem.faulty:
+        columns = seen.rows.incidental[..., tips]
+        forced.append(np.einsum("trk,tk->tr", columns, rng.standard_normal((len(columns), 2)) * push))
+        torque.append(rng.standard_normal((len(columns), 3)) * floor * [100.0, 0.0, 0.0])
+    assert unforced(question, forced, none) < 1e-6
+    assert unforced(question, torque, none) > 0.5
+    rows = [np.arange(len(e)) for e in torque]
+    assert unforced(question, torque, rows) == 1.0  # nothing to explain

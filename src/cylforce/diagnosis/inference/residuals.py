@@ -18,6 +18,7 @@ from cylforce.signals.estimate import Array
 
 FOLDS = 4  # of the clean recordings, each predicted from the others: convention
 SPAN = 5  # blocks that are held out, drawn or exchanged together: fifteen seconds
+STEADY = ("tip.x.0", "tip.z.0")  # a force at the teeth
 Blocks = NDArray[np.bool_]
 
 
@@ -151,15 +152,29 @@ def weighed(question: Asking, left: Sequence[Array]) -> float:
 
 def pushed(question: Asking, left: Sequence[Array]) -> float:
     """Force at the teeth [N] that is not there, rms over blocks: as much of a steady one as fits each of them. (One
-    that
-    changes within a block fits noise: thousands of N where joints rest.)"""
-    names = ("tip.x.0", "tip.z.0")
+    that changes within a block fits noise: thousands of N where joints rest.)"""
     each = [
-        _solved(question, seen, e, names, slice(k, k + BLOCK))
+        _solved(question, seen, e, STEADY, slice(k, k + BLOCK))
         for seen, e in zip(question.problem.faulty, left, strict=True)
         for k in range(0, len(e), BLOCK)
     ]
     return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1))))
+
+
+def unforced(question: Asking, left: Sequence[Array], rows: Sequence[NDArray[np.int_]]) -> float:
+    """Share (rms) of what is left (T, R) [N m] of the faulty recordings, outside of some `rows` of each, that no force
+    at the teeth explains, which may be another one in every row. All of it where two joints or fewer tell a force: that
+    explains anything."""
+    columns, floor, energy = [INCIDENTAL.index(name) for name in STEADY], question.floor.rms, np.zeros(2)
+    for seen, e, inside in zip(question.problem.faulty, left, rows, strict=True):
+        good = np.all(np.isfinite(e), axis=1)
+        good[inside] = False
+        y, x = e[good] / floor, seen.rows.incidental[good][..., columns] / floor[:, None]
+        along = np.linalg.svd(x, full_matrices=False)[0]
+        beyond = y - np.einsum("trk,tk->tr", along, np.einsum("trk,tr->tk", along, y))
+        energy += np.sum(beyond**2), np.sum(y**2)
+    told = energy[1] > 0.0 and len(floor) > len(columns)
+    return float(np.sqrt(energy[0] / energy[1])) if told else 1.0
 
 
 def _solved(question: Asking, seen: Seen, left: Array, names: Sequence[str], part: slice = slice(None)) -> Array:

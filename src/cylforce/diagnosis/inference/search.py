@@ -20,19 +20,20 @@ from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.moments import Blocks, changed, happening
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
-from cylforce.diagnosis.inference.residuals import hung, residuals
+from cylforce.diagnosis.inference.residuals import hung, residuals, unforced
 from cylforce.diagnosis.inference.working import AtWork, Lost, at_work, hangs
-from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, SELDOM, SIGMAS
+from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, LAW, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
 from cylforce.diagnosis.recordings.glitches import Jumping, jumping
 from cylforce.effects.fault import Place
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
+from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import UNKNOWN_TORQUES
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
-SPILL = PayloadSpill().about.name
+SPILL, CONTACT = PayloadSpill().about.name, TipForce().about.name
 AGAIN = 6  # hypotheses that are looked at again at their sizes
 Watch = Callable[[str], None]
 
@@ -196,7 +197,7 @@ class _Search:
         if work and work[0].share > SELDOM:
             return self._working(*work)
         if work:
-            happened = (*happened, Happened(UNKNOWN, work[1].log, work[0].share, work[1].rest))
+            happened = self._with_work(happened, *work)
         self.watch("effects at their sizes")
         told, looked = self._again(case, self._told_of(case, tuple(hypotheses), happened))
         blocks = {each.key: where for each, where in when}
@@ -217,6 +218,16 @@ class _Search:
         idle = work.case.likeliest((), work.case.usual)
         likelier = idle.log > max(log for log, _ in found) and idle.rest < least
         return (work, idle) if likelier or (worked and work.share > SELDOM) else None
+
+    def _with_work(self, happened: tuple[Happened, ...], work: AtWork, idle: Hypothesis) -> tuple[Happened, ...]:
+        """What may happen at moments, with those in which loads or contact hide the machine: contact, if forces at the
+        teeth explain them as well as a law is known. (They change within a block as no polynomial does.)"""
+        left = residuals(self.plain.problem, self._values * self.plain.problem.spread[: len(self._values)])
+        rows = [each[each >= 0] for each in work.question.layout or ()]
+        push = unforced(self.plain, left, rows) <= LAW
+        own = [each for each in happened if push and each.key[0] == CONTACT and each.log < idle.log]
+        others = tuple(each for each in happened if each not in own)
+        return (*others, Happened(own[0].key if own else UNKNOWN, idle.log, work.share, idle.rest))
 
     def _spills(self, p: Proposal) -> bool:
         """Whether it is a load that falls out, and asked."""

@@ -101,8 +101,8 @@ class Lost(NamedTuple):
 
 class AtWork(NamedTuple):
     """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them; the
-    `share` of the rows in which the teeth touch the ground or a load hangs; the case if all loads that are carried on
-    were the same, `same`; which are not, `losses`; in which of the faulty blocks (S, B) each stretch is."""
+    `share` of the rows in which the teeth touch the ground or an unknown load hangs; the case if all loads that are
+    carried on were the same, `same`; which are not, `losses`; in which of the faulty blocks (S, B) each stretch is."""
 
     question: Asking
     case: Inference
@@ -229,9 +229,10 @@ def _laid(found: list[FreeOfContact], count: int) -> _Seen:
 
 
 def _busy(question: Asking, found: Sequence[_Seen]) -> float:
-    """The share of the rows in which the teeth touch the ground or a load hangs."""
-    settle = question.viewer.slow.settle_steps
-    empty = sum(s.last - s.first + 2 * settle for each in found for s in each.stretches if not s.loaded)
+    """The share of the rows in which the teeth touch the ground or a load hangs of which nothing is known."""
+    settle, known = question.viewer.slow.settle_steps, [seen.recorded.load > 0.0 for seen in question.problem.faulty]
+    each = [(s, told) for told, seen in zip(known, found, strict=True) for s in seen.stretches]
+    empty = sum(s.last - s.first + 2 * settle for s, told in each if told or not s.loaded)
     return 1.0 - empty / sum(len(each.carried) for each in found)
 
 
