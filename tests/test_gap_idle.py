@@ -47,3 +47,16 @@ def test_blocks_that_tell_nothing_are_no_work() -> None:
     blocks[: COUNT // 8] = 0.0
     work = np.arange(COUNT) // (COUNT // 4)
     assert np.array_equal(_at_rest(problem, blocks), (work == 0) | (work == 3))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_machine_that_works_most_of_the_time_is_found_in_the_rest(seed: int) -> None:
+    """Digging cycles are free of load and contact for a quarter to a third of the time."""
+    rng = np.random.default_rng(seed)
+    problem, blocks = _made(rng, 0.0, 0.0)
+    quiet = np.isin(np.arange(COUNT), rng.permutation(COUNT)[: int(0.3 * COUNT)])
+    load, force = rng.uniform(500.0, 1500.0, COUNT), rng.uniform(1e4, 1e5, COUNT)
+    added = load[:, None, None] * blocks[..., OWN + LOADS[0]]
+    added = np.where(rng.random(COUNT)[:, None, None] < 0.5, added, force[:, None, None] * blocks[..., OWN + TIPS[0]])
+    blocks[..., -1] += np.where(quiet[:, None, None], 0.0, added)
+    assert np.array_equal(_at_rest(problem, blocks), quiet)

@@ -2,10 +2,12 @@
 known hangs in the bucket, they tell nothing of the machine itself. These blocks of three seconds do not count.
 
 Least trimmed squares (Rousseeuw and Van Driessen 2006): the machine is fitted to the share of the blocks in which least
-is left, until these stay the same; then every block counts in which no plausible load and no plausible force at the
-teeth is seen."""
+is left, until these stay the same, from a fit to each of many single blocks on, for which the machine's prior is
+enough; of these the one that leaves least. Then every block counts in which no plausible load and no plausible force
+at the teeth is seen."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,8 @@ TIPS = tuple(INCIDENTAL.index(f"tip.{axis}.{k}") for k in range(SHAPES) for axis
 LEAST = {LOADS: PayloadSpill().about.low, TIPS: TipForce().about.low}  # plausible sizes [kg, N]
 TAKEN = {LOADS: slice(0, 1), TIPS: slice(None)}  # the coefficients that are the magnitude
 
-QUIET = 0.4  # of the blocks, with which the search begins: those in which least is left
+QUIET = 0.25  # of the rows, with which the search begins: so much of its time a digging machine is empty (physics)
+STARTS = 64  # single blocks from which the search begins, at most twice as many
 Blocks = NDArray[np.bool_]
 
 
@@ -57,43 +60,76 @@ def _blocked(columns: Array) -> Array:
 
 def _at_rest(problem: Problem, blocks: Array) -> Blocks:
     """The blocks (B,) that count, or that tell nothing anyhow."""
-    usable = np.any(blocks[..., -1] != 0.0, axis=(1, 2))
-    kept, values, scale = usable, np.zeros(problem.lasting), np.ones(blocks.shape[2])
-    for _ in range(ROUNDS):
-        values, scale = _fit(problem, blocks[kept])
-        energy = np.where(usable, np.sum(_left(blocks, values) ** 2 / scale**2, axis=(1, 2)), np.inf)
-        now = energy <= np.quantile(energy[usable], QUIET)
-        if np.array_equal(now, kept):
-            break
-        kept = now
+    sums = _Sums.of(problem, blocks)
+    usable = np.any(sums.rows > 0.0, axis=1)
+    if not np.any(usable):
+        return np.asarray(~usable)
+    starts = np.flatnonzero(usable)[:: max(int(np.sum(usable)) // STARTS, 1)]
+    each = [sums.quietest(np.arange(len(usable)) == start) for start in starts]
+    kept, _ = min(each, key=lambda found: found[1])
+    values, scale = sums.fit(kept)
     for _ in range(ROUNDS):
         now = usable & ~_works(problem, blocks, values, scale)
         if np.array_equal(now, kept) or not np.any(now):
             break
         kept = now
-        values, scale = _fit(problem, blocks[kept])
+        values, scale = sums.fit(kept)
     return np.asarray(kept | ~usable)
 
 
-def _fit(problem: Problem, blocks: Array) -> tuple[Array, Array]:
-    """Values (K,) of the machine's own columns by least squares, and what they leave, rms (R,)."""
-    own, prior = blocks[..., : problem.lasting], np.diag(problem.spread[: problem.lasting] ** -2.0)
-    scale, values = _rms(blocks[..., -1]), np.zeros(problem.lasting)
-    for _ in range(2):
-        x, y = own / scale[:, None], blocks[..., -1] / scale
-        gram = np.einsum("btri,btrj->ij", x, x, optimize=True)
-        values = np.linalg.solve(gram + prior, np.einsum("btri,btr->i", x, y, optimize=True))
-        scale = _rms(_left(blocks, values))
-    return values, scale
+class _Sums(NamedTuple):
+    """Products (B, R, K+1, K+1) of the machine's own columns and of what the model leaves, last, over every block; how
+    many rows (B, R) are usable; prior precision (K, K)."""
+
+    products: Array
+    rows: Array
+    prior: Array
+
+    @classmethod
+    def of(cls, problem: Problem, blocks: Array) -> "_Sums":
+        """Of blocks (B, BLOCK, R, N)."""
+        own = blocks[..., [*range(problem.lasting), -1]]
+        products = np.einsum("btri,btrj->brij", own, own, optimize=True)
+        return cls(products, np.sum(own[..., -1] != 0.0, axis=1), np.diag(problem.spread[: problem.lasting] ** -2.0))
+
+    def fit(self, kept: Blocks) -> tuple[Array, Array]:
+        """Values (K,) of the machine's own columns by least squares of some blocks, and what they leave, rms (R,)."""
+        products, rows = self.products[kept].sum(axis=0), np.maximum(self.rows[kept].sum(axis=0), 1.0)
+        scale, values = _rms(products[:, -1, -1], rows), np.zeros(len(self.prior))
+        for _ in range(2):
+            whole = np.einsum("rij,r->ij", products, scale**-2.0)
+            values = np.linalg.solve(whole[:-1, :-1] + self.prior, whole[:-1, -1])
+            scale = _rms(_energy(products, values), rows)
+        return values, scale
+
+    def quietest(self, kept: Blocks) -> tuple[Blocks, float]:
+        """The blocks (B,) with QUIET of the rows in which least is left per row by a fit to these themselves, from a
+        fit to `kept` on; the sum of the logarithms of what is left there, infinite where a joint has no rows there."""
+        rows, scale = self.rows.sum(axis=1), np.ones(self.rows.shape[1])
+        for _ in range(ROUNDS):
+            values, scale = self.fit(kept)
+            order = np.argsort(_energy(self.products, values) @ scale**-2.0 / np.where(rows > 0.0, rows, np.nan))
+            now = np.zeros_like(kept)
+            now[order] = np.cumsum(rows[order]) <= QUIET * np.sum(rows)
+            if np.array_equal(now, kept) or not np.any(now):
+                break
+            kept = now
+        silent = np.any((self.rows[kept].sum(axis=0) == 0.0) & (self.rows.sum(axis=0) > 0.0))
+        return kept, np.inf if silent else float(np.sum(np.log(scale)))
+
+
+def _energy(products: Array, values: Array) -> Array:
+    """Sums of squares (..., R) that values (K,) leave."""
+    left = np.append(-values, 1.0)
+    return np.asarray(np.maximum(np.einsum("...ij,i,j->...", products, left, left, optimize=True), 0.0))
+
+
+def _rms(squares: Array, rows: Array) -> Array:
+    return np.asarray(np.sqrt(squares / rows)) + 1e-9
 
 
 def _left(blocks: Array, values: Array) -> Array:
     return np.asarray(blocks[..., -1] - blocks[..., : len(values)] @ values)
-
-
-def _rms(x: Array) -> Array:
-    count = np.maximum(np.sum(x != 0.0, axis=(0, 1)), 1)
-    return np.asarray(np.sqrt(np.sum(x**2, axis=(0, 1)) / count)) + 1e-9
 
 
 def _works(problem: Problem, blocks: Array, values: Array, scale: Array) -> Blocks:
