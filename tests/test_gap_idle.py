@@ -60,3 +60,14 @@ def test_a_machine_that_works_most_of_the_time_is_found_in_the_rest(seed: int) -
     added = np.where(rng.random(COUNT)[:, None, None] < 0.5, added, force[:, None, None] * blocks[..., OWN + TIPS[0]])
     blocks[..., -1] += np.where(quiet[:, None, None], 0.0, added)
     assert np.array_equal(_at_rest(problem, blocks), quiet)
+
+
+def test_what_a_poor_quarter_does_not_tell_of_the_machine_is_no_work() -> None:
+    """The quarter with which the search begins moves one joint; in the others the machine shows what it tells there."""
+    rng = np.random.default_rng(4)
+    problem, blocks = _made(rng, 0.0, 0.0)
+    own, values = blocks[..., :OWN], 3.0 * rng.standard_normal(OWN)
+    own[: COUNT // 3, ..., OWN // 2 :] = 0.0
+    blocks[..., -1] = own @ values + 200.0 * rng.standard_normal(blocks.shape[:3])
+    blocks[: COUNT // 3, ..., -1] = own[: COUNT // 3] @ values + 150.0 * rng.standard_normal((COUNT // 3, BLOCK, ROWS))
+    assert np.all(_at_rest(problem, blocks))

@@ -4,7 +4,7 @@ known hangs in the bucket, they tell nothing of the machine itself. These blocks
 Least trimmed squares (Rousseeuw and Van Driessen 2006): the machine is fitted to the share of the blocks in which least
 is left, until these stay the same, from a fit to each of many single blocks on, for which the machine's prior is
 enough; of these the one that leaves least. Then every block counts in which no plausible load and no plausible force
-at the teeth is seen."""
+at the teeth is seen, as far as those that count already tell the machine."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -67,13 +67,11 @@ def _at_rest(problem: Problem, blocks: Array) -> Blocks:
     starts = np.flatnonzero(usable)[:: max(int(np.sum(usable)) // STARTS, 1)]
     each = [sums.quietest(np.arange(len(usable)) == start) for start in starts]
     kept, _ = min(each, key=lambda found: found[1])
-    values, scale = sums.fit(kept)
     for _ in range(ROUNDS):
-        now = usable & ~_works(problem, blocks, values, scale)
+        now = usable & ~_works(problem, blocks, sums, kept)
         if np.array_equal(now, kept) or not np.any(now):
             break
         kept = now
-        values, scale = sums.fit(kept)
     return np.asarray(kept | ~usable)
 
 
@@ -128,22 +126,31 @@ def _rms(squares: Array, rows: Array) -> Array:
     return np.asarray(np.sqrt(squares / rows)) + 1e-9
 
 
-def _left(blocks: Array, values: Array) -> Array:
-    return np.asarray(blocks[..., -1] - blocks[..., : len(values)] @ values)
-
-
-def _works(problem: Problem, blocks: Array, values: Array, scale: Array) -> Blocks:
+def _works(problem: Problem, blocks: Array, sums: _Sums, kept: Blocks) -> Blocks:
     """The blocks (B,) in which a load or a force at the teeth is at least of the least plausible size, and stands
-    out: its error is the rms of what is left, as if all samples of a block erred alike."""
-    left, found = _left(blocks, values) / scale, np.zeros(len(blocks), dtype=np.bool_)
-    for own, least in LEAST.items():
-        columns = blocks[..., [problem.lasting + k for k in own]] / scale[:, None]
-        unit = problem.unusual[list(own)]
-        columns = columns * unit / np.sqrt(BLOCK)
-        gram = np.einsum("btri,btrj->bij", columns, columns, optimize=True) + np.eye(len(own))
-        pull = np.einsum("btri,btr->bi", columns, left / np.sqrt(BLOCK), optimize=True)
-        sizes = np.linalg.solve(gram, pull[..., None])[..., 0]
-        gain = np.einsum("bi,bi->b", pull, sizes)
-        magnitude = np.linalg.norm((sizes * unit)[:, TAKEN[own]], axis=1)
+    out against what is left and how well the `kept` ones tell the machine: as if all samples of a block erred alike."""
+    values, scale = sums.fit(kept)
+    unit, size = scale * np.sqrt(BLOCK), len(values)
+    own = blocks[..., :size] / unit[:, None]
+    left = (blocks[..., -1] - blocks[..., :size] @ values) / unit
+    each = np.einsum("brij,r->bij", sums.products[..., :-1, :-1], unit**-2.0)
+    other = ~kept[:, None, None]  # these tell nothing of the machine yet
+    whole = each[kept].sum(axis=0) + sums.prior + np.where(other, each, 0.0)
+    own_left = np.where(other, np.einsum("btri,btr->bi", own, left, optimize=True)[..., None], 0.0)
+    found = np.zeros(len(blocks), dtype=np.bool_)
+    for places, least in LEAST.items():
+        usual = problem.unusual[list(places)]
+        columns = blocks[..., [problem.lasting + k for k in places]] * usual / unit[:, None]
+        across = np.einsum("btri,btrj->bij", own, columns, optimize=True)
+        gram = np.einsum("btri,btrj->bij", columns, columns, optimize=True) + np.eye(len(places))
+        pull = np.einsum("btri,btr->bi", columns, left, optimize=True)[..., None]
+        beside = np.linalg.solve(whole, np.concatenate([across, own_left], axis=-1))
+        told = np.swapaxes(across, 1, 2) @ beside
+        gram, pull = gram - told[..., :-1], pull - told[..., -1:]
+        sizes = np.linalg.solve(gram, pull)
+        gain, magnitude = (
+            np.sum(pull * sizes, axis=(1, 2)),
+            np.linalg.norm((sizes[..., 0] * usual)[:, TAKEN[places]], axis=1),
+        )
         found |= (magnitude >= least) & (gain >= SIGMAS**2)
     return found
