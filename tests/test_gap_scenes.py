@@ -120,14 +120,14 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(friction):
     found, verdict = friction
     assert [n.cause.key for n in verdict.named] == [("coulomb_friction", "stick")]
     assert ("coulomb_friction", "stick") in {c.key for c in written(found, verdict)}
-    after, size, doubt = tried(found, verdict, np.random.default_rng(1))
+    _, after, size, doubt = tried(found, verdict, np.random.default_rng(1))
     assert (after, doubt) == (verdict, "")
     before, left = (rms[1] ** 2 - size.floor[1] ** 2 for rms in (size.fixed, size.after))
     assert 1.0 - left / before > 0.8
     assert np.sum(size.refit**2) <= np.sum(size.fixed**2)
     (named,) = verdict.named
     wrong = verdict._replace(named=(named._replace(cause=named.cause._replace(sizes=-named.cause.sizes)),))
-    after, size, doubt = tried(found, wrong, np.random.default_rng(1))
+    _, after, size, doubt = tried(found, wrong, np.random.default_rng(1))
     assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
     assert "coulomb_friction@stick" in doubt
     np.testing.assert_allclose(size.after, size.fixed)
@@ -146,7 +146,8 @@ def test_one_wrong_cause_beside_it_does_not_withdraw_the_first(friction):
     both = verdict._replace(named=(*verdict.named, verdict.named[0]._replace(cause=beside)))
     wrong = found._replace(causes=(first, beside), fit=replace(found.fit, which=(*found.fit.which, form)))
     assert shrinkage.gap(wrong, (first, beside), rng).refuted
-    after, size, doubt = tried(wrong, both, rng)
+    search, after, size, doubt = tried(wrong, both, rng)
+    assert [c.key for c in written(search, after)] == [first.key]
     assert ([n.cause.key for n in after.named], size.refuted, doubt) == ([first.key], False, "")
 
 
@@ -158,12 +159,27 @@ def test_a_size_larger_than_plausible_is_simulated_as_the_largest_that_is(fricti
     largest = BEYOND * column.high
     assert plausible(column, np.array([-3.0 * largest])) == pytest.approx([-largest])
     assert plausible(column, np.array([0.5 * largest])) == pytest.approx([0.5 * largest])
+    for size in rng.uniform(1.0, 100.0, 200) * largest:  # whatever is rounded, the simulator takes it
+        assert imposed(MACHINE, *cause.key, float(plausible(column, np.array([size]))[0])).sizes
     before, most, more = (
         shrinkage.gap(found, causes, rng).after
         for causes in ((), *((cause._replace(sizes=cause.sizes * 0.0 + f * largest),) for f in (1.0, 3.0)))
     )
     np.testing.assert_allclose(more, most, rtol=1e-3)  # sizes of the folds differ a little
     assert most[1] > 1.5 * before[1]  # it is far more than the friction that there is
+
+
+def test_what_other_stretches_tell_is_simulated_not_how_far_it_is_from_an_implausible_whole(friction, monkeypatch):
+    """The whole recording tells three times the largest plausible size, a part of it half of that: the part counts."""
+    found, _ = friction
+    cause, whole = found.causes[0], found.fit.whole
+    largest = BEYOND * found.question.forms[cause.form][1].high
+    simulation = shrinkage.Simulation(found, (cause,))
+    monkeypatch.setitem(whole.sizes, cause.form, np.array([3.0 * largest]))
+    seen = cause._replace(sizes=np.array([[largest]]))
+    for told, size in ((0.5, 0.5), (2.0, 1.0), (-0.5, -0.5)):
+        part = whole._replace(sizes={cause.form: np.array([told * largest])})
+        assert simulation._sized(seen, part).size == pytest.approx(size * largest)
 
 
 def test_every_stretch_is_simulated_with_sizes_of_three_quarters_of_the_others(friction, monkeypatch):
@@ -187,7 +203,7 @@ def test_what_happens_at_moments_is_refuted_by_the_share_itself(friction, monkey
     sizes from other stretches, and the interval counts."""
     (found, verdict), rng = friction, np.random.default_rng(1)
     monkeypatch.setattr(shrinkage, "closure", lambda *_: (0.2, (0.0, 0.6)))
-    assert tried(found, verdict, rng)[2] == ""
+    assert tried(found, verdict, rng)[3] == ""
     proposal = next(p for p in found.original.proposals if p.course is TimeCourse.WINDOWS and p.name == "soil_contact")
     blocks = np.eye(len(found.original.times))[:2]
     columns = tuple(found.original.places[found.original.proposals.index(proposal)])
@@ -196,7 +212,7 @@ def test_what_happens_at_moments_is_refuted_by_the_share_itself(friction, monkey
         proposal=proposal, form=None, columns=columns, course=blocks, sizes=forces, errors=0.1 * forces
     )
     named = verdict._replace(named=(verdict.named[0]._replace(cause=contact),))
-    after, _, doubt = tried(found._replace(causes=(contact,)), named, rng)
+    _, after, _, doubt = tried(found._replace(causes=(contact,)), named, rng)
     assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
     assert "soil_contact@bucket" in doubt
 
@@ -204,7 +220,7 @@ def test_what_happens_at_moments_is_refuted_by_the_share_itself(friction, monkey
 def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(friction):
     """However sure its cause is: a delay of 0.9 floors was named with 90 %, and simulating it took nothing away."""
     (found, verdict), rng = friction, np.random.default_rng(1)
-    verdict, size, _ = tried(found, verdict, rng)
+    _, verdict, size, _ = tried(found, verdict, rng)
     assert not usual(found, size)
     assert located(found, verdict, size, [], rng) == (found, verdict, size)
     small = size._replace(fixed=1.04 * size.floor)

@@ -110,6 +110,9 @@ def test_an_unknown_fault_is_not_claimed_where_a_known_one_is_likelier():
     assert said.startswith("Something is wrong at the boom; which fault it is cannot be said yet; it depends on")
     assert "How sure" not in said
     assert "that it is none of them" not in said
+    many = [{"name": "soil_contact", "at": f"{k}", "probability": 0.075} for k in range(12)]
+    each = {"probabilities": {"no_gap": 0.02, "unknown": 0.08, "effects": many}}
+    assert "cannot be said yet" in plain(MACHINE, answered("unknown") | each).headline
 
 
 @pytest.mark.parametrize("verdict", Verdict)

@@ -78,6 +78,8 @@ def test_what_references_show_at_nothing_but_work_works(monkeypatch):
     monkeypatch.setattr(search, "GAP", 1e3)  # as if what was found explained everything
     rng, reference = np.random.default_rng(SEED), as_it_was()
     work = [r._replace(counts=np.arange(len(r.values) // 5) % 200 < 60) for r in recordings(1)]
+    rest = work[1]._replace(values=np.tile(work[1].values[:1], (2000, 1)), counts=np.ones(400, dtype=np.bool_))
+    work.append(rest)  # a part of it waits, which is no other recording
     only = ("viscous_friction", "stick")
     assert examined(reference.viewer, [dug(0.0)], work, rng, only=only).working
     assert not examined(reference.viewer, recordings(SEED), work, rng, only=only).working
@@ -106,7 +108,7 @@ def test_a_cause_that_work_does_not_hide_is_named_without_a_share():
     late = imposed(MACHINE, "sensor_delay", "bucket_angle", 0.06)
     found = replace(examined(reference.viewer, recordings(SEED, (late,)), reference.clean, rng), working=True)
     causes = searched(found, at_work=CALIBRATION)
-    verdict, size, warning = tried(causes, judged(found, causes), rng)
+    _, verdict, size, warning = tried(causes, judged(found, causes), rng)
     told = answer(causes, verdict, size, (), {})
     assert [(each["name"], each["at"]) for each in told["effects"]] == [("sensor_delay", "bucket_angle")]
     assert told["effects"][0]["closure"] == {"value": None, "low": None, "high": None}

@@ -105,7 +105,7 @@ def diagnose(
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
-    verdict, size, refuted = tried(found, verdict, rng)
+    found, verdict, size, refuted = tried(found, verdict, rng)
     found, verdict, size = located(found, verdict, size, spots := where(found.original, size, rng), rng)
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)

@@ -51,22 +51,35 @@ class Gap(NamedTuple):
     clean: list[Array]
 
 
-def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Judged, Gap, str]:
-    """The verdict once what is named has been simulated, the gap, and a warning where that refutes it. At work nothing
-    is: of what contact and loads do, which are most of that gap, no effect takes away anything."""
+def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Search, Judged, Gap, str]:
+    """The causes and the verdict once what is named has been simulated, the gap, and a warning where that refutes it.
+    At work nothing is: of what contact and loads do, which are most of that gap, no effect takes away anything."""
     if search.working:
-        return judged, gap(search, (), rng), AT_WORK if judged.named else ""
+        return search, judged, gap(search, (), rng), AT_WORK if judged.named else ""
     size = gap(search, written(search, judged), rng)
     if size.refuted and len(written(search, judged)) > 1:  # the first may be right, and those beside it not
-        alone = judged._replace(named=judged.named[:1])
-        other = gap(search, (judged.named[0].cause,), rng)
-        judged, size = (judged, size) if other.refuted else (alone, other)
+        alone = _alone(search, judged)
+        if not (other := gap(alone[0], written(*alone), rng)).refuted:
+            (search, judged), size = alone, other
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
-        return judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
+        return search, judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
     names = " and ".join("{}@{}".format(*n.cause.key) for n in judged.named)
     nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
-    return nothing, gap(search, (), rng), REFUTED.format(names)
+    return search, nothing, gap(search, (), rng), REFUTED.format(names)
+
+
+def _alone(search: Search, judged: Judged) -> tuple[Search, Judged]:
+    """The first cause without those beside it, of the size that it then has."""
+    (first, *_), fit = judged.named, search.fit
+    if first.cause.form is None:
+        return search._replace(causes=(first.cause,)), judged._replace(named=(first,))
+    fit = replace(fit, which=(first.cause.form,))
+    sizes = plausible(search.question.forms[first.cause.form][1], fit.whole.sizes[first.cause.form])
+    cause = first.cause._replace(sizes=sizes.reshape(first.cause.sizes.shape))
+    named = first._replace(cause=cause, share=1.0)
+    explained = judged.explained * first.share
+    return search._replace(causes=(cause,), fit=fit), judged._replace(named=(named,), explained=explained)
 
 
 def gap(search: Search, causes: Sequence[Cause], rng: np.random.Generator) -> Gap:
@@ -130,7 +143,7 @@ class Simulation:
     def _left(self, causes: Sequence[Cause], told: Sized) -> list[Array]:
         """What causes leave with the sizes that were fitted together."""
         search, problem = self.search, self.search.original
-        now = [self._sized(c, c.sizes + _told(c, told) - _told(c, search.fit.whole)) for c in causes]
+        now = [self._sized(c, told) for c in causes]
         values = search.at_rest(self.causes, told, self.clean.values)
         if not problem.clean:  # parameters that are known as well as they were identified give way to effects
             values[: problem.first] = told.own
@@ -141,15 +154,14 @@ class Simulation:
             seen = problem.faulty
         return residuals(replace(problem, faulty=seen), values)
 
-    def _sized(self, cause: Cause, sizes: Array) -> Cause:
-        if cause.form is not None:
-            sizes = plausible(self.search.question.forms[cause.form][1], sizes.ravel()).reshape(sizes.shape)
-        return cause._replace(sizes=sizes)
-
-
-def _told(cause: Cause, told: Sized) -> Array:
-    """A cause's sizes (W, M) among those of all forms; nothing of what happens at moments."""
-    return np.zeros(1) if cause.form is None else told.sizes[cause.form].reshape(cause.sizes.shape)
+    def _sized(self, cause: Cause, told: Sized) -> Cause:
+        """A cause of the size that a fit tells, by as much as it differs from that of the whole one; what happens at
+        moments as it is."""
+        if cause.form is None:
+            return cause
+        column, whole = self.search.question.forms[cause.form][1], self.search.fit.whole
+        now, before = (plausible(column, each.sizes[cause.form]) for each in (told, whole))
+        return cause._replace(sizes=plausible(column, cause.sizes.ravel() + now - before).reshape(cause.sizes.shape))
 
 
 def _resimulation(search: Search, effects: tuple[Imposed, ...], seen: Seen, values: Array) -> Resimulation:

@@ -1,6 +1,7 @@
 """The question put to the evidence: recordings, clean and faulty, as blocks of columns, and every term that might be in
 the faulty ones alone."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -57,9 +58,15 @@ class Problem:
 
     @property
     def at_work(self) -> float:
-        """The share of the blocks that are work, of the clean recording in which they are fewest; 0 without any."""
-        counts = (seen.recorded.counts for seen in self.clean)
-        return min((0.0 if own is None else 1.0 - float(np.mean(own)) for own in counts), default=0.0)
+        """The share of the usable rows that are work, of the clean recording in which it is least; 0 without any."""
+        work, rest = Counter[str](), Counter[str]()  # rows: a recording may be here in parts
+        for seen in self.clean:
+            counts = seen.recorded.counts
+            work[seen.recorded.name] += 0 if counts is None else int(np.sum(~counts))
+            rest[seen.recorded.name] += int(np.sum(np.any(np.isfinite(seen.rows.left), axis=1)))
+        return min(
+            (work[name] / (work[name] + count) for name, count in rest.items() if work[name] + count), default=0.0
+        )
 
     def of_load(self, seen: Seen) -> int | None:
         """The first of the columns of a recording's load beyond its mass; None for an empty one."""

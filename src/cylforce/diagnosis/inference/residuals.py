@@ -163,11 +163,13 @@ def pushed(question: Asking, left: Sequence[Array]) -> float:
 
 def unforced(question: Asking, left: Sequence[Array], rows: Sequence[NDArray[np.int_]]) -> float:
     """Share (rms) of what is left (T, R) [N m] of the faulty recordings, outside of some `rows` of each, that no force
-    at the teeth explains, which may be another one in every row. All of it where two joints or fewer tell a force: that
-    explains anything."""
+    at the teeth explains, which may be another one in every row in which all joints are usable. All of it where two
+    joints or fewer tell a force, which then explains anything, or none is."""
     columns, floor, energy = [INCIDENTAL.index(name) for name in STEADY], question.floor.rms, np.zeros(2)
-    for seen, e, inside in zip(question.problem.faulty, left, rows, strict=True):
-        good = np.all(np.isfinite(e), axis=1)
+    problem = question.problem
+    aside = np.zeros(len(problem.times), dtype=np.bool_) if question.aside is None else question.aside
+    for seen, e, inside, span in zip(problem.faulty, left, rows, problem.spans, strict=True):
+        good = np.all(np.isfinite(e), axis=1) & ~rows_of(aside[slice(*span)], len(e))
         good[inside] = False
         y, x = e[good] / floor, seen.rows.incidental[good][..., columns] / floor[:, None]
         along = np.linalg.svd(x, full_matrices=False)[0]

@@ -224,7 +224,7 @@ class _Search:
         teeth explain them as well as a law is known. (They change within a block as no polynomial does.)"""
         left = residuals(self.plain.problem, self._values * self.plain.problem.spread[: len(self._values)])
         rows = [each[each >= 0] for each in work.question.layout or ()]
-        push = unforced(self.plain, left, rows) <= LAW
+        push = not work.lifts and unforced(self.plain, left, rows) <= LAW
         own = [each for each in happened if push and each.key[0] == CONTACT and each.log < idle.log]
         others = tuple(each for each in happened if each not in own)
         return (*others, Happened(own[0].key if own else UNKNOWN, idle.log, work.share, idle.rest))

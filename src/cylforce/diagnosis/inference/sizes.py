@@ -134,7 +134,7 @@ def _outside(column: Column, axes: int, sizes: Array, covariance: Array) -> floa
 
 def plausible(column: Column, sizes: Array) -> Array:
     """Sizes (M,), no larger than any plausible one, in proportion: where they are uncertain, the likeliest may be."""
-    largest = BEYOND * column.high
+    largest = BEYOND * column.high * (1.0 - 1e-9)  # whatever is rounded
     return np.asarray(sizes * min(largest / max(float(np.linalg.norm(sizes[: column.measured])), 1e-300), 1.0))
 
 

@@ -102,7 +102,8 @@ class Lost(NamedTuple):
 class AtWork(NamedTuple):
     """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them; the
     `share` of the rows in which the teeth touch the ground or an unknown load hangs; the case if all loads that are
-    carried on were the same, `same`; which are not, `losses`; in which of the faulty blocks (S, B) each stretch is."""
+    carried on were the same, `same`; which are not, `losses`; in which of the faulty blocks (S, B) each stretch is;
+    whether an unknown load hangs in one, `lifts`."""
 
     question: Asking
     case: Inference
@@ -111,6 +112,7 @@ class AtWork(NamedTuple):
     on: NDArray[np.bool_]
     losses: Losses
     blocks: NDArray[np.bool_]
+    lifts: bool
 
     def lost(self, idle: Hypothesis, gap: float, spill: Proposal) -> Lost | None:
         """What fell out of the loads, None if nothing did; `idle`: the machine in order, of which a load seldom falls
@@ -173,7 +175,8 @@ def at_work(
     free = replace(case, moments=replace(loads, on=np.zeros_like(loads.on)), apart=apart)
     losses = loads.differing(free.under((), free.state(free.usual))[2], free.usual)
     same, case = (replace(free, moments=replace(loads, on=on)) for on in (loads.on, loads.on & ~losses.differs))
-    return AtWork(laid, case, _busy(question, found), same, loads.on, losses, _blocks(found))
+    lifts = any(s.loaded for own, told in zip(found, _known(question), strict=True) if not told for s in own.stretches)
+    return AtWork(laid, case, _busy(question, found), same, loads.on, losses, _blocks(found), lifts)
 
 
 def hangs(question: Asking, p: Proposal) -> bool:
@@ -230,10 +233,15 @@ def _laid(found: list[FreeOfContact], count: int) -> _Seen:
 
 def _busy(question: Asking, found: Sequence[_Seen]) -> float:
     """The share of the rows in which the teeth touch the ground or a load hangs of which nothing is known."""
-    settle, known = question.viewer.slow.settle_steps, [seen.recorded.load > 0.0 for seen in question.problem.faulty]
-    each = [(s, told) for told, seen in zip(known, found, strict=True) for s in seen.stretches]
+    settle = question.viewer.slow.settle_steps
+    each = [(s, told) for told, seen in zip(_known(question), found, strict=True) for s in seen.stretches]
     empty = sum(s.last - s.first + 2 * settle for s, told in each if told or not s.loaded)
     return 1.0 - empty / sum(len(each.carried) for each in found)
+
+
+def _known(question: Asking) -> list[bool]:
+    """Of every faulty recording whether its load is known."""
+    return [seen.recorded.load > 0.0 for seen in question.problem.faulty]
 
 
 def _blocks(found: Sequence[_Seen]) -> NDArray[np.bool_]:

@@ -96,12 +96,12 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
 
 
 def _undecided(answer: dict[str, Any]) -> bool:
-    """Whether nothing is named though a known fault is the likeliest: it did not stand the simulation, or too many
-    others may be it."""
+    """Whether nothing is named though some known fault is likelier than none of them: the likeliest did not stand the
+    simulation, or too many may be it."""
     known = answer.get("probabilities")
     if answer["verdict"] != Verdict.UNKNOWN or not known:
         return False
-    return any(effect["probability"] > known["unknown"] for effect in known["effects"])
+    return bool(1.0 - known["no_gap"] - known["unknown"] > known["unknown"])
 
 
 def _found(machine: Machine, answer: dict[str, Any]) -> str:
