@@ -22,7 +22,7 @@ from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import hung, residuals, unforced
 from cylforce.diagnosis.inference.working import AtWork, Lost, at_work, hangs
-from cylforce.diagnosis.numbers import EVERYDAY, GAP, IDENTIFIED, LAW, SELDOM, SIGMAS
+from cylforce.diagnosis.numbers import EVERYDAY, GAP, HALF, IDENTIFIED, LAW, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
 from cylforce.diagnosis.recordings.glitches import Jumping, jumping
 from cylforce.effects.fault import Place
@@ -221,10 +221,10 @@ class _Search:
 
     def _with_work(self, happened: tuple[Happened, ...], work: AtWork, idle: Hypothesis) -> tuple[Happened, ...]:
         """What may happen at moments, with those in which loads or contact hide the machine: contact, if forces at the
-        teeth explain them as well as a law is known. (They change within a block as no polynomial does.)"""
+        teeth explain them as well as a law is known, and most is no load. (They change faster than a polynomial does.)"""
         left = residuals(self.plain.problem, self._values * self.plain.problem.spread[: len(self._values)])
         rows = [each[each >= 0] for each in work.question.layout or ()]
-        push = not work.lifts and unforced(self.plain, left, rows) <= LAW
+        push = work.lifts < HALF * work.share and unforced(self.plain, left, rows) <= LAW
         own = [each for each in happened if push and each.key[0] == CONTACT and each.log < idle.log]
         others = tuple(each for each in happened if each not in own)
         return (*others, Happened(own[0].key if own else UNKNOWN, idle.log, work.share, idle.rest))

@@ -103,7 +103,7 @@ class AtWork(NamedTuple):
     """Recordings of work of which only stretches free of contact count: the `question`, the `case` put to them; the
     `share` of the rows in which the teeth touch the ground or an unknown load hangs; the case if all loads that are
     carried on were the same, `same`; which are not, `losses`; in which of the faulty blocks (S, B) each stretch is;
-    whether an unknown load hangs in one, `lifts`."""
+    the share of the rows in which an unknown load hangs, `lifts`."""
 
     question: Asking
     case: Inference
@@ -112,7 +112,7 @@ class AtWork(NamedTuple):
     on: NDArray[np.bool_]
     losses: Losses
     blocks: NDArray[np.bool_]
-    lifts: bool
+    lifts: float
 
     def lost(self, idle: Hypothesis, gap: float, spill: Proposal) -> Lost | None:
         """What fell out of the loads, None if nothing did; `idle`: the machine in order, of which a load seldom falls
@@ -175,8 +175,8 @@ def at_work(
     free = replace(case, moments=replace(loads, on=np.zeros_like(loads.on)), apart=apart)
     losses = loads.differing(free.under((), free.state(free.usual))[2], free.usual)
     same, case = (replace(free, moments=replace(loads, on=on)) for on in (loads.on, loads.on & ~losses.differs))
-    lifts = any(s.loaded for own, told in zip(found, _known(question), strict=True) if not told for s in own.stretches)
-    return AtWork(laid, case, _busy(question, found), same, loads.on, losses, _blocks(found), lifts)
+    shares = _busy(question, found)
+    return AtWork(laid, case, shares[0], same, loads.on, losses, _blocks(found), shares[1])
 
 
 def hangs(question: Asking, p: Proposal) -> bool:
@@ -231,17 +231,15 @@ def _laid(found: list[FreeOfContact], count: int) -> _Seen:
     return _Seen(found, np.concatenate([np.zeros(0, dtype=np.int_), *rows]), numbers, carried)
 
 
-def _busy(question: Asking, found: Sequence[_Seen]) -> float:
-    """The share of the rows in which the teeth touch the ground or a load hangs of which nothing is known."""
-    settle = question.viewer.slow.settle_steps
-    each = [(s, told) for told, seen in zip(_known(question), found, strict=True) for s in seen.stretches]
-    empty = sum(s.last - s.first + 2 * settle for s, told in each if told or not s.loaded)
-    return 1.0 - empty / sum(len(each.carried) for each in found)
-
-
-def _known(question: Asking) -> list[bool]:
-    """Of every faulty recording whether its load is known."""
-    return [seen.recorded.load > 0.0 for seen in question.problem.faulty]
+def _busy(question: Asking, found: Sequence[_Seen]) -> tuple[float, float]:
+    """The share of the rows in which the teeth touch the ground or a load hangs of which nothing is known, and that in
+    which one hangs."""
+    settle, rows = question.viewer.slow.settle_steps, {True: 0, False: 0}
+    for own, seen in zip(found, question.problem.faulty, strict=True):
+        for s in own.stretches:
+            rows[s.loaded and not seen.recorded.load] += s.last - s.first + 2 * settle
+    whole = sum(len(each.carried) for each in found)
+    return 1.0 - rows[False] / whole, rows[True] / whole
 
 
 def _blocks(found: Sequence[_Seen]) -> NDArray[np.bool_]:
