@@ -221,7 +221,7 @@ class _Search:
 
     def _with_work(self, happened: tuple[Happened, ...], work: AtWork, idle: Hypothesis) -> tuple[Happened, ...]:
         """What may happen at moments, with those in which loads or contact hide the machine: contact, if forces at the
-        teeth explain them as well as a law is known, and most is no load. (They change faster than a polynomial does.)"""
+        teeth explain them as well as a law is known, and most is no load. (No polynomial changes as fast.)"""
         left = residuals(self.plain.problem, self._values * self.plain.problem.spread[: len(self._values)])
         rows = [each[each >= 0] for each in work.question.layout or ()]
         push = work.lifts < HALF * work.share and unforced(self.plain, left, rows) <= LAW
