@@ -56,8 +56,9 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
     At work nothing is: of what contact and loads do, which are most of that gap, no effect takes away anything."""
     if search.working:
         return search, judged, gap(search, (), rng), AT_WORK if judged.named else ""
-    size = gap(search, written(search, judged), rng)
-    if size.refuted and len(written(search, judged)) > 1:  # the first may be right, and those beside it not
+    causes = written(search, judged)
+    size = gap(search, causes, rng)
+    if size.refuted and len(causes) > 1:  # the first may be right, and those beside it not
         alone = _alone(search, judged)
         if not (other := gap(alone[0], written(*alone), rng)).refuted:
             (search, judged), size = alone, other

@@ -216,7 +216,7 @@ class _Search:
         if (least <= GAP and not worked) or not (work := at_work(self.plain, self._values * unit, self._put, self.rng)):
             return None
         idle = work.case.likeliest((), work.case.usual)
-        likelier = idle.log > max(log for log, _ in found) and idle.rest < least
+        likelier = least > GAP and idle.log > max(log for log, _ in found) and idle.rest < least
         return (work, idle) if likelier or (worked and work.share > SELDOM) else None
 
     def _with_work(self, happened: tuple[Happened, ...], work: AtWork, idle: Hypothesis) -> tuple[Happened, ...]:
