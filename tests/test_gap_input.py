@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.recordings.strangers import frozen, strange
+from cylforce.diagnosis.recordings.strangers import strange
+from cylforce.diagnosis.recordings.unreadable import unreadable
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table, write_table
-from cylforce.programs.gap import ALWAYS, Question, diagnose
+from cylforce.programs.gap import ALWAYS, Question, _alike, diagnose
 from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
@@ -72,7 +73,7 @@ def named(values):
 
 def test_references_in_order_are_alike(order):
     assert strange(MODEL, named(order)) == []
-    assert frozen(MODEL, named(order)) == []
+    assert unreadable(MODEL, named(order)) == []
 
 
 def test_the_reference_that_is_unlike_the_others_is_named(order):
@@ -110,6 +111,66 @@ def test_a_frozen_pressure_in_the_field_is_told(order, folder):
     found = diagnose(LOADED, Question((path,), (written(folder / "order.csv", order[1]),)))
     assert (found.answer["verdict"], found.answer["effects"]) == ("not_observable", [])
     assert "bucket_rod_pressure never changes in stuck.csv" in found.answer["reason"]
+
+
+def changed(values, name, by):
+    """The same with a sensor that reads otherwise."""
+    found = values.copy()
+    found[:, NAMES.index(name)] = by(found[:, NAMES.index(name)])
+    return found
+
+
+def frozen_from(row):
+    """A reading that stays what it is at a row."""
+    return lambda v: np.where(np.arange(len(v)) < row, v, v[row])
+
+
+@pytest.mark.parametrize(("name", "by", "said"), [
+    ("stick_rod_pressure", frozen_from(2000), "stick_rod_pressure does not change in run 0 from 20 to 60 s"),
+    ("stick_angle", np.negative, "stick_angle reads"),
+    ("stick_angle", np.degrees, "is it reversed, or its unit another"),
+])  # fmt: skip
+def test_a_sensor_that_does_not_tell_what_the_machine_does_is_named(order, name, by, said):
+    (found,) = unreadable(MODEL, named([changed(order[0], name, by)]))
+    assert found.name == "run 0"
+    assert said in found.said
+
+
+def test_pressures_in_bar_are_told(order):
+    values = order[0].copy()
+    values[:, PRESSURES] /= 1e5
+    (found,) = unreadable(MODEL, named([values]))
+    assert "no pressure reaches 1 bar in run 0" in found.said
+
+
+def test_what_is_no_longer_than_a_stretch_is_named_and_no_data_sheet_stands_in_for_references(order, folder):
+    """Break-away friction, which a data sheet does not know, was named with 99 % on a machine in order."""
+    field, short = written(folder / "whole.csv", order[1]), written(folder / "short.csv", order[0][:1000])
+    alone = diagnose(LOADED, Question((field,), (short,))).answer
+    assert alone["verdict"] == "not_observable"
+    assert "no reference is left: short.csv has no gapless stretch of 20 s" in alone["reason"]
+    both = diagnose(LOADED, Question((field,), (short, written(folder / "long.csv", order[2])))).answer
+    assert both["verdict"] == "no_gap"
+    assert any(text.startswith("short.csv has no gapless stretch") for text in both["warnings"])
+
+
+def test_two_recordings_of_one_name_are_refused(order, folder):
+    """They could not be told apart in the answer."""
+    (folder / "other").mkdir()
+    paths = [written(place / "same.csv", order[0]) for place in (folder, folder / "other")]
+    for question in (Question(tuple(paths)), Question((paths[0],), (paths[1],)), Question((paths[0], paths[0]))):
+        with pytest.raises(RecordingError, match=r"same\.csv: several recordings"):
+            diagnose(LOADED, question)
+
+
+def test_references_of_which_one_looks_like_work_beside_the_other_are_named(order):
+    """One carries a load that nobody told: which of them is right, they do not tell."""
+    heavy = moved(5, load=KILOGRAMS)
+    kept, said = _alike(MODEL, [Recorded("long", order[0], 0.0), Recorded("short", heavy[:4000], 0.0)])
+    assert [each.name for each in kept] == ["long", "short"]
+    assert len(said) == 1
+    assert "contradict each other" in said[0]
+    assert _alike(MODEL, named(order))[1] == []
 
 
 def test_references_that_are_none_are_named_and_the_diagnosis_goes_on(order, folder):

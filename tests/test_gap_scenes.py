@@ -234,7 +234,7 @@ def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(frict
     assert told.belief.first == NOTHING
     spot = Spot("stick", "slow", 1.0, 0.5, 1.0, 0.001, found=True)
     assert located(found, verdict, small, [spot], rng)[1] == verdict
-    assert located(found, none, small, [spot], rng)[1].verdict is Verdict.UNKNOWN
+    assert located(found, none, small, [spot], rng)[1].verdict is Verdict.NOT_OBSERVABLE
     again = located(found, none, small, [spot._replace(found=False)], rng)
     assert again == (told, none, small)
     assert not usual(found._replace(working=True), small)

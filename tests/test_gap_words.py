@@ -61,6 +61,7 @@ def answered(verdict, *effects, unknown=None):
         "warnings": ["the sensor x shakes"],
         "next_experiment": ["move the stick alone"],
         "reason": "nothing moved",
+        "working": verdict == "not_observable",
     }
 
 
@@ -102,6 +103,20 @@ def likeliest(verdict):
     """Probabilities by which none of the known faults is the likeliest, where that is the verdict."""
     none = {"no_gap": 0.1, "unknown": 0.8, "effects": [{"name": "soil_contact", "at": "bucket", "probability": 0.1}]}
     return {"probabilities": none} if verdict is Verdict.UNKNOWN else {}
+
+
+def test_what_a_machine_in_order_may_show_is_no_fault():
+    """It moves otherwise than in its references; the machine does not work."""
+    said = text(answered("not_observable") | {"working": False})
+    assert said.startswith("These recordings do not suffice: they differ from the references, but so may a machine in")
+    assert "while the machine works" not in said
+
+
+def test_without_references_no_share_of_right_answers_is_promised():
+    assert "of ten such answers" in text(answered("explained", effect()))
+    said = text(answered("explained", effect()) | {"calibrated": False})
+    assert "% by the model alone" in said
+    assert "of ten such answers" not in said
 
 
 def test_an_unknown_fault_is_not_claimed_where_a_known_one_is_likelier():

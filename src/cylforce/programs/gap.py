@@ -18,7 +18,8 @@ from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.recordings.clocks import Slip, slips
 from cylforce.diagnosis.recordings.shaking import noises, shaking
-from cylforce.diagnosis.recordings.strangers import frozen, strange
+from cylforce.diagnosis.recordings.strangers import strange
+from cylforce.diagnosis.recordings.unreadable import unreadable
 from cylforce.diagnosis.recordings.vibration import vibrating, vibrations
 from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
@@ -28,7 +29,7 @@ from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.common.recorded import SHORTEST_S, chosen
+from cylforce.programs.common.recorded import SHORTEST_S, LookedAt, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
 from cylforce.programs.common.usual_file import everyday_of, usual_parameters
 from cylforce.programs.experiments.separation import planned, said
@@ -81,24 +82,24 @@ def diagnose(
     library = _left(library, question.without)
     reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
     clean, faulty = reference.stretches, field.stretches
-    if not faulty:
-        return _nothing(f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}")
+    model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
+    if reason := _unusable(model, question, faulty):
+        return _nothing(reason)
     only = _only(library, question.only, loaded.service.machine)
     watch("clocks", None)
     late, odd = (_late(loaded, group, library) for group in (faulty, clean))
     clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
-    model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
-    stuck = frozen(model, faulty)
-    if stuck or (late and not clean):
-        return _nothing("; ".join(stuck)) if stuck else _off_clock([*late, *odd])
-    clean, unlike = _alike(model, idle(model, clean))
+    if late and not clean:
+        return _off_clock([*late, *odd])
+    clean, unlike = _alike(model, clean, reference.looked_at)
+    if question.reference and not clean and not odd and not (question.identified or question.usual):
+        return _nothing(f"no reference is left: {'; '.join(unlike)}; without --reference, the data sheet is compared")
     viewer, known = viewed_by(loaded, question, clean)
     viewer = _keeping(viewer, loaded, question, kept) if kept is not None else viewer
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, _daily(loaded, question))
     watch("causes", None)
-    found = searched(everything)
-    verdict = judged(everything, found)
+    verdict = judged(everything, found := searched(everything))
     if late and not _by_clock(verdict):
         return _off_clock(late)
     seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / RATE_HZ
@@ -156,15 +157,40 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
     return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
 
 
-def _alike(model: Model, clean: Sequence[Recorded]) -> tuple[list[Recorded], list[str]]:
-    """The references that are alike, and sentences about the others."""
-    stuck = frozen(model, clean)
-    dead = {each.name for each in clean if any(f" in {each.name} while" in sentence for sentence in stuck)}
-    kept = [each for each in clean if each.name not in dead]
+def _unusable(model: Model, question: Question, faulty: Sequence[Recorded]) -> str:
+    """Why the field cannot be diagnosed; nothing if it can."""
+    if not faulty:
+        return f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}"
+    return "; ".join(each.said for each in unreadable(model, faulty))
+
+
+def _alike(
+    model: Model, clean: Sequence[Recorded], looked_at: Sequence[LookedAt] = ()
+) -> tuple[list[Recorded], list[str]]:
+    """The references that tell of the machine and are alike, and sentences about the others."""
+    wrong = unreadable(model, clean)
+    kept = idle(model, [each for each in clean if each.name not in {dead.name for dead in wrong}])
     unlike = strange(model, kept)
-    said = [f"{sentence}; it is left out of the references" for sentence in stuck]
+    short = (each.name for each in looked_at if not each.stretches)
+    said = [f"{name} has no gapless stretch of {SHORTEST_S:.0f} s: left out of the references" for name in short]
+    said += [f"{dead.said}; it is left out of the references" for dead in wrong]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
-    return [each for each in kept if each.name not in unlike], said
+    kept = [each for each in kept if each.name not in unlike]
+    return kept, [*said, *_contradicting(kept)]
+
+
+def _contradicting(clean: Sequence[Recorded]) -> list[str]:
+    """Sentences about references of which nearly all looks like work beside the others."""
+    said = []
+    for name in dict.fromkeys(each.name for each in clean):
+        counts = [each.counts for each in clean if each.name == name and each.counts is not None]
+        total, counted = (sum(int(f(own)) for own in counts) / RATE_HZ for f in (len, np.sum))
+        if counts and counted < SHORTEST_S < total:
+            said.append(
+                f"of {name} only {counted:.0f} of {total:.0f} s tell of the machine: beside the other references, the "
+                "rest looks like contact or unknown loads; if there were none, these references contradict each other"
+            )
+    return said
 
 
 def _left_out(odd: Sequence[Slip], others: bool) -> str:
@@ -203,12 +229,12 @@ def _check_recordings(question: Question) -> None:
     for path in both:
         raise RecordingError(f"{path}: is named as field and as --reference: name it as one of them")
     listed = [path.name for path in (*question.field, *question.reference)]
+    for name in {name for name in listed if listed.count(name) > 1}:
+        raise RecordingError(f"{name}: several recordings have this name: name each once, and rename others")
     names = set(listed)
     for name, kilograms in question.loads.items():
         if name not in names:
             raise RecordingError(f"--load {name}: is none of the recordings ({', '.join(sorted(names))})")
-        if listed.count(name) > 1:
-            raise RecordingError(f"--load {name}: is the name of several recordings: rename one of them")
         if not 0.0 <= kilograms < 1e6:
             raise RecordingError(f"--load {name}={kilograms:g}: is no weight in kg")
 

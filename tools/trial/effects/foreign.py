@@ -59,7 +59,7 @@ def end_cushioning(draw: Draw, scene: Scene) -> Fault:
         force = size * TYPICAL_TORQUE[at] * depth * tanh(max(into, 0.0) / 0.08)
         return at_joint(at, -force if rates[k] > 0.0 else force)
 
-    return Fault("end_cushioning", at, size, "of torque", lambda m, _: pushed(m, cushion))
+    return Fault("end_cushion", at, size, "of torque", lambda m, _: pushed(m, cushion))
 
 
 def sensor_hysteresis(draw: Draw, scene: Scene) -> Fault:
@@ -71,7 +71,7 @@ def sensor_hysteresis(draw: Draw, scene: Scene) -> Fault:
         parts = [_play(values[::5], float(w)) for w in widths]
         return np.asarray(values + np.repeat(np.mean(parts, axis=0) - values[::5], 5)[: len(values)])
 
-    return Fault("sensor_hysteresis", at, size, "bar", lambda m, _: on_sensors(m, only(at, change)))
+    return Fault("pressure_sensor_hysteresis", at, size, "bar", lambda m, _: on_sensors(m, only(at, change)))
 
 
 def _play(values: Array, width: float) -> Array:
@@ -185,8 +185,8 @@ def shaking(draw: Draw, scene: Scene) -> Fault:
 Make = Callable[[Draw, Scene], Fault]
 FOREIGN: dict[str, Make] = {
     "hose_spring": hose_spring,
-    "end_cushioning": end_cushioning,
-    "sensor_hysteresis": sensor_hysteresis,
+    "end_cushion": end_cushioning,
+    "pressure_sensor_hysteresis": sensor_hysteresis,
     "rocking_base": rocking_base,
     "cross_talk": cross_talk,
     "held_values": held_values,

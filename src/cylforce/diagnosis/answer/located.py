@@ -14,9 +14,10 @@ from cylforce.diagnosis.numbers import SAME
 def located(
     search: Search, judged: Judged, size: Gap, spots: Sequence[Spot], rng: np.random.Generator
 ) -> tuple[Search, Judged, Gap]:
-    """What is believed, the verdict, and the gap. Where a joint differs from what is normal, there is a gap, whatever
-    explains it. Where none leaves more than the references leave of each other, there is none, whatever would explain
-    it: what lasts would show in it."""
+    """What is believed, the verdict, and the gap. Where a joint differs from what is normal, "no gap" is not said,
+    though a machine in order may differ so where it moves otherwise than its references: the recordings do not suffice.
+    Where no joint leaves more than the references leave of each other, there is no gap, whatever would explain it: what
+    lasts would show in it."""
     found = any(spot.found for spot in spots)
     if not found and judged.verdict is not Verdict.NOT_OBSERVABLE and usual(search, size):
         if judged.verdict is Verdict.NO_GAP:
@@ -24,7 +25,7 @@ def located(
         nothing = Judged(Verdict.NO_GAP, (), 0.0)
         return none(search), nothing, gap(search, (), rng)
     hidden = found and judged.verdict is Verdict.NO_GAP
-    return search, judged._replace(verdict=Verdict.UNKNOWN) if hidden else judged, size
+    return search, judged._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else judged, size
 
 
 def usual(search: Search, size: Gap) -> bool:

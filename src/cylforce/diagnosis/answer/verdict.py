@@ -150,6 +150,8 @@ def searched(found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes 
     taught = at_work if found.working else by
     learnt = taught if found.question.problem.clean else None  # from cases with references, and for them
     belief = calibrated(belief, learnt) if learnt else belief
+    sure = not found.working and min(found.asked.gap, found.asked.none.rest) >= GAP  # nothing everyday is so large
+    belief = belief.but(NOTHING) if sure else belief
     candidates = _candidates(found, belief)
     h = _best(found, belief)
     causes, fit = _causes(found, h, belief) if h else _happened(found, belief, candidates)
@@ -261,8 +263,6 @@ def judged(found: Found, search: Search) -> Judged:
     verdict = min(cost, key=lambda v: cost[v])
     if found.working and verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):  # loads and contact may hide either
         return Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
-    if verdict is Verdict.NO_GAP and told.gap >= GAP and told.none.rest >= GAP:
-        verdict = Verdict.AMBIGUOUS if named and belief.of[UNKNOWN] < named[0].confidence else Verdict.UNKNOWN
     if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):
         return Judged(verdict, (), 0.0)
     own = [x.rest for x in told.happened if search.causes and x.key == search.causes[0].key]

@@ -49,6 +49,12 @@ class Belief(NamedTuple):
         """Of the first."""
         return self.of[self.first]
 
+    def but(self, key: Key) -> "Belief":
+        """The same, once it is known that it is not this."""
+        others = {k: p for k, p in self.of.items() if k != key}
+        whole = sum(others.values())
+        return self._replace(of={k: p / whole for k, p in others.items()}) if whole > 0.0 else self
+
     @property
     def credible(self) -> tuple[Key, ...]:
         """The smallest set with MASS of the probability, likeliest first."""

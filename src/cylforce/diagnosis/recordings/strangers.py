@@ -1,5 +1,5 @@
-"""References that are none: with a frozen pressure, or unlike the other references. They are compared by prediction:
-each with the parameters of the others, the data sheet as prior. Where its load hangs, each one tells for itself."""
+"""References that are unlike the other references. They are compared by prediction: each with the parameters of the
+others, the data sheet as prior. Where its load hangs, each one tells for itself."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,7 +9,6 @@ from cylforce.diagnosis.columns.problem import Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import CENTRE, Viewer
 from cylforce.diagnosis.numbers import GAP
-from cylforce.effects.fault import Place, places
 from cylforce.estimation.model import Model
 from cylforce.signals.estimate import Array
 
@@ -17,26 +16,6 @@ FEWEST = 3  # references, of which one can be told from the others
 ENOUGH = 200  # rows of a joint, ten seconds, to compare it
 LOAD = len(CENTRE)
 Gram = Array  # (R, P + LOAD + 2, P + LOAD + 2) of a recording's columns, those of its load, torque [N m] and ones
-
-
-def frozen(model: Model, recordings: Sequence[Recorded]) -> list[str]:
-    """Sentences that name pressure sensors that never change in a recording while their cylinder moves."""
-    cylinders = {s.name: s.index for s in model.machine.signals}
-    still = [
-        (each, name)
-        for each in recordings
-        for name, k in places(model.machine, Place.PRESSURE)
-        if len(each.values) and np.ptp(each.values[:, k]) == 0.0
-    ]
-    viewer = Viewer(model, np.zeros(len(model.parameters)))
-    moves = {id(each): looked_at(viewer, [each], ())[0].rows.speed for each, _ in still}
-    return list(
-        dict.fromkeys(
-            f"{name} never changes in {each.name} while its cylinder moves: it is frozen"
-            for each, name in still
-            if np.any(np.abs(moves[id(each)][:, cylinders[name]]) > model.filters.direction_speed)
-        )
-    )
 
 
 def strange(model: Model, clean: Sequence[Recorded]) -> list[str]:

@@ -39,7 +39,7 @@ def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shap
         "gap": _gap(search, judged._replace(named=()) if search.working else judged, gap),
         "where": [_spot(spot) for spot in spots],
         "effects": [_effect(n, gap) | ({"removed_nm": None} if search.working else {}) for n in judged.named],
-        **({"reason": reason(search)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
+        **({"reason": reason(search, spots)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
         "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
         "explained": None if search.working else judged.explained,
         "working": search.working,
@@ -50,6 +50,7 @@ def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shap
             for name, error in ends.items()
         },
         "probabilities": probabilities(search),
+        "calibrated": bool(search.original.clean),
         "set": [{"name": name, "at": at} for name, at in search.belief.credible],
         "not_observable": hidden,
         "next_experiment": _next(judged, hidden),
@@ -142,8 +143,14 @@ def _is_named(cause: Cause, judged: Judged) -> bool:
     return any(n.cause is cause for n in judged.named)
 
 
-def reason(search: Search) -> str:
+def reason(search: Search, spots: Sequence[Spot]) -> str:
     """Why no cause can be named, where none is observable."""
+    if not search.working:
+        joints = " and ".join(dict.fromkeys(spot.channel for spot in spots if spot.found))
+        return (
+            f"the torques at the {joints} differ from those of the references, but those of a machine in order may "
+            "differ so where it moves otherwise than in its references: record references of this motion"
+        )
     told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
     most = f"; the most probable: {', '.join(told)}" if told else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"

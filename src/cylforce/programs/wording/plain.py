@@ -77,6 +77,10 @@ HEADLINES = {
         "The cause cannot be named while the machine works with loads or contact of which nothing is known"
     ),
 }
+UNLIKE = (
+    "These recordings do not suffice: they differ from the references, but so may a machine in order that moves "
+    "otherwise than in its references"
+)
 UNDECIDED = "Something is wrong{there}; which fault it is cannot be said yet{shape}"
 SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault whose size could be told
 
@@ -92,6 +96,8 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
         "shape": f"; {SHAPES[told['of']]}" if told and told["of"] in SHAPES else "",
     }
     said = UNDECIDED if _undecided(answer) else HEADLINES[Verdict(answer["verdict"])]
+    if answer["verdict"] == Verdict.NOT_OBSERVABLE and not answer["working"]:
+        said = UNLIKE
     return f"{said.format(**words)}."
 
 
@@ -155,6 +161,8 @@ def _sure(answer: dict[str, Any]) -> Lines:
     if not answer["effects"]:
         return ()
     first = answer["effects"][0]["confidence"]
+    if not answer.get("calibrated", True):
+        return (f"{percent(first)} by the model alone: without references no known cases say how often it is right.",)
     right = min(max(round(10 * first), 1), 9)
     return (f"{percent(first)}: of ten such answers about {right} are right.",)
 

@@ -1,0 +1,87 @@
+"""Recordings in which a sensor does not tell what the machine does: it is frozen, reversed, or in other units."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.diagnosis.columns.problem import looked_at
+from cylforce.diagnosis.columns.recorded import Recorded
+from cylforce.diagnosis.columns.rows import BLOCK, Viewer
+from cylforce.diagnosis.numbers import HALF
+from cylforce.effects.fault import Place, places
+from cylforce.estimation.model import Model
+from cylforce.signals.estimate import Array
+from cylforce.signals.units import BAR
+
+
+class Unreadable(NamedTuple):
+    """What is wrong with a sensor in a recording of that name, in a sentence."""
+
+    name: str
+    said: str
+
+
+def unreadable(model: Model, recordings: Sequence[Recorded]) -> list[Unreadable]:
+    """All that is wrong, each once."""
+    found = [*_strayed(model, recordings), *_weak(model, recordings), *_frozen(model, recordings)]
+    return list(dict.fromkeys(found))
+
+
+def _strayed(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
+    """Sensors that read most of the time what they cannot."""
+    for each in recordings:
+        for k, signal in enumerate(model.machine.signals):
+            values = each.values[np.isfinite(each.values[:, k]), k]
+            if len(values) and np.mean((values < signal.low) | (values > signal.high)) > HALF:
+                usual = f"it can read {signal.low:.4g} to {signal.high:.4g}"
+                seen = f"reads {np.min(values):.4g} to {np.max(values):.4g} in {each.name}"
+                cure = "is it reversed, or its unit another? Every quantity is in SI units"
+                yield Unreadable(each.name, f"{signal.name} {seen}, where {usual}: {cure}")
+
+
+def _weak(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
+    """Recordings of a machine that no pressure holds up."""
+    sensors = [k for _, k in places(model.machine, Place.PRESSURE)]
+    for each in recordings:
+        values = each.values[:, sensors]
+        values = values[np.isfinite(values)]
+        if len(values) and np.max(np.abs(values)) < BAR:
+            said = f"no pressure reaches 1 bar in {each.name}: are they in bar? Every quantity is in SI units, Pa here"
+            yield Unreadable(each.name, said)
+
+
+def _frozen(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
+    """Pressure sensors that do not change while their cylinder moves: at all, or for three seconds of motion at a value
+    between others; at the least or greatest it may be at the end of what it reads."""
+    viewer = Viewer(model, np.zeros(len(model.parameters)))
+    for each in recordings:
+        still = [(s, *run) for s in places(model.machine, Place.PRESSURE) for run in _runs(each.values[:, s[1]])]
+        if not still:
+            continue
+        rows = looked_at(viewer, [each], ())[0].rows
+        for (name, k), first, last in still:
+            begin, end = (x / model.filters.rate_hz for x in (first, last))
+            speed = rows.speed[(rows.t >= begin) & (rows.t <= end), model.machine.signals[k].index]
+            moving = np.sum(np.abs(speed) > model.filters.direction_speed)
+            whole = first == 0 and last == len(each.values) - 1
+            if moving and whole:
+                said = f"{name} never changes in {each.name} while its cylinder moves: it is frozen"
+                yield Unreadable(each.name, said)
+            elif moving >= BLOCK:
+                at = f"from {each.begins + begin:.0f} to {each.begins + end:.0f} s"
+                said = f"{name} does not change in {each.name} {at} while its cylinder moves: it is frozen there"
+                yield Unreadable(each.name, said)
+
+
+def _runs(values: Array) -> list[tuple[int, int]]:
+    """First and last row of what is longest exactly the same; none where that is the least or the greatest."""
+    steps = np.flatnonzero(np.diff(values) != 0.0)
+    first, last = np.concatenate([[0], steps + 1]), np.concatenate([steps, [len(values) - 1]])
+    if not len(values):
+        return []
+    longest = int(np.argmax(last - first))
+    held, whole = values[first[longest]], not len(steps)
+    if not whole and not np.nanmin(values) < held < np.nanmax(values):
+        return []
+    return [(int(first[longest]), int(last[longest]))]
