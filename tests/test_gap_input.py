@@ -128,7 +128,7 @@ def frozen_from(row):
 @pytest.mark.parametrize(("name", "by", "said"), [
     ("stick_rod_pressure", frozen_from(2000), "stick_rod_pressure does not change in run 0 from 20 to 60 s"),
     ("stick_angle", np.negative, "stick_angle reads"),
-    ("stick_angle", np.degrees, "is it reversed, or its unit another"),
+    ("stick_angle", np.degrees, "is it reversed, or in other units"),
 ])  # fmt: skip
 def test_a_sensor_that_does_not_tell_what_the_machine_does_is_named(order, name, by, said):
     (found,) = unreadable(MODEL, named([changed(order[0], name, by)]))

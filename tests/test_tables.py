@@ -105,9 +105,9 @@ def test_forms_of_csv(tmp_path, delimiter, end, mark):
         ("t_s,a\n0,1\n\n1,x\n2,3\n", "line 4: column 'a' holds 'x', no number"),
         ("t_s;a\n0;1,5\n", "line 2: column 'a' holds '1,5', no number"),
         ("t_s,a\n0,1\n1,2,3\n", "line 3: has 3 cells, the header has 2"),
-        ("t_s,a\n0,1\n\n1,2\n1,3\n", "line 5: time (column 't_s') does not increase"),
-        ("t_s,a\n0,1\n-1,2\n1,3\n", "line 3: time (column 't_s') does not increase"),
-        ("t_s,a\n0,1\n,2\n1,3\n", "line 3: time (column 't_s') is empty or not a number"),
+        ("t_s,a\n0,1\n\n1,2\n1,3\n", "line 5: time (column 't_s') does not increase: sort the rows"),
+        ("t_s,a\n0,1\n-1,2\n1,3\n", "line 3: time (column 't_s') does not increase: sort the rows"),
+        ("t_s,a\n0,1\n,2\n1,3\n", "line 3: time (column 't_s') is empty or not a number: delete the row"),
         ("t_s,a\n0,1\n1,-inf\n", "line 3: column 'a' is infinite"),
     ],
 )

@@ -102,7 +102,7 @@ def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
     t = cells.numbers[:, 0]
     bad = np.flatnonzero(np.isnan(t) | ~(np.diff(t, prepend=last) > 0.0))
     if len(bad):
-        why = "is empty or not a number" if np.isnan(t[bad[0]]) else "does not increase"
+        why = "is empty or not a number: delete the row" if np.isnan(t[bad[0]]) else "does not increase: sort the rows"
         raise RecordingError(f"{path}, {cells.place} {cells.at[bad[0]]}: time (column {names[0]!r}) {why}")
 
 
@@ -164,7 +164,8 @@ def _check_rate(table: Table, rate_hz: float) -> None:
     steps = np.diff(table.t_s)
     if len(steps) and np.median(steps) > _widest(rate_hz):
         raise SlowTableError(
-            f"the table has {1.0 / float(np.median(steps)):.3g} rows a second, too few for {rate_hz:g} Hz"
+            f"the table has {1.0 / float(np.median(steps)):.3g} rows a second, too few for {rate_hz:g} Hz: record "
+            f"{rate_hz / GAP_PERIODS:g} at least; if its time is in ms, the machine file says so: [table], scale_ms = 1"
         )
 
 

@@ -36,7 +36,7 @@ def _strayed(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadabl
             if len(values) and np.mean((values < signal.low) | (values > signal.high)) > HALF:
                 usual = f"it can read {signal.low:.4g} to {signal.high:.4g}"
                 seen = f"reads {np.min(values):.4g} to {np.max(values):.4g} in {each.name}"
-                cure = "is it reversed, or its unit another? Every quantity is in SI units"
+                cure = "is it reversed, or in other units? See [table.signals] in the machine file (scale_deg = 1)"
                 yield Unreadable(each.name, f"{signal.name} {seen}, where {usual}: {cure}")
 
 
@@ -47,7 +47,8 @@ def _weak(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
         values = each.values[:, sensors]
         values = values[np.isfinite(values)]
         if len(values) and np.max(np.abs(values)) < BAR:
-            said = f"no pressure reaches 1 bar in {each.name}: are they in bar? Every quantity is in SI units, Pa here"
+            cure = "are they in other units? See [table.signals] in the machine file (scale_bar = 1)"
+            said = f"no pressure reaches 1 bar in {each.name}: {cure}"
             yield Unreadable(each.name, said)
 
 
