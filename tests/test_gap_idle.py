@@ -71,3 +71,17 @@ def test_what_a_poor_quarter_does_not_tell_of_the_machine_is_no_work() -> None:
     blocks[..., -1] = own @ values + 200.0 * rng.standard_normal(blocks.shape[:3])
     blocks[: COUNT // 3, ..., -1] = own[: COUNT // 3] @ values + 150.0 * rng.standard_normal((COUNT // 3, BLOCK, ROWS))
     assert np.all(_at_rest(problem, blocks))
+
+
+@pytest.mark.parametrize("rows", [1, OWN])
+def test_a_joint_of_which_a_quarter_has_hardly_a_row_is_not_fitted_exactly_there(rows: int) -> None:
+    """As many rows as columns show no noise: beside none, all else was work, or the sums were singular."""
+    problem, blocks = _made(np.random.default_rng(5), 0.0, 0.0)
+    values = np.random.default_rng(6).standard_normal(OWN)
+    blocks[: COUNT // 2, :, 0] = 0.0
+    blocks[0, :rows, 0, :OWN] = 500.0 * np.random.default_rng(7).standard_normal((rows, OWN))
+    blocks[..., -1] = blocks[..., :OWN] @ values
+    noise = 200.0 * np.random.default_rng(8).standard_normal(blocks.shape[:3])
+    noise[: COUNT // 2] *= 0.1
+    blocks[..., -1] += np.where(np.any(blocks[..., :OWN] != 0.0, axis=-1), noise, 0.0)
+    assert np.all(_at_rest(problem, blocks))

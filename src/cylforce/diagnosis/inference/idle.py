@@ -91,8 +91,9 @@ class _Sums(NamedTuple):
         return cls(products, np.sum(own[..., -1] != 0.0, axis=1), np.diag(problem.spread[: problem.lasting] ** -2.0))
 
     def fit(self, kept: Blocks) -> tuple[Array, Array]:
-        """Values (K,) of the machine's own columns by least squares of some blocks, and what they leave, rms (R,)."""
-        products, rows = self.products[kept].sum(axis=0), np.maximum(self.rows[kept].sum(axis=0), 1.0)
+        """Values (K,) of the machine's own columns by least squares of some blocks, and what they leave, rms (R,):
+        infinite at a joint with no more rows than there are columns, which fit any."""
+        products, rows = self.products[kept].sum(axis=0), self._enough(self.rows[kept].sum(axis=0))
         scale, values = _rms(products[:, -1, -1], rows), np.zeros(len(self.prior))
         for _ in range(2):
             whole = np.einsum("rij,r->ij", products, scale**-2.0)
@@ -100,9 +101,13 @@ class _Sums(NamedTuple):
             scale = _rms(_energy(products, values), rows)
         return values, scale
 
+    def _enough(self, rows: Array) -> Array:
+        """Numbers of rows (R,), 0 where they are too few to show what a fit leaves."""
+        return np.where(rows > len(self.prior), rows, 0.0)
+
     def quietest(self, kept: Blocks) -> tuple[Blocks, float]:
         """The blocks (B,) with QUIET of the rows in which least is left per row by a fit to these themselves, from a
-        fit to `kept` on; the sum of the logarithms of what is left there, infinite where a joint has no rows there."""
+        fit to `kept` on; the sum of the logarithms of what is left there, infinite where a joint has too few rows."""
         rows, scale = self.rows.sum(axis=1), np.ones(self.rows.shape[1])
         for _ in range(ROUNDS):
             values, scale = self.fit(kept)
@@ -112,8 +117,7 @@ class _Sums(NamedTuple):
             if np.array_equal(now, kept) or not np.any(now):
                 break
             kept = now
-        silent = np.any((self.rows[kept].sum(axis=0) == 0.0) & (self.rows.sum(axis=0) > 0.0))
-        return kept, np.inf if silent else float(np.sum(np.log(scale)))
+        return kept, float(np.sum(np.log(scale[self._enough(self.rows.sum(axis=0)) > 0.0])))
 
 
 def _energy(products: Array, values: Array) -> Array:
@@ -123,7 +127,7 @@ def _energy(products: Array, values: Array) -> Array:
 
 
 def _rms(squares: Array, rows: Array) -> Array:
-    return np.asarray(np.sqrt(squares / rows)) + 1e-9
+    return np.asarray(np.sqrt(np.divide(squares, rows, out=np.full(rows.shape, np.inf), where=rows > 0.0))) + 1e-9
 
 
 def _works(problem: Problem, blocks: Array, sums: _Sums, kept: Blocks) -> Blocks:
