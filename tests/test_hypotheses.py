@@ -1,6 +1,7 @@
 """The probability model: its likelihood is the textbook's, its search finds what was put in, and no more."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from cylforce.diagnosis.inference.beam import _with_each, screened, searched
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import settled
+from cylforce.diagnosis.inference.moments import digging, settled
 from cylforce.diagnosis.inference.posterior import (
     NOTHING,
     UNKNOWN,
@@ -363,3 +364,16 @@ def test_another_motion_than_the_references_is_less_sure(machine):
     assert narrow.uncertain() == pytest.approx(float(np.max(size)))
     assert narrow.uncertain(range(COUNT)) == 0.0  # what only the field itself tells, no reference can
     assert 0.0 < narrow.uncertain((3,)) < narrow.uncertain()
+
+
+@pytest.mark.parametrize(("key", "busy", "log", "works"), [
+    (("soil_contact", "bucket"), 0.6, 50.0, True),
+    (("soil_contact", "bucket"), 0.3, 50.0, False),  # at moments
+    (("soil_contact", "bucket"), 0.6, -50.0, False),  # something that lasts is likelier
+    (UNKNOWN, 0.6, 50.0, False),  # a torque at one joint is no work
+])  # fmt: skip
+def test_a_machine_that_touches_the_ground_in_most_blocks_works(key, busy, log, works):
+    """Without references its floor is one of contacts, which hides the work that loads and contact tell together."""
+    told = SimpleNamespace(happened=(Happened(key, log, busy, 1.5),), hypotheses=(SimpleNamespace(log=0.0),))
+    assert digging(told) is works
+    assert not digging(SimpleNamespace(happened=(), hypotheses=told.hypotheses))

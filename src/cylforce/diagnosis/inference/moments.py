@@ -8,13 +8,16 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
-from cylforce.diagnosis.inference.posterior import UNKNOWN, Happened, Key
+from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
+from cylforce.diagnosis.numbers import SELDOM
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
+from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME
 from cylforce.signals.estimate import Array
 
 Blocks = NDArray[np.bool_]
 SETTLING = 4  # rounds in which the blocks in which something happens are found
+CONTACT = TipForce().about.name
 
 
 def happening(
@@ -98,3 +101,11 @@ def _both(told: Array, a: tuple[slice, int], b: tuple[slice, int]) -> Array:
     """Information of what two parts of a recording have in common: blocks, and the first of the columns."""
     blocks = slice(max(a[0].start, b[0].start), min(a[0].stop, b[0].stop))
     return np.asarray(told[blocks][:, a[1] :, b[1] :].sum(axis=0))
+
+
+def digging(told: Asked) -> bool:
+    """Whether contact in most blocks is the likeliest of all: the machine works, whatever it lifts."""
+    most = max(told.happened, key=lambda h: h.log, default=None)
+    if most is None or most.key[0] != CONTACT or most.busy <= SELDOM:
+        return False
+    return most.log > max(h.log for h in told.hypotheses)

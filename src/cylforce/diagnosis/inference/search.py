@@ -17,7 +17,7 @@ from cylforce.diagnosis.inference.beam import screened, searched
 from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import Blocks, changed, happening
+from cylforce.diagnosis.inference.moments import CONTACT, Blocks, changed, digging, happening
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import hung, residuals, unforced
@@ -28,12 +28,11 @@ from cylforce.diagnosis.recordings.glitches import Jumping, jumping
 from cylforce.effects.fault import Place
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
-from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import UNKNOWN_TORQUES
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
-SPILL, CONTACT = PayloadSpill().about.name, TipForce().about.name
+SPILL = PayloadSpill().about.name
 AGAIN = 6  # hypotheses that are looked at again at their sizes
 Watch = Callable[[str], None]
 
@@ -202,7 +201,7 @@ class _Search:
         told, looked = self._again(case, self._told_of(case, tuple(hypotheses), happened))
         blocks = {each.key: where for each, where in when}
         least, plain = self._least(case, told.none), (self.plain, self._first)
-        return Found(self._question, self._machine, case, told, looked, blocks, False, least, plain)
+        return Found(self._question, self._machine, case, told, looked, blocks, digging(told), least, plain)
 
     def _at_work(
         self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
