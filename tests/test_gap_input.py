@@ -136,6 +136,28 @@ def test_a_sensor_that_does_not_tell_what_the_machine_does_is_named(order, name,
     assert said in found.said
 
 
+def test_a_frozen_sensor_is_told_wherever_the_recording_begins(order):
+    values = changed(order[0], "stick_rod_pressure", frozen_from(2000))
+    (found,) = unreadable(MODEL, [Recorded("later", values, 0.0, 1e4)])
+    assert "does not change in later from 10020 to 10060 s" in found.said
+
+
+def test_a_sensor_of_coarse_steps_may_stay_at_one(order):
+    values = order[0].copy()
+    values[:, PRESSURES] = np.round(values[:, PRESSURES] / 2e5) * 2e5
+    assert unreadable(MODEL, named([values])) == []
+
+
+def test_a_stretch_with_the_engine_off_and_a_zero_error_are_readable(order):
+    """A recording is judged as a whole, and no more than its zero error may be is none."""
+    off, low = order[1].copy(), order[2].copy()
+    off[:, PRESSURES] = 0.0
+    assert unreadable(MODEL, [Recorded("day", order[0], 0.0), Recorded("day", off + 1e-3 * order[1], 0.0, 100.0)]) == []
+    k = NAMES.index("stick_rod_pressure")
+    low[:, k] = SERVICE.machine.signals[k].low - 3e5 + 0.01 * low[:, k]
+    assert unreadable(MODEL, named([low])) == []
+
+
 def test_pressures_in_bar_are_told(order):
     values = order[0].copy()
     values[:, PRESSURES] /= 1e5

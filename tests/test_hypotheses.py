@@ -374,6 +374,8 @@ def test_another_motion_than_the_references_is_less_sure(machine):
 ])  # fmt: skip
 def test_a_machine_that_touches_the_ground_in_most_blocks_works(key, busy, log, works):
     """Without references its floor is one of contacts, which hides the work that loads and contact tell together."""
-    told = SimpleNamespace(happened=(Happened(key, log, busy, 1.5),), hypotheses=(SimpleNamespace(log=0.0),))
-    assert digging(told) is works
-    assert not digging(SimpleNamespace(happened=(), hypotheses=told.hypotheses))
+    happened, others = (Happened(key, log, busy, 1.5),), (SimpleNamespace(log=0.0),)
+    for slight in (False, True):  # what is everyday is no work
+        told = SimpleNamespace(happened=happened, hypotheses=others, slight=lambda _, slight=slight: slight)
+        assert digging(told) is (works and not slight)
+    assert not digging(SimpleNamespace(happened=(), hypotheses=others))

@@ -29,7 +29,7 @@ from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.common.recorded import SHORTEST_S, LookedAt, chosen
+from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
 from cylforce.programs.common.usual_file import everyday_of, usual_parameters
 from cylforce.programs.experiments.separation import planned, said
@@ -91,9 +91,9 @@ def diagnose(
     clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
     if late and not clean:
         return _off_clock([*late, *odd])
-    clean, unlike = _alike(model, clean, reference.looked_at)
-    if question.reference and not clean and not odd and not (question.identified or question.usual):
-        return _nothing(f"no reference is left: {'; '.join(unlike)}; without --reference, the data sheet is compared")
+    clean, unlike = _alike(model, clean, reference.short)
+    if question.reference and not clean and not (question.identified or question.usual):
+        return _nothing(f"no reference is left: {'; '.join([*map(apart, [odd] if odd else []), *unlike])}")
     viewer, known = viewed_by(loaded, question, clean)
     viewer = _keeping(viewer, loaded, question, kept) if kept is not None else viewer
     rng = np.random.default_rng(SEED)
@@ -164,14 +164,11 @@ def _unusable(model: Model, question: Question, faulty: Sequence[Recorded]) -> s
     return "; ".join(each.said for each in unreadable(model, faulty))
 
 
-def _alike(
-    model: Model, clean: Sequence[Recorded], looked_at: Sequence[LookedAt] = ()
-) -> tuple[list[Recorded], list[str]]:
+def _alike(model: Model, clean: Sequence[Recorded], short: Sequence[str] = ()) -> tuple[list[Recorded], list[str]]:
     """The references that tell of the machine and are alike, and sentences about the others."""
     wrong = unreadable(model, clean)
     kept = idle(model, [each for each in clean if each.name not in {dead.name for dead in wrong}])
     unlike = strange(model, kept)
-    short = (each.name for each in looked_at if not each.stretches)
     said = [f"{name} has no gapless stretch of {SHORTEST_S:.0f} s: left out of the references" for name in short]
     said += [f"{dead.said}; it is left out of the references" for dead in wrong]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
@@ -182,7 +179,8 @@ def _alike(
 def _contradicting(clean: Sequence[Recorded]) -> list[str]:
     """Sentences about references of which nearly all looks like work beside the others."""
     said = []
-    for name in dict.fromkeys(each.name for each in clean):
+    names = dict.fromkeys(each.name for each in clean)
+    for name in names if len(names) > 1 else ():
         counts = [each.counts for each in clean if each.name == name and each.counts is not None]
         total, counted = (sum(int(f(own)) for own in counts) / RATE_HZ for f in (len, np.sum))
         if counts and counted < SHORTEST_S < total:

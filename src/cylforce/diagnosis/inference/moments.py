@@ -106,6 +106,6 @@ def _both(told: Array, a: tuple[slice, int], b: tuple[slice, int]) -> Array:
 def digging(told: Asked) -> bool:
     """Whether contact in most blocks is the likeliest of all: the machine works, whatever it lifts."""
     most = max(told.happened, key=lambda h: h.log, default=None)
-    if most is None or most.key[0] != CONTACT or most.busy <= SELDOM:
+    if most is None or most.key[0] != CONTACT or most.busy <= SELDOM or told.slight(most):
         return False
     return most.log > max(h.log for h in told.hypotheses)

@@ -10,8 +10,11 @@ from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
 from cylforce.diagnosis.numbers import HALF
 from cylforce.effects.fault import Place, places
+from cylforce.effects.sensors.angle_offset import AngleOffset
+from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.estimation.model import Model
 from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import SIDES
 from cylforce.signals.units import BAR
 
 
@@ -29,27 +32,33 @@ def unreadable(model: Model, recordings: Sequence[Recorded]) -> list[Unreadable]
 
 
 def _strayed(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
-    """Sensors that read most of the time what they cannot."""
-    for each in recordings:
-        for k, signal in enumerate(model.machine.signals):
-            values = each.values[np.isfinite(each.values[:, k]), k]
-            if len(values) and np.mean((values < signal.low) | (values > signal.high)) > HALF:
-                usual = f"it can read {signal.low:.4g} to {signal.high:.4g}"
-                seen = f"reads {np.min(values):.4g} to {np.max(values):.4g} in {each.name}"
-                cure = "is it reversed, or in other units? See [table.signals] in the machine file (scale_deg = 1)"
-                yield Unreadable(each.name, f"{signal.name} {seen}, where {usual}: {cure}")
+    """Sensors that read most of the time what they cannot, by more than an error of their zero may be."""
+    for name, values in _whole(recordings).items():
+        for place, zero in ((Place.PRESSURE, PressureOffset()), (Place.ANGLE, AngleOffset())):
+            for sensor, k in places(model.machine, place):
+                signal, wrong = model.machine.signals[k], zero.about.high
+                outside = (values[:, k] < signal.low - wrong) | (values[:, k] > signal.high + wrong)
+                if np.mean(outside) > HALF:
+                    usual = f"it can read {signal.low:.4g} to {signal.high:.4g}"
+                    seen = f"reads {np.nanmin(values[:, k]):.4g} to {np.nanmax(values[:, k]):.4g} in {name}"
+                    cure = "is it reversed, or in other units? See [table.signals] in the machine file"
+                    yield Unreadable(name, f"{sensor} {seen}, where {usual}: {cure}")
 
 
 def _weak(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
     """Recordings of a machine that no pressure holds up."""
-    sensors = [k for _, k in places(model.machine, Place.PRESSURE)]
-    for each in recordings:
-        values = each.values[:, sensors]
-        values = values[np.isfinite(values)]
-        if len(values) and np.max(np.abs(values)) < BAR:
+    sensors = [k for k, s in enumerate(model.machine.signals) if s.kind in SIDES]
+    for name, values in _whole(recordings).items():
+        read = values[:, sensors][np.isfinite(values[:, sensors])]
+        if len(read) and np.max(np.abs(read)) < BAR:
             cure = "are they in other units? See [table.signals] in the machine file (scale_bar = 1)"
-            said = f"no pressure reaches 1 bar in {each.name}: {cure}"
-            yield Unreadable(each.name, said)
+            yield Unreadable(name, f"no pressure reaches 1 bar in {name}: {cure}")
+
+
+def _whole(recordings: Sequence[Recorded]) -> dict[str, Array]:
+    """Samples (T, S) of all stretches of each recording."""
+    names = dict.fromkeys(each.name for each in recordings)
+    return {name: np.concatenate([each.values for each in recordings if each.name == name]) for name in names}
 
 
 def _frozen(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
@@ -57,12 +66,16 @@ def _frozen(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable
     between others; at the least or greatest it may be at the end of what it reads."""
     viewer = Viewer(model, np.zeros(len(model.parameters)))
     for each in recordings:
-        still = [(s, *run) for s in places(model.machine, Place.PRESSURE) for run in _runs(each.values[:, s[1]])]
+        still = [
+            (name, k, *run)
+            for name, k in places(model.machine, Place.PRESSURE)
+            for run in _runs(each.values[:, k], model.machine.signals[k].standard_error)
+        ]
         if not still:
             continue
         rows = looked_at(viewer, [each], ())[0].rows
-        for (name, k), first, last in still:
-            begin, end = (x / model.filters.rate_hz for x in (first, last))
+        for name, k, first, last in still:
+            begin, end = (each.begins + x / model.filters.rate_hz for x in (first, last))
             speed = rows.speed[(rows.t >= begin) & (rows.t <= end), model.machine.signals[k].index]
             moving = np.sum(np.abs(speed) > model.filters.direction_speed)
             whole = first == 0 and last == len(each.values) - 1
@@ -70,14 +83,18 @@ def _frozen(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable
                 said = f"{name} never changes in {each.name} while its cylinder moves: it is frozen"
                 yield Unreadable(each.name, said)
             elif moving >= BLOCK:
-                at = f"from {each.begins + begin:.0f} to {each.begins + end:.0f} s"
+                at = f"from {begin:.0f} to {end:.0f} s"
                 said = f"{name} does not change in {each.name} {at} while its cylinder moves: it is frozen there"
                 yield Unreadable(each.name, said)
 
 
-def _runs(values: Array) -> list[tuple[int, int]]:
-    """First and last row of what is longest exactly the same; none where that is the least or the greatest."""
-    steps = np.flatnonzero(np.diff(values) != 0.0)
+def _runs(values: Array, noise: float) -> list[tuple[int, int]]:
+    """First and last row of what is longest exactly the same; none where that is the least or the greatest, or where
+    the sensor reads in steps coarser than its noise, and may well stay at one."""
+    change = np.abs(np.diff(values))
+    steps = np.flatnonzero(change != 0.0)
+    if len(steps) and np.min(change[steps]) > noise:
+        return []
     first, last = np.concatenate([[0], steps + 1]), np.concatenate([steps, [len(values) - 1]])
     if not len(values):
         return []

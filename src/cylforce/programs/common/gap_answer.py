@@ -53,7 +53,7 @@ def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shap
         "calibrated": bool(search.original.clean),
         "set": [{"name": name, "at": at} for name, at in search.belief.credible],
         "not_observable": hidden,
-        "next_experiment": _next(judged, hidden),
+        "next_experiment": _next(judged, hidden, unlike=not search.working),
         "evidence": [_candidate(r) for r in search.first[:20]],
         "unknown": unknown,
     }
@@ -147,10 +147,7 @@ def reason(search: Search, spots: Sequence[Spot]) -> str:
     """Why no cause can be named, where none is observable."""
     if not search.working:
         joints = " and ".join(dict.fromkeys(spot.channel for spot in spots if spot.found))
-        return (
-            f"the torques at the {joints} differ from those of the references, but those of a machine in order may "
-            "differ so where it moves otherwise than in its references: record references of this motion"
-        )
+        return f"the torques at the {joints} differ from the references', but in order may, too, in another motion"
     told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
     most = f"; the most probable: {', '.join(told)}" if told else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
@@ -287,7 +284,9 @@ def confirm(unknown: dict[str, Any] | None) -> list[str]:
     return [CONFIRM[unknown["of"]].format(at=unknown["at"])] if unknown and unknown["of"] in CONFIRM else []
 
 
-def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
+def _next(judged: Judged, hidden: list[dict[str, Any]], *, unlike: bool) -> list[str]:
+    if unlike and judged.verdict is Verdict.NOT_OBSERVABLE:  # no reference moves as the field does
+        return ["record the machine in order in this very motion, as a reference"]
     wanted = [n.cause.proposal.about.confirm for n in judged.named]
     wanted += [r.proposal.about.confirm for n in judged.named for r in n.confused]
     if hidden and not wanted:

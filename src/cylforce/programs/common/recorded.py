@@ -33,10 +33,12 @@ class LookedAt(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """The stretches of some recordings that are examined, and how much that is of each recording."""
+    """The stretches of some recordings that are examined, how much that is of each recording, and the names of those
+    that are too `short`."""
 
     stretches: list[Recorded]
     looked_at: list[LookedAt]
+    short: list[str]
 
 
 def chosen(
@@ -45,13 +47,14 @@ def chosen(
     """Gapless stretches of recordings that are long enough to be diagnosed, `most` parts at most of all together."""
     rate = loaded.service.filters.rate_hz
     sizes = int(loaded.service.health.hold_s * rate), int(PART_S * rate), int(SHORTEST_S * rate)
-    spread, sources = Spread(most), []
+    spread, sources, short = Spread(most), [], set(paths)
     for k, path in enumerate(paths):
         source = _Source(loaded, path, watch)
         for number, part in enumerate(parts(source.pieces(), *sizes)):
             spread.add(Kept(k, number, part))
+            short.discard(path)
         sources.append(source)
-    found = Chosen([], [])
+    found = Chosen([], [], [path.name for path in paths if path in short])
     for k, (path, source) in enumerate(zip(paths, sources, strict=True)):
         own = [
             Recorded(path.name, p.values, loads.get(path.name, 0.0), source.begins + p.first / rate)
