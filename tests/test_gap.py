@@ -140,6 +140,7 @@ KEYS = {
     "effects": [EFFECT],
     "explained": N,
     "working": "bool",
+    "calibrated": "bool",
     "end_quantities": {"payload_kg": {"before": N, "after": N}, "tip_force_n": {"before": N, "after": N}},
     "next_experiment": ["str"],
     "evidence": [{**PLACE, "nats": N, "probability": N}],
@@ -364,10 +365,10 @@ def test_a_log_of_another_machine_is_refused(capsys, files):
 
 
 def test_a_recording_named_twice_is_refused(capsys, files):
-    """In order and not in order at once; and a load that would count for two recordings."""
+    """In order and not in order at once; and what could not be told apart in the answer."""
     field = files / "field.csv"
     assert "name it as one of them" in refused(capsys, files, MACHINE, field, "--reference", field)
-    assert "name of several" in refused(capsys, files, MACHINE, field, field, "--load", "field.csv=100")
+    assert "several recordings have this name" in refused(capsys, files, MACHINE, field, field)
 
 
 def test_a_folder_that_is_not_there_is_said_before_anything_is_computed(capsys, files):
