@@ -111,7 +111,7 @@ def diagnose(
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)
     motions = said(planned(everything, found))
-    whole["next_experiment"] = [*confirm(whole["unknown"]), *motions, *whole["next_experiment"]]
+    whole["next_experiment"] = [*confirm(whole), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
     whole |= sensors
@@ -227,8 +227,8 @@ def _check_recordings(question: Question) -> None:
     for path in both:
         raise RecordingError(f"{path}: is named as field and as --reference: name it as one of them")
     listed = [path.name for path in (*question.field, *question.reference)]
-    for name in {name for name in listed if listed.count(name) > 1}:
-        raise RecordingError(f"{name}: several recordings have this name: name each once, and rename others")
+    if twice := [name for name in listed if listed.count(name) > 1]:
+        raise RecordingError(f"{twice[0]}: several recordings have this name: name each once, and rename others")
     names = set(listed)
     for name, kilograms in question.loads.items():
         if name not in names:

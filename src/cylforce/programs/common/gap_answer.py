@@ -53,7 +53,7 @@ def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shap
         "calibrated": bool(search.original.clean),
         "set": [{"name": name, "at": at} for name, at in search.belief.credible],
         "not_observable": hidden,
-        "next_experiment": _next(judged, hidden, unlike=not search.working),
+        "next_experiment": _next(judged, hidden),
         "evidence": [_candidate(r) for r in search.first[:20]],
         "unknown": unknown,
     }
@@ -279,14 +279,15 @@ def _hidden(search: Search) -> list[dict[str, Any]]:
     ]
 
 
-def confirm(unknown: dict[str, Any] | None) -> list[str]:
-    """The experiment that would tell whether a shape is real."""
+def confirm(answer: dict[str, Any]) -> list[str]:
+    """The experiment that would tell whether a shape is real, or whether a machine in order moves so, too."""
+    if answer["verdict"] == Verdict.NOT_OBSERVABLE and not answer["working"]:
+        return ["record the machine in order in this very motion, as a reference"]
+    unknown = answer["unknown"]
     return [CONFIRM[unknown["of"]].format(at=unknown["at"])] if unknown and unknown["of"] in CONFIRM else []
 
 
-def _next(judged: Judged, hidden: list[dict[str, Any]], *, unlike: bool) -> list[str]:
-    if unlike and judged.verdict is Verdict.NOT_OBSERVABLE:  # no reference moves as the field does
-        return ["record the machine in order in this very motion, as a reference"]
+def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
     wanted = [n.cause.proposal.about.confirm for n in judged.named]
     wanted += [r.proposal.about.confirm for n in judged.named for r in n.confused]
     if hidden and not wanted:

@@ -139,7 +139,7 @@ def _overlay(search: Search, proposal: Proposal, denied: list[Array], admitted: 
 
 def readable(key: tuple[str, str]) -> str:
     """Name and place of an effect in words."""
-    return f"{key[0].replace('_', ' ')} at {key[1]}"
+    return f"{key[0].replace('_', ' ')} at {key[1]}" if key[1] else key[0]
 
 
 def _most(search: Search, own: list[Array], rows: list[int]) -> tuple[int, int, slice]:
