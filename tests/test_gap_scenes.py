@@ -235,6 +235,9 @@ def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(frict
     spot = Spot("stick", "slow", 1.0, 0.5, 1.0, 0.001, found=True)
     assert located(found, verdict, small, [spot], rng)[1] == verdict
     assert located(found, none, small, [spot], rng)[1].verdict is Verdict.NOT_OBSERVABLE
+    for floors, silent in ((1.97, Verdict.NO_GAP), (2.03, Verdict.NOT_OBSERVABLE)):  # never none at twice the floor
+        large = size._replace(fixed=floors * size.floor)
+        assert located(found, none, large, [], rng)[1].verdict is silent
     again = located(found, none, small, [spot._replace(found=False)], rng)
     assert again == (told, none, small)
     assert not usual(found._replace(working=True), small)

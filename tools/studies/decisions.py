@@ -39,7 +39,7 @@ from cylforce.diagnosis.inference.posterior import (
     largest_evidence,
 )
 from cylforce.diagnosis.inference.search import asked, examined
-from cylforce.diagnosis.numbers import EVERYDAY, ODD
+from cylforce.diagnosis.numbers import EVERYDAY, IN_ORDER, ODD
 from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
@@ -324,12 +324,15 @@ def without_their_effect(rows: Sequence[Row]) -> list[Scored]:
 
 def calibration(rows: Sequence[Row], working: bool = False) -> Outcomes:
     """Fitted on all cases in the air (or all of which is said that the machine was `working`), however faint their
-    effect is, and, ODD times, on those with one without its hypotheses; then the power with the best log score."""
+    effect is, and, ODD times, on those with one without its hypotheses; machines in order, with an effect, and with
+    one that the library lacks count together as their prior probabilities say, not as often as somebody simulated them;
+    then the power with the best log score."""
     own = [r for r in rows if (r.working if working else not r.truth.work)]
     cases = [Scored(r, believed(r.asked)) for r in own]
     less = [Scored(r, believed(r.asked)) for r in map(left_out, own) if r]
     told = [_outcome(c) for c in cases] + [ODD_ONE] * len(less)
     weight = np.concatenate([np.ones(len(cases)), np.full(len(less), ODD)])
+    weight *= _as_often([*(c.row.truth for c in cases), *(c.row.truth for c in less)], weight)
     features = np.array([c.answer.features for c in (*cases, *less)])
 
     def by(power: float) -> Outcomes:
@@ -339,9 +342,18 @@ def calibration(rows: Sequence[Row], working: bool = False) -> Outcomes:
 
     def score(power: float) -> float:
         each = [Scored(c.row, calibrated(c.answer, by(power))).probability for c in cases]
-        return float(np.sum(np.log(np.maximum(each, LEAST))))
+        return float(np.sum(weight[: len(each)] * np.log(np.maximum(each, LEAST))))
 
     return by(max(POWERS, key=score))
+
+
+def _as_often(truths: Sequence[Truthful], weight: Array) -> Array:
+    """By what the `weight` (N,) of each case is multiplied so that each kind of truth weighs as its prior says."""
+    kinds = np.array([0 if not t.effects else 1 if t.nameable else 2 for t in truths])
+    share = np.array([IN_ORDER, 1.0 - IN_ORDER - ODD, ODD])
+    whole = np.bincount(kinds, weight, minlength=len(share))
+    share = np.where(whole > 0.0, share, 0.0)
+    return np.asarray((share / share.sum() * weight.sum() / np.maximum(whole, 1.0))[kinds])
 
 
 def _outcome(case: Scored) -> int:

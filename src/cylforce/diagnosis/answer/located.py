@@ -8,14 +8,15 @@ from cylforce.diagnosis.answer.shrinkage import Gap, gap
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict
 from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
-from cylforce.diagnosis.numbers import SAME
+from cylforce.diagnosis.numbers import GAP, SAME
 
 
 def located(
     search: Search, judged: Judged, size: Gap, spots: Sequence[Spot], rng: np.random.Generator
 ) -> tuple[Search, Judged, Gap]:
-    """What is believed, the verdict, and the gap. Where a joint differs from what is normal, "no gap" is not said,
-    though a machine in order may differ so where it moves otherwise than its references: the recordings do not suffice.
+    """What is believed, the verdict, and the gap. Where a joint differs from what is normal, or all of them leave twice
+    the floor, "no gap" is not said, though a machine in order may differ so where it moves otherwise than its
+    references: the recordings do not suffice.
     Where no joint leaves more than the references leave of each other, there is no gap, whatever would explain it: what
     lasts would show in it."""
     found = any(spot.found for spot in spots)
@@ -24,7 +25,8 @@ def located(
             return none(search), judged, size
         nothing = Judged(Verdict.NO_GAP, (), 0.0)
         return none(search), nothing, gap(search, (), rng)
-    hidden = found and judged.verdict is Verdict.NO_GAP
+    large = bool(search.original.clean) and float(np.mean((size.fixed / size.floor) ** 2)) >= GAP**2
+    hidden = (found or large) and judged.verdict is Verdict.NO_GAP
     return search, judged._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else judged, size
 
 
