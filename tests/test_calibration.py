@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.answer.calibration import Outcomes, calibrated
 from cylforce.diagnosis.answer.verdict import Verdict, costs
-from cylforce.diagnosis.inference.posterior import FEATURES, NOTHING, UNKNOWN, Belief, Outcomes, calibrated
+from cylforce.diagnosis.inference.posterior import FEATURES, NOTHING, UNKNOWN, Belief
 from layers.intervals import wilson
 from layers.logistic import fitted
 

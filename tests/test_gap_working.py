@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.answer.learnt import CALIBRATION
 from cylforce.diagnosis.answer.shrinkage import AT_WORK, tried
 from cylforce.diagnosis.answer.verdict import Verdict, judged, searched
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.inference import search
-from cylforce.diagnosis.inference.learnt import CALIBRATION
 from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.fault import PRESSURES
 from cylforce.effects.imposed import imposed

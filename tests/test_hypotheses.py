@@ -134,7 +134,7 @@ def test_a_force_at_moments_is_found_in_its_blocks(machine):
     rows = recording(9)
     rows[:8, ..., -1] += np.random.default_rng(9).normal(0.0, 6.0, (8, 1, 1)) * WAVE
     case = machine.asked(sums(SCENE.spread, [told(rows)]))
-    found, where = settled(case, forces(rows), np.append(-case.mean, 1.0))
+    found, where, _ = settled(case, forces(rows), np.append(-case.mean, 1.0))
     assert np.mean(where[:8]) > 0.7
     assert not np.any(where[8:])
     assert found.log + forces(rows).prior(where) > case.hypothesis((), case.usual).log + 20.0

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from cylforce.diagnosis.inference.posterior import Outcomes
+from cylforce.diagnosis.answer.calibration import Outcomes
 
 Array = NDArray[np.float64]
 RIDGE = 3.0  # precision of the coefficients, in standard deviations of the features; of 0.1 to 30 the best log score

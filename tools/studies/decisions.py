@@ -20,6 +20,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from cylforce.diagnosis.answer.calibration import Outcomes, calibrated
+from cylforce.diagnosis.answer.learnt import AT_WORK
 from cylforce.diagnosis.columns.floor import noise_floor
 from cylforce.diagnosis.columns.problem import Problem, looked_at
 from cylforce.diagnosis.columns.rows import Viewer
@@ -27,15 +29,12 @@ from cylforce.diagnosis.inference.asking import Asking, noisy
 from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.learnt import AT_WORK
 from cylforce.diagnosis.inference.posterior import (
     NOTHING,
     UNKNOWN,
     Asked,
     Belief,
-    Outcomes,
     believed,
-    calibrated,
     largest_evidence,
 )
 from cylforce.diagnosis.inference.search import asked, examined
@@ -381,7 +380,7 @@ def left_out(row: Row) -> Row | None:
 
 HEAD = '''"""What was learnt from labelled cases, by `tools/accuracy decisions --write`: data."""
 
-from cylforce.diagnosis.inference.posterior import Outcomes
+from cylforce.diagnosis.answer.calibration import Outcomes
 
 '''
 NO_WORK = "AT_WORK: Outcomes | None = None\n"

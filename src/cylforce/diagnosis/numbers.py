@@ -6,6 +6,7 @@ IN_ORDER = 0.5  # that the machine is in order
 ODD = 0.1  # that what is wrong is nothing the library has; the rest is shared by all names, then by places and forms
 SECOND = 0.1  # that one more effect is there beside a first
 HAPPENS = 0.1  # that something happens in a block of three seconds
+USUAL_SIZES = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)  # of that, in one recording, each as probable (convention: half decades)
 HEAVY = 4.0  # times an unusual change of a load, 500 kg: what may hang in the bucket of a machine at work (convention)
 STICKS = 0.05  # of the same: what sticks in an empty bucket (3 to 30 kg a cycle: physics)
 FALLS = 0.01  # that a part falls out of a load that is carried on, of a machine in order: one in a hundred (convention)

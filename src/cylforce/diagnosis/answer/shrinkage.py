@@ -13,7 +13,7 @@ from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.resimulation import Resimulation, read_blocks
 from cylforce.diagnosis.answer.verdict import Cause, Judged, Search, Verdict
 from cylforce.diagnosis.columns.problem import Seen
-from cylforce.diagnosis.inference.residuals import FOLDS, SPAN, chosen, clean, refitted, residuals, rms
+from cylforce.diagnosis.inference.residuals import FOLDS, SPAN, chosen, clean, counting, refitted, residuals, rms
 from cylforce.diagnosis.inference.sizes import plausible
 from cylforce.diagnosis.numbers import HALF, SLIGHT, WIDEST
 from cylforce.effects.imposed import Imposed
@@ -129,7 +129,11 @@ class Simulation:
 
     def left(self, causes: Sequence[Cause]) -> list[Array]:
         """Residuals (T, R) [N m] of the faulty recordings with some of the causes switched on, each stretch with sizes
-        that were fitted without it. What happens for a moment has sizes that no other stretch knows."""
+        that were fitted without it; NaN in blocks that do not count. What happens for a moment has sizes that no other
+        stretch knows."""
+        return counting(self.search.question, self._whole(causes))
+
+    def _whole(self, causes: Sequence[Cause]) -> list[Array]:
         search, problem = self.search, self.search.original
         if not causes:
             return residuals(problem, search.at_rest(self.causes, self._fit.whole, self.clean.values))

@@ -7,14 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.answer.calibration import Outcomes, calibrated
 from cylforce.diagnosis.answer.fitting import Fitting, Sized, fitting
+from cylforce.diagnosis.answer.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking
 from cylforce.diagnosis.inference.hypotheses import Hypothesis
-from cylforce.diagnosis.inference.learnt import AT_WORK, CALIBRATION
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, Outcomes, believed, calibrated
-from cylforce.diagnosis.inference.residuals import added, hung, residuals, rms
+from cylforce.diagnosis.inference.moments import sizes_of
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, believed
+from cylforce.diagnosis.inference.residuals import added, counting, hung, residuals, rms
 from cylforce.diagnosis.inference.search import Found
 from cylforce.diagnosis.inference.sizes import plausible
 from cylforce.diagnosis.inference.working import Lost
@@ -118,7 +120,7 @@ class Search(NamedTuple):
 
     def at_rest(self, causes: Sequence[Cause], told: Sized, values: Array) -> Array:
         """Values (K,) of the machine as it was, `values`, with where the field's loads hang beside some causes."""
-        left = self.without(causes, told, values)
+        left = counting(self.question, self.without(causes, told, values))
         return values + hung(self.fit.question.problem, self.question.floor, left)
 
     @property
@@ -215,13 +217,11 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tu
     if key in (NOTHING, UNKNOWN) or not np.any(where) or belief.of.get(key, 0.0) <= 0.0:
         return (), Fitting(found.question, found.case, (), found.asked.none.noise)
     proposal, places = _asked(question.problem)[key]
-    moments = question.moments(places).only(where)
-    case = replace(case, moments=moments)
+    happened = max((h for h in found.asked.happened if h.key == key), key=lambda h: h.log)
+    case = replace(case, moments=question.moments(places).only(where, happened.usual))
     h = case.hypothesis((), case.usual)
-    unit = question.problem.spread[list(places)]
-    sizes, covariance = (x[where] for x in moments.expected(case.under((), case.state(h.noise))[2], h.noise))
-    sizes, errors = sizes * unit, np.sqrt(np.einsum("bii->bi", covariance)) * unit
-    nats = next(h.log for h in found.asked.happened if h.key == key) - found.asked.none.log
+    sizes, errors = (x[where] for x in sizes_of(case, h, happened.usual * question.problem.spread[list(places)]))
+    nats = happened.log - found.asked.none.log
     course, words = np.eye(len(where))[where], f"{np.count_nonzero(where)} times"
     cause = Cause(proposal, words, None, places, course, sizes, errors, belief.of[key], nats)
     return (cause,), Fitting(question, case, (), h.noise)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics, White, blocked, polynomials
-from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL
+from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL, USUAL_SIZES
 from cylforce.signals.estimate import Array
 
 DECAY = 1.0 / (1.0 + np.arange(SMOOTH)) ** 2  # variance of the discrepancy's polynomials: that of a smooth function
@@ -175,6 +175,9 @@ def log_prior(rho: Array, v: Array, usual: Scatter, joint: int) -> Array:
     return np.asarray(np.logaddexp(core, flat))
 
 
+NEVER = float(np.log((1.0 - HAPPENS) / HAPPENS))  # nats, by which nothing is more probable than something in a block
+
+
 @dataclass(frozen=True)
 class Moments:
     """What may happen in a block of a recording, each by itself: a force at the teeth of any smooth course, a load.
@@ -223,21 +226,25 @@ class Moments:
         smooth = np.sum((plain - moved) ** 2 - plain**2, axis=0) + spread
         return whole - np.sum(smooth, axis=1), smooth
 
-    def happening(self, left: Array, noise: Scatter) -> NDArray[np.bool_]:
-        """The blocks (B,) in which such a force is more probable than none, by what coefficients (K+1,) leave."""
+    def likeliest(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], float]:
+        """The blocks (B,) in which it is more probable than nothing, with the usual size, of these, that coefficients
+        (K+1,) of what is left make most probable."""
         across, precision, _ = self.weighed(noise)
-        return np.asarray(evidence(across @ left, precision) > np.log((1.0 - HAPPENS) / HAPPENS))
+        score, unit = across @ left, np.eye(precision.shape[-1])
+        each = [evidence(size * score, size**2 * (precision - unit) + unit) - NEVER for size in USUAL_SIZES]
+        gain, size = max(zip(each, USUAL_SIZES, strict=True), key=lambda both: float(np.sum(np.maximum(both[0], 0.0))))
+        return gain > 0.0, size
 
-    def only(self, where: NDArray[np.bool_]) -> "Moments":
-        """The same, in some blocks only."""
-        on = where[:, None, None, None]
-        return Moments(self.across * on, self.within * on, self.waves * on, self.smooth)
+    def only(self, where: NDArray[np.bool_], usual: float = 1.0) -> "Moments":
+        """The same, in some blocks only; with another `usual` size, of these."""
+        on = usual * where[:, None, None, None]
+        return Moments(self.across * on, self.within * on * usual, self.waves * on, self.smooth)
 
     @staticmethod
     def prior(where: NDArray[np.bool_]) -> float:
-        """Log of the prior probability that it happens in just these blocks."""
+        """Log of the prior probability that it happens in just these blocks, and of its usual size."""
         share = np.where(where, HAPPENS, 1.0 - HAPPENS)
-        return float(np.sum(np.log(share)))
+        return float(np.sum(np.log(share))) - float(np.log(len(USUAL_SIZES)))
 
 
 def evidence(score: Array, precision: Array) -> Array:

@@ -1,16 +1,19 @@
 """What happens at moments: in which blocks, and when a known load becomes another one."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ
 from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
-from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
+from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened
 from cylforce.diagnosis.numbers import SELDOM
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
+from cylforce.effects.library import Proposal
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME
 from cylforce.signals.estimate import Array
@@ -21,44 +24,88 @@ CONTACT = TipForce().about.name
 
 
 def happening(
-    question: Asking, case: Inference, left: Array, only: tuple[str, str] | None
+    question: Asking,
+    case: Inference,
+    left: Array,
+    only: tuple[str, str] | None,
+    beside: Hypothesis | None = None,
 ) -> list[tuple[Happened, Blocks]]:
-    """All that may have happened at moments, and in which blocks (B,); `left` (K+1,): coefficients of what is left
-    without it; `only`: name and place ("": any) of the one effect that is asked."""
+    """All that may have happened at moments, alone or `beside` the effects of a hypothesis, and in which blocks (B,);
+    `left` (K+1,): coefficients of what is left without it; `only`: name and place ("": any) of the one effect that is
+    asked."""
     found = []
-    for key, each in _incidents(question, only):
-        told, where = settled(case, each, left)
+    for p, own in _incidents(question, only):
+        each = question.moments(own)
+        told, where, usual = settled(case, each, left, beside)
         if question.step:  # a block that does not count is like those beside it
             k = question.step.first
             where[k] = np.any(where[max(k - 1, 0) : k + 2])
-        happened = Happened(key, told.log + each.prior(where), float(np.mean(where)), told.rest)
-        found.append((happened, where))
+        log, busy, before = told.log + each.prior(where), float(np.mean(where)), beside.rest if beside else None
+        key = UNKNOWN if p.name == NAME else (p.name, p.at)
+        held, unit = replace(case, moments=each.only(where, usual)), usual * question.problem.spread[list(own)]
+        size = float(np.linalg.norm(sizes_of(held, told, unit)[0])) / max(int(np.sum(where)), 1) ** 0.5
+        small = p.name != NAME and size < p.about.low
+        found.append((Happened(key, log, busy, told.rest, before, small, usual), where))
     return found
 
 
-def _incidents(question: Asking, only: tuple[str, str] | None) -> list[tuple[Key, Moments]]:
-    """What may happen at moments, with its key."""
-    found = []
-    for p, own in zip(question.problem.proposals, question.problem.places, strict=True):
-        if p.course is TimeCourse.WINDOWS and (not only or (p.name == only[0] and only[1] in ("", p.at))):
-            found.append((UNKNOWN if p.name == NAME else (p.name, p.at), question.moments(own)))
-    return found
+def everyday(question: Asking, case: Inference, told: Asked, alone: Sequence[tuple[Happened, Blocks]]) -> Blocks | None:
+    """The blocks (B,) in which something everyday happens, if that is likelier than nothing, `alone` or beside what
+    most probably lasts."""
+    most, found = max(told.hypotheses, key=lambda h: h.log), list(alone)
+    if most.which:
+        names = {h.key[0] for h, _ in alone}
+        left = case.under(most.which, case.state(most.noise))[2]
+        beside = happening(question, case, left, None, most)
+        found += [(each, where) for each, where in beside if each.key[0] in names]
+    likelier = [(each, where) for each, where in found if each.log > most.log and each.busy <= SELDOM]
+    first, where = max(likelier, key=lambda both: both[0].log, default=(None, None))
+    return where if first and told.slight(first) else None
 
 
-def settled(case: Inference, moments: Moments, left: Array) -> tuple[Hypothesis, Blocks]:
-    """What happens at moments alone, and in which blocks (B,), in those where it is more probable than not;
-    `left` (K+1,): coefficients of what is left without it."""
-    where = moments.happening(left, case.usual)
-    held = replace(case, moments=moments.only(where))
-    found = held.hypothesis((), case.usual)
-    for _ in range(1, SETTLING):
-        again = moments.happening(held.under((), held.state(found.noise))[2], found.noise)
-        if np.array_equal(again, where):
+def left_aside(question: Asking) -> str:
+    """A sentence on the moments that do not count; empty where all do."""
+    if question.aside is None:
+        return ""
+    seconds = float(np.sum(question.aside)) * BLOCK / RATE_HZ
+    return (
+        f"for about {seconds:.0f} s something happens that is no fault, such as a light touch of the ground: these "
+        "moments do not count"
+    )
+
+
+def _incidents(question: Asking, only: tuple[str, str] | None) -> list[tuple[Proposal, tuple[int, ...]]]:
+    """What may happen at moments, and the numbers of its columns."""
+    each = zip(question.problem.proposals, question.problem.places, strict=True)
+    windows = [(p, own) for p, own in each if p.course is TimeCourse.WINDOWS]
+    return [(p, own) for p, own in windows if not only or (p.name == only[0] and only[1] in ("", p.at))]
+
+
+def sizes_of(case: Inference, h: Hypothesis, unit: Array) -> tuple[Array, Array]:
+    """Sizes (B, I) of what happens at moments beside a hypothesis, in `unit` (I,), and their standard errors."""
+    if case.moments is None:
+        raise ValueError("nothing happens at moments")
+    sizes, covariance = case.moments.expected(case.under(h.which, case.state(h.noise))[2], h.noise)
+    return sizes * unit, np.sqrt(np.einsum("bii->bi", covariance)) * unit
+
+
+def settled(
+    case: Inference, moments: Moments, left: Array, beside: Hypothesis | None = None
+) -> tuple[Hypothesis, Blocks, float]:
+    """What happens at moments, alone or `beside` the effects of a hypothesis, in which blocks (B,), those where it is
+    more probable than not, and how large it usually is; `left` (K+1,): coefficients of what is left without it."""
+    which, doubt, noise = (beside.which, beside.doubt, beside.noise) if beside else ((), None, case.usual)
+    where, usual = moments.likeliest(left, noise)
+    for _ in range(SETTLING):
+        held = replace(case, moments=moments.only(where, usual))
+        found = held.hypothesis(which, noise, doubt)
+        before, noise = where, found.noise
+        now = moments.likeliest(held.under(which, held.state(noise))[2], noise)
+        if np.array_equal(now[0], before):
             break
-        where = again
-        held = replace(case, moments=moments.only(where))
-        found = held.hypothesis((), found.noise)
-    return held.likeliest((), found.noise), where
+        where, usual = now
+    held = replace(case, moments=moments.only(where, usual))
+    return held.likeliest(which, noise, doubt), where, usual
 
 
 def changed(question: Asking, case: Inference, left: Array) -> Step | None:

@@ -1,6 +1,5 @@
 """From hypotheses with their evidence to probabilities: of "no gap", of every effect at its place, of "unknown"."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +10,6 @@ from cylforce.diagnosis.inference.discrepancy import LEVELS, SCALES, Scatter, lo
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, counted
 from cylforce.diagnosis.inference.sizes import Column
 from cylforce.diagnosis.numbers import HALF, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
-from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
@@ -24,13 +22,16 @@ FEATURES = 10
 class Happened(NamedTuple):
     """What may happen at moments: its name and place (`UNKNOWN` for a torque at one joint alone), the logarithm of its
     probability with the recording, in which share of the blocks it would be, what it leaves, of the floor, and what is
-    left `before` it (None: as much as with no effect)."""
+    left `before` it (None: as much as with no effect); whether it is `small`er than any plausible one, and
+    its `usual` size, of what is usual."""
 
     key: Key
     log: float
     busy: float
     rest: float
     before: float | None = None
+    small: bool = False
+    usual: float = 1.0
 
 
 class Belief(NamedTuple):
@@ -161,12 +162,13 @@ class Asked:
         return 1.0 - left / gap if min(gap, left) > SAME else 1.0
 
     def slight(self, happened: Happened) -> bool:
-        """Whether what may happen at moments is everyday: without it no more is left than references leave of each
-        other, over the whole recording. What has a name is so only where references show what is everyday, and not
+        """Whether what may happen at moments is everyday: smaller than any plausible one, or without it no more is left
+        than references leave of each other. What has a name is so only where references show what is everyday, and not
         where it alone is asked."""
         before = self.none.rest if happened.before is None else happened.before
         unnamed = happened.key == UNKNOWN
-        return (unnamed or (self.references > 0 and not self.only)) and before**2 - 1.0 <= SAME
+        everyday = happened.small or before**2 - 1.0 <= SAME
+        return (unnamed or (self.references > 0 and not self.only)) and everyday
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""
@@ -257,44 +259,3 @@ def _features(asked: Asked, found: dict[Key, float]) -> tuple[float, ...]:
 def _log_odds(one: float, other: float) -> float:
     """At most CERTAIN either way."""
     return float(np.clip(np.log(max(one, LEAST) / max(other, LEAST)), -CERTAIN, CERTAIN))
-
-
-class Outcomes(NamedTuple):
-    """What labelled cases teach of such an answer: how probable it is that there is no gap, that the first effect is
-    the cause, that nothing of the library is, and that another effect is. A multinomial logistic regression on
-    features (F,): their `mean` and `scale` (F,), `weights` (4, F+1), a constant last. `tempered`: by which power the
-    other effects share what is theirs."""
-
-    mean: tuple[float, ...]
-    scale: tuple[float, ...]
-    weights: tuple[tuple[float, ...], ...]
-    tempered: float
-
-    def __call__(self, features: Sequence[float]) -> Array:
-        """The four probabilities (4,)."""
-        each = (np.array(features) - np.array(self.mean)) / np.array(self.scale)
-        logs = np.array(self.weights) @ np.append(each, 1.0)
-        shares = np.exp(logs - np.max(logs))
-        return np.asarray(shares / np.sum(shares))
-
-
-def calibrated(belief: Belief, by: Outcomes) -> Belief:
-    """The probabilities as labelled cases teach them; the order of the effects stays, and of two that the model holds
-    alike neither is preferred."""
-    effects = sorted((k for k in belief.of if k not in (NOTHING, UNKNOWN)), key=lambda k: -belief.of[k])
-    if not effects:
-        return belief
-    none, first, unknown, other = by(belief.features).tolist()
-    least = (first + other) / len(effects)  # the first is never less probable than the others
-    first, other = max(first, least), min(other, first + other - least)
-    if len(effects) < 2:
-        return belief._replace(of={NOTHING: none, effects[0]: first, UNKNOWN: unknown + other})
-    said = np.array([max(belief.of[k], LEAST) for k in effects])
-    said /= np.sum(said)
-    alike = max(first - (first + other) * float(said[0]), 0.0)  # what the model itself gives to other effects
-    flat = said[1:] ** by.tempered
-    shares = other * flat / np.sum(flat) + alike * said[1:] / max(float(np.sum(said[1:])), LEAST)
-    if np.max(shares) > first - alike:  # the order stays
-        shares = np.minimum(np.full(len(shares), np.mean(shares)), first - alike)
-    found = {NOTHING: none, effects[0]: first - alike, UNKNOWN: unknown}
-    return belief._replace(of=found | dict(zip(effects[1:], shares.tolist(), strict=True)))

@@ -115,6 +115,14 @@ def refitted(question: Asking, nominal: Sequence[Array]) -> tuple[list[Array], A
     return [e - x @ values for x, e in zip(columns, nominal, strict=True)], values[:count] / known[:count]
 
 
+def counting(question: Asking, left: Sequence[Array]) -> list[Array]:
+    """What is left (T, R) of the faulty recordings, NaN in the blocks that do not count."""
+    if question.aside is None:
+        return list(left)
+    each = zip(left, question.problem.spans, strict=True)
+    return [np.where(rows_of(question.aside[slice(*span)], len(e))[:, None], np.nan, e) for e, span in each]
+
+
 def hung(problem: Problem, floor: Floor, left: Sequence[Array]) -> Array:
     """Values (K,) of where the field's loads hang, and how a base that always moved goes, by least squares of what is
     left (T, R) of its recordings, rows weighed by the floor."""
@@ -166,10 +174,8 @@ def unforced(question: Asking, left: Sequence[Array], rows: Sequence[NDArray[np.
     at the teeth explains, which may be another one in every row in which all joints are usable. All of it where two
     joints or fewer tell a force, which then explains anything, or none is."""
     columns, floor, energy = [INCIDENTAL.index(name) for name in STEADY], question.floor.rms, np.zeros(2)
-    problem = question.problem
-    aside = np.zeros(len(problem.times), dtype=np.bool_) if question.aside is None else question.aside
-    for seen, e, inside, span in zip(problem.faulty, left, rows, problem.spans, strict=True):
-        good = np.all(np.isfinite(e), axis=1) & ~rows_of(aside[slice(*span)], len(e))
+    for seen, e, inside in zip(question.problem.faulty, counting(question, left), rows, strict=True):
+        good = np.all(np.isfinite(e), axis=1)
         good[inside] = False
         y, x = e[good] / floor, seen.rows.incidental[good][..., columns] / floor[:, None]
         along = np.linalg.svd(x, full_matrices=False)[0]

@@ -17,10 +17,10 @@ from cylforce.diagnosis.inference.beam import screened, searched
 from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import CONTACT, Blocks, changed, digging, happening
+from cylforce.diagnosis.inference.moments import CONTACT, Blocks, changed, digging, everyday, happening
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
-from cylforce.diagnosis.inference.residuals import hung, residuals, unforced
+from cylforce.diagnosis.inference.residuals import counting, hung, residuals, unforced
 from cylforce.diagnosis.inference.working import AtWork, Lost, at_work, hangs
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, HALF, IDENTIFIED, LAW, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
@@ -123,7 +123,8 @@ class _Search:
         """The machine's columns that last (K,) [of their spread], as its references tell them by the fit of the noise
         floor, without references as it was identified, and where the field's loads hang and how its base goes."""
         problem, known = self.plain.problem, cleaned(self.plain).values
-        known = known + hung(problem, self.plain.floor, residuals(problem, known))
+        left = counting(self.plain, residuals(problem, known))
+        known = known + hung(problem, self.plain.floor, left)
         return np.asarray(known / problem.spread[: problem.lasting])
 
     def _left(self, case: Inference) -> Array:
@@ -182,13 +183,12 @@ class _Search:
         self.watch("hypotheses")
         case, wanted = self._case, self._wanted(self._question)
         when = happening(self._question, case, self._left(case), self.only)
-        none, happened = case.likeliest((), case.usual), tuple(each for each, _ in when)
-        alone = self._told_of(case, (none,), happened)
-        first, again = max(happened, key=lambda each: each.log, default=None), self.plain.aside is not None
-        if self.plain.problem.clean and not again and first and first.log > none.log and alone.slight(first):
-            # What happens in some blocks is everyday: what is wrong besides shows in the others.
-            return self._beside(next(where for each, where in when if each is first)).found()
         hypotheses = searched(case, wanted)
+        happened = tuple(each for each, _ in when)
+        told, new = self._told_of(case, tuple(hypotheses), happened), self.plain.aside is None
+        aside = everyday(self._question, case, told, when) if self.plain.problem.clean and new else None
+        if aside is not None:  # what is wrong besides shows in the other blocks
+            return self._beside(aside).found()
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]

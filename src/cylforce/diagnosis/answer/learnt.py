@@ -1,6 +1,6 @@
 """What was learnt from labelled cases, by `tools/accuracy decisions --write`: data."""
 
-from cylforce.diagnosis.inference.posterior import Outcomes
+from cylforce.diagnosis.answer.calibration import Outcomes
 
 CALIBRATION: Outcomes | None = Outcomes(
     (7.738, 5.958, 1.602, -0.173, 0.585, 0.989, 0.883, -4.472, 2.742, 0.525),
