@@ -13,7 +13,7 @@ from cylforce.diagnosis.inference.beam import _with_each, screened, searched
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import digging, settled
+from cylforce.diagnosis.inference.moments import digging, settled, sizes_of
 from cylforce.diagnosis.inference.posterior import (
     NOTHING,
     UNKNOWN,
@@ -138,6 +138,23 @@ def test_a_force_at_moments_is_found_in_its_blocks(machine):
     assert np.mean(where[:8]) > 0.7
     assert not np.any(where[8:])
     assert found.log + forces(rows).prior(where) > case.hypothesis((), case.usual).log + 20.0
+
+
+def test_how_large_something_is_that_happens_is_not_known_beforehand(machine):
+    """A touch of a twentieth of what is usual is found in its blocks, as one of four times as much is."""
+    for size in (0.3, 3.0, 20.0):
+        rows = recording(9, rho=0.1, v=0.1)
+        rows[:8, ..., -1] += np.random.default_rng(9).choice([-size, size], (8, 1, 1)) * WAVE
+        case = machine.asked(sums(SCENE.spread, [told(rows)]))
+        found, where, usual = settled(case, forces(rows), np.append(-case.mean, 1.0))
+        assert np.array_equal(where, np.arange(BLOCKS) < 8)
+        assert 0.3 < usual * USUAL / size < 3.5
+        sizes, errors = sizes_of(replace(case, moments=forces(rows).only(where, usual)), found, usual * USUAL)
+        np.testing.assert_allclose(np.abs(sizes[:8]), size, atol=0.15)
+        assert np.all(errors[:8] < 0.1)
+        one, _, fixed = settled(case, forces(rows), np.append(-case.mean, 1.0), None, (1.0,))
+        assert fixed == 1.0
+        assert one.log <= found.log
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5])
@@ -345,6 +362,8 @@ def test_what_happens_at_moments_and_explains_hardly_anything_is_everyday(machin
     assert believed(asked).first == NOTHING
     large = replace(asked, gap=3.0, hypotheses=(none._replace(rest=1.8),), happened=(happened._replace(rest=1.0),))
     assert believed(large).first == key
+    light = replace(large, happened=(large.happened[0]._replace(small=True),))  # than any plausible one
+    assert believed(light).first == NOTHING
     for other in (replace(asked, references=0), replace(asked, only=True)):
         assert believed(other).first == (NOTHING if key == UNKNOWN else key)
 

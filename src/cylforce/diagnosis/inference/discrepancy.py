@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics, White, blocked, polynomials
-from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL, USUAL_SIZES
+from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL
 from cylforce.signals.estimate import Array
 
 DECAY = 1.0 / (1.0 + np.arange(SMOOTH)) ** 2  # variance of the discrepancy's polynomials: that of a smooth function
@@ -226,13 +226,13 @@ class Moments:
         smooth = np.sum((plain - moved) ** 2 - plain**2, axis=0) + spread
         return whole - np.sum(smooth, axis=1), smooth
 
-    def likeliest(self, left: Array, noise: Scatter) -> tuple[NDArray[np.bool_], float]:
-        """The blocks (B,) in which it is more probable than nothing, with the usual size, of these, that coefficients
+    def likeliest(self, left: Array, noise: Scatter, sizes: Sequence[float]) -> tuple[NDArray[np.bool_], float]:
+        """The blocks (B,) in which it is more probable than nothing, with the usual size, of `sizes`, that coefficients
         (K+1,) of what is left make most probable."""
         across, precision, _ = self.weighed(noise)
         score, unit = across @ left, np.eye(precision.shape[-1])
-        each = [evidence(size * score, size**2 * (precision - unit) + unit) - NEVER for size in USUAL_SIZES]
-        gain, size = max(zip(each, USUAL_SIZES, strict=True), key=lambda both: float(np.sum(np.maximum(both[0], 0.0))))
+        each = [evidence(size * score, size**2 * (precision - unit) + unit) - NEVER for size in sizes]
+        gain, size = max(zip(each, sizes, strict=True), key=lambda both: float(np.sum(np.maximum(both[0], 0.0))))
         return gain > 0.0, size
 
     def only(self, where: NDArray[np.bool_], usual: float = 1.0) -> "Moments":
@@ -242,9 +242,9 @@ class Moments:
 
     @staticmethod
     def prior(where: NDArray[np.bool_]) -> float:
-        """Log of the prior probability that it happens in just these blocks, and of its usual size."""
+        """Log of the prior probability that it happens in just these blocks."""
         share = np.where(where, HAPPENS, 1.0 - HAPPENS)
-        return float(np.sum(np.log(share))) - float(np.log(len(USUAL_SIZES)))
+        return float(np.sum(np.log(share)))
 
 
 def evidence(score: Array, precision: Array) -> Array:

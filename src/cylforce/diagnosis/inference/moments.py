@@ -11,7 +11,7 @@ from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened
-from cylforce.diagnosis.numbers import SELDOM
+from cylforce.diagnosis.numbers import SELDOM, USUAL_SIZES
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.tip_force import TipForce
@@ -33,14 +33,15 @@ def happening(
     """All that may have happened at moments, alone or `beside` the effects of a hypothesis, and in which blocks (B,);
     `left` (K+1,): coefficients of what is left without it; `only`: name and place ("": any) of the one effect that is
     asked."""
-    found = []
+    found, few = [], USUAL_SIZES if question.problem.clean else (1.0,)  # only references show what is everyday
     for p, own in _incidents(question, only):
         each = question.moments(own)
-        told, where, usual = settled(case, each, left, beside)
+        told, where, usual = settled(case, each, left, beside, few)
         if question.step:  # a block that does not count is like those beside it
             k = question.step.first
             where[k] = np.any(where[max(k - 1, 0) : k + 2])
-        log, busy, before = told.log + each.prior(where), float(np.mean(where)), beside.rest if beside else None
+        log = told.log + each.prior(where) - float(np.log(len(few)))
+        busy, before = float(np.mean(where)), beside.rest if beside else None
         key = UNKNOWN if p.name == NAME else (p.name, p.at)
         held, unit = replace(case, moments=each.only(where, usual)), usual * question.problem.spread[list(own)]
         size = float(np.linalg.norm(sizes_of(held, told, unit)[0])) / max(int(np.sum(where)), 1) ** 0.5
@@ -90,17 +91,22 @@ def sizes_of(case: Inference, h: Hypothesis, unit: Array) -> tuple[Array, Array]
 
 
 def settled(
-    case: Inference, moments: Moments, left: Array, beside: Hypothesis | None = None
+    case: Inference,
+    moments: Moments,
+    left: Array,
+    beside: Hypothesis | None = None,
+    sizes: Sequence[float] = USUAL_SIZES,
 ) -> tuple[Hypothesis, Blocks, float]:
     """What happens at moments, alone or `beside` the effects of a hypothesis, in which blocks (B,), those where it is
-    more probable than not, and how large it usually is; `left` (K+1,): coefficients of what is left without it."""
+    more probable than not, and how large it usually is, of `sizes`; `left` (K+1,): coefficients of what is left
+    without it."""
     which, doubt, noise = (beside.which, beside.doubt, beside.noise) if beside else ((), None, case.usual)
-    where, usual = moments.likeliest(left, noise)
+    where, usual = moments.likeliest(left, noise, sizes)
     for _ in range(SETTLING):
         held = replace(case, moments=moments.only(where, usual))
         found = held.hypothesis(which, noise, doubt)
         before, noise = where, found.noise
-        now = moments.likeliest(held.under(which, held.state(noise))[2], noise)
+        now = moments.likeliest(held.under(which, held.state(noise))[2], noise, sizes)
         if np.array_equal(now[0], before):
             break
         where, usual = now
