@@ -21,6 +21,7 @@ from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, places
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.imposed import Imposed, imposed
+from cylforce.programs.common.gap_answer import reason
 from gap_scene import MACHINE, Reference, as_it_was, recordings
 
 SIGNALS = [signal.name for signal in MACHINE.signals]
@@ -238,6 +239,9 @@ def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(frict
     for floors, silent in ((1.97, Verdict.NO_GAP), (2.03, Verdict.NOT_OBSERVABLE)):  # never none at twice the floor
         large = size._replace(fixed=floors * size.floor)
         assert located(found, none, large, [], rng)[1].verdict is silent
+    rests = size.floor * [0.0, 1.0, 1.0]  # a joint that no reference moves, nor this one
+    assert located(found, none, size._replace(fixed=2.03 * rests, floor=rests), [], rng)[1].verdict is silent
+    assert reason(found, []).startswith("the torques differ from")
     again = located(found, none, small, [spot._replace(found=False)], rng)
     assert again == (told, none, small)
     assert not usual(found._replace(working=True), small)

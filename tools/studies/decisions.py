@@ -352,7 +352,7 @@ def _as_often(truths: Sequence[Truthful], weight: Array) -> Array:
     share = np.array([IN_ORDER, 1.0 - IN_ORDER - ODD, ODD])
     whole = np.bincount(kinds, weight, minlength=len(share))
     share = np.where(whole > 0.0, share, 0.0)
-    return np.asarray((share / share.sum() * weight.sum() / np.maximum(whole, 1.0))[kinds])
+    return np.asarray((share / share.sum() * weight.sum() / np.where(whole > 0.0, whole, 1.0))[kinds])
 
 
 def _outcome(case: Scored) -> int:

@@ -25,7 +25,9 @@ def located(
             return none(search), judged, size
         nothing = Judged(Verdict.NO_GAP, (), 0.0)
         return none(search), nothing, gap(search, (), rng)
-    large = bool(search.original.clean) and float(np.mean((size.fixed / size.floor) ** 2)) >= GAP**2
+    moved = (size.floor > 0.0) & (size.fixed > 0.0)  # a joint that rests tells nothing
+    floors = (size.fixed[moved] / size.floor[moved]) ** 2
+    large = bool(search.original.clean) and np.any(moved) and float(np.mean(floors)) >= GAP**2
     hidden = (found or large) and judged.verdict is Verdict.NO_GAP
     return search, judged._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else judged, size
 

@@ -152,7 +152,7 @@ def searched(found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes 
     taught = at_work if found.working else by
     learnt = taught if found.question.problem.clean else None  # from cases with references, and for them
     belief = calibrated(belief, learnt) if learnt else belief
-    sure = not found.working and min(found.asked.gap, found.asked.none.rest) >= GAP  # nothing everyday is so large
+    sure = not found.working and found.asked.beyond >= GAP  # nothing everyday is so large
     belief = belief.but(NOTHING) if sure else belief
     candidates = _candidates(found, belief)
     h = _best(found, belief)

@@ -37,6 +37,7 @@ def happening(
     for p, own in _incidents(question, only):
         each = question.moments(own)
         told, where, usual = settled(case, each, left, beside, few)
+        count = int(np.sum(where))
         if question.step:  # a block that does not count is like those beside it
             k = question.step.first
             where[k] = np.any(where[max(k - 1, 0) : k + 2])
@@ -44,7 +45,7 @@ def happening(
         busy, before = float(np.mean(where)), beside.rest if beside else None
         key = UNKNOWN if p.name == NAME else (p.name, p.at)
         held, unit = replace(case, moments=each.only(where, usual)), usual * question.problem.spread[list(own)]
-        size = float(np.linalg.norm(sizes_of(held, told, unit)[0])) / max(int(np.sum(where)), 1) ** 0.5
+        size = float(np.linalg.norm(sizes_of(held, told, unit)[0])) / max(count, 1) ** 0.5
         small = p.name != NAME and size < p.about.low
         found.append((Happened(key, log, busy, told.rest, before, small, usual), where))
     return found
@@ -59,9 +60,8 @@ def everyday(question: Asking, case: Inference, told: Asked, alone: Sequence[tup
         left = case.under(most.which, case.state(most.noise))[2]
         beside = happening(question, case, left, None, most)
         found += [(each, where) for each, where in beside if each.key[0] in names]
-    likelier = [(each, where) for each, where in found if each.log > most.log and each.busy <= SELDOM]
-    first, where = max(likelier, key=lambda both: both[0].log, default=(None, None))
-    return where if first and told.slight(first) else None
+    first, where = max(found, key=lambda both: both[0].log, default=(None, None))
+    return where if first and first.log > most.log and first.busy <= SELDOM and told.slight(first) else None
 
 
 def left_aside(question: Asking) -> str:
@@ -107,9 +107,9 @@ def settled(
         found = held.hypothesis(which, noise, doubt)
         before, noise = where, found.noise
         now = moments.likeliest(held.under(which, held.state(noise))[2], noise, sizes)
-        if np.array_equal(now[0], before):
+        where, usual, same = *now, np.array_equal(now[0], before) and now[1] == usual
+        if same:
             break
-        where, usual = now
     held = replace(case, moments=moments.only(where, usual))
     return held.likeliest(which, noise, doubt), where, usual
 

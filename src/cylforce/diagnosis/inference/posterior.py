@@ -167,8 +167,15 @@ class Asked:
         where it alone is asked."""
         before = self.none.rest if happened.before is None else happened.before
         unnamed = happened.key == UNKNOWN
-        everyday = happened.small or before**2 - 1.0 <= SAME
+        everyday = (happened.small and happened.busy <= SELDOM) or before**2 - 1.0 <= SAME
         return (unnamed or (self.references > 0 and not self.only)) and everyday
+
+    @property
+    def beyond(self) -> float:
+        """The least that is left, of the floor, without anything that would be a fault: of the gap itself, beside
+        everyday differences, beside what happens everyday at moments."""
+        light = (h.rest for h in self.happened if h.log > self.none.log and self.slight(h))
+        return min(self.gap, self.none.rest, *light)
 
     def usually(self, noise: Scatter) -> float:
         """How probable it is that discrepancy and noise are what is usual, not out of the tail."""

@@ -154,7 +154,8 @@ def weighed(question: Asking, left: Sequence[Array]) -> float:
     """Error of the weight [kg], rms over the faulty recordings, that residuals (T, R) [N m] make: as much of a load as
     fits each of them."""
     names = ("load.mass", "load.X", "load.Z", "load.J")
-    each = [_solved(question, *pair, names)[0] for pair in zip(question.problem.faulty, left, strict=True)]
+    pairs = [pair for pair in zip(question.problem.faulty, left, strict=True) if np.any(np.isfinite(pair[1]))]
+    each = [_solved(question, *pair, names)[0] for pair in pairs] or [0.0]
     return float(np.sqrt(np.mean(np.square(each))))
 
 
@@ -165,7 +166,8 @@ def pushed(question: Asking, left: Sequence[Array]) -> float:
         _solved(question, seen, e, STEADY, slice(k, k + BLOCK))
         for seen, e in zip(question.problem.faulty, left, strict=True)
         for k in range(0, len(e), BLOCK)
-    ]
+        if np.any(np.isfinite(e[k : k + BLOCK]))
+    ] or [np.zeros(len(STEADY))]
     return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1))))
 
 

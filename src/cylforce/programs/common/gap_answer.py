@@ -146,8 +146,10 @@ def _is_named(cause: Cause, judged: Judged) -> bool:
 def reason(search: Search, spots: Sequence[Spot]) -> str:
     """Why no cause can be named, where none is observable."""
     if not search.working:
-        joints = " and ".join(dict.fromkeys(spot.channel for spot in spots if spot.found))
-        return f"the torques at the {joints} differ from the references', but in order may, too, in another motion"
+        at = " and ".join(dict.fromkeys(spot.channel for spot in spots if spot.found))
+        return (
+            f"the torques{at and f' at the {at}'} differ from the references', but in order may, too, in another motion"
+        )
     told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
     most = f"; the most probable: {', '.join(told)}" if told else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
@@ -155,10 +157,9 @@ def reason(search: Search, spots: Sequence[Spot]) -> str:
 
 def shifted(answer: dict[str, Any], judged: Judged) -> str:
     """Where nothing is named, whether it is the parameters that do not hold, in a sentence; else nothing."""
-    size = answer["gap"]
+    size, (most, *_) = answer["gap"], answer["gap"]["parameter_shift"]
     if judged.verdict is not Verdict.UNKNOWN or size["refit"] > (size["fixed"] + size["floor"]) / 2.0:
         return ""
-    most = size["parameter_shift"][0]
     return (
         f"with the model's parameters fitted to these recordings {size['refit']:.0f} N m are left ({most['name']} "
         f"changes by {abs(most['standard_errors']):.0f} standard errors): the recording of the identification does not "
