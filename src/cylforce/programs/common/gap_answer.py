@@ -147,8 +147,8 @@ def reason(search: Search, spots: Sequence[Spot]) -> str:
     """Why no cause can be named, where none is observable."""
     if not search.working:
         at = " and ".join(dict.fromkeys(spot.channel for spot in spots if spot.found))
-        told = f"the torques at the {at}" if at else "the torques"
-        return f"{told} differ from the references', but in order may, too, in another motion"
+        at = f" at the {at}" if at else ""
+        return f"the torques{at} differ from the references', but in order may, too, in another motion"
     told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
     most = f"; the most probable: {', '.join(told)}" if told else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
