@@ -154,6 +154,7 @@ def searched(found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes 
     belief = calibrated(belief, learnt) if learnt else belief
     sure = not found.working and found.asked.beyond >= GAP  # nothing everyday is so large
     belief = belief.but(NOTHING) if sure else belief
+    belief = belief.instead(found.asked.incident) if found.asked.incident else belief
     candidates = _candidates(found, belief)
     h = _best(found, belief)
     causes, fit = _causes(found, h, belief) if h else _happened(found, belief, candidates)

@@ -37,31 +37,29 @@ def happening(
     for p, own in _incidents(question, only):
         each = question.moments(own)
         told, where, usual = settled(case, each, left, beside, few)
-        count = int(np.sum(where))
         if question.step:  # a block that does not count is like those beside it
             k = question.step.first
             where[k] = np.any(where[max(k - 1, 0) : k + 2])
         log = told.log + each.prior(where) - float(np.log(len(few)))
         busy, before = float(np.mean(where)), beside.rest if beside else None
         key = UNKNOWN if p.name == NAME else (p.name, p.at)
-        held, unit = replace(case, moments=each.only(where, usual)), usual * question.problem.spread[list(own)]
-        size = float(np.linalg.norm(sizes_of(held, told, unit)[0])) / max(count, 1) ** 0.5
-        small = p.name != NAME and size < p.about.low
-        found.append((Happened(key, log, busy, told.rest, before, small, usual), where))
+        found.append((Happened(key, log, busy, told.rest, before, usual), where))
     return found
 
 
-def everyday(question: Asking, case: Inference, told: Asked, alone: Sequence[tuple[Happened, Blocks]]) -> Blocks | None:
-    """The blocks (B,) in which something everyday happens, if that is likelier than nothing, `alone` or beside what
-    most probably lasts."""
+def likelier(
+    question: Asking, case: Inference, told: Asked, alone: Sequence[tuple[Happened, Blocks]]
+) -> tuple[Happened, Blocks] | None:
+    """What most probably happens at moments, `alone` or beside what most probably lasts, if that is likelier than
+    nothing, and seldom; and in which blocks (B,)."""
     most, found = max(told.hypotheses, key=lambda h: h.log), list(alone)
     if most.which:
         names = {h.key[0] for h, _ in alone}
         left = case.under(most.which, case.state(most.noise))[2]
         beside = happening(question, case, left, None, most)
         found += [(each, where) for each, where in beside if each.key[0] in names]
-    first, where = max(found, key=lambda both: both[0].log, default=(None, None))
-    return where if first and first.log > most.log and first.busy <= SELDOM and told.slight(first) else None
+    first = max(found, key=lambda both: both[0].log, default=None)
+    return first if first and first[0].log > most.log and first[0].busy <= SELDOM else None
 
 
 def left_aside(question: Asking) -> str:

@@ -22,15 +22,13 @@ FEATURES = 10
 class Happened(NamedTuple):
     """What may happen at moments: its name and place (`UNKNOWN` for a torque at one joint alone), the logarithm of its
     probability with the recording, in which share of the blocks it would be, what it leaves, of the floor, and what is
-    left `before` it (None: as much as with no effect); whether it is `small`er than any plausible one, and
-    its `usual` size, of what is usual."""
+    left `before` it (None: as much as with no effect); its `usual` size, of what is usual."""
 
     key: Key
     log: float
     busy: float
     rest: float
     before: float | None = None
-    small: bool = False
     usual: float = 1.0
 
 
@@ -56,6 +54,11 @@ class Belief(NamedTuple):
         whole = sum(others.values())
         return self._replace(of={k: p / whole for k, p in others.items()}) if whole > 0.0 else self
 
+    def instead(self, key: Key) -> "Belief":
+        """The same where "no gap" means that there is nothing but this."""
+        of = self.of | {key: self.of.get(key, 0.0) + self.of.get(NOTHING, 0.0), NOTHING: 0.0}
+        return self._replace(of=of)
+
     @property
     def credible(self) -> tuple[Key, ...]:
         """The smallest set with MASS of the probability, likeliest first."""
@@ -73,7 +76,8 @@ class Asked:
     """What a search found: forms, hypotheses, what may have happened at moments; the noise that is usual; the gap over
     the floor with nothing fitted; how many `references` there were, and how uncertain they leave the torques of the
     recording, which moves as they do or otherwise, `unsure`, of the floor; whether one effect `only` was asked; whether
-    it was `loaded` with a known load."""
+    it was `loaded` with a known load; the `incident` that happens in blocks which are set aside, beside which something
+    that lasts was asked."""
 
     forms: tuple[Column, ...]
     hypotheses: tuple[Hypothesis, ...]
@@ -84,6 +88,7 @@ class Asked:
     unsure: float = 0.0
     only: bool = False
     loaded: bool = False
+    incident: Key | None = None
 
     @cached_property
     def none(self) -> Hypothesis:
@@ -162,13 +167,19 @@ class Asked:
         return 1.0 - left / gap if min(gap, left) > SAME else 1.0
 
     def slight(self, happened: Happened) -> bool:
-        """Whether what may happen at moments is everyday: smaller than any plausible one, or without it no more is left
-        than references leave of each other. What has a name is so only where references show what is everyday, and not
+        """Whether what may happen at moments is everyday: without it no more is left than references leave of each
+        other, over the whole recording. What has a name is so only where references show what is everyday, and not
         where it alone is asked."""
         before = self.none.rest if happened.before is None else happened.before
         unnamed = happened.key == UNKNOWN
-        everyday = (happened.small and happened.busy <= SELDOM) or before**2 - 1.0 <= SAME
-        return (unnamed or (self.references > 0 and not self.only)) and everyday
+        return (unnamed or (self.references > 0 and not self.only)) and before**2 - 1.0 <= SAME
+
+    @property
+    def lasts(self) -> bool:
+        """Whether something of the library that lasts is more probable than not."""
+        each = zip(self.hypotheses, self.weights, strict=False)
+        lasting = sum(w for h, w in each if h.which and UNKNOWN not in self.keys(h))
+        return lasting > sum(self.weights) - lasting
 
     @property
     def beyond(self) -> float:

@@ -17,7 +17,7 @@ from cylforce.diagnosis.inference.beam import screened, searched
 from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import CONTACT, Blocks, changed, digging, everyday, happening
+from cylforce.diagnosis.inference.moments import CONTACT, Blocks, changed, digging, happening, likelier
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import counting, hung, residuals, unforced
@@ -185,10 +185,8 @@ class _Search:
         when = happening(self._question, case, self._left(case), self.only)
         hypotheses = searched(case, wanted)
         happened = tuple(each for each, _ in when)
-        told, new = self._told_of(case, tuple(hypotheses), happened), self.plain.aside is None
-        aside = everyday(self._question, case, told, when) if self.plain.problem.clean and new else None
-        if aside is not None:  # what is wrong besides shows in the other blocks
-            return self._beside(aside).found()
+        if (other := self._apart(case, tuple(hypotheses), when)) is not None:
+            return other
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
@@ -202,6 +200,22 @@ class _Search:
         blocks = {each.key: where for each, where in when}
         least, plain = self._least(case, told.none), (self.plain, self._first)
         return Found(self._question, self._machine, case, told, looked, blocks, digging(told), least, plain)
+
+    def _apart(
+        self, case: Inference, hypotheses: tuple[Hypothesis, ...], when: Sequence[tuple[Happened, Blocks]]
+    ) -> Found | None:
+        """The same without the blocks in which most probably something happens: if that is everyday, or if something
+        that lasts shows in the others. That is wrong with the machine, and comes first."""
+        if not self.plain.problem.clean or self.plain.aside is not None:
+            return None
+        told = self._told_of(case, hypotheses, tuple(each for each, _ in when))
+        if not (first := likelier(self._question, case, told, when)):
+            return None
+        other = self._beside(first[1]).found()
+        if told.slight(first[0]):
+            return other
+        beside = replace(other.asked, incident=first[0].key)
+        return replace(other, asked=beside) if beside.lasts and not self.only else None
 
     def _at_work(
         self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]
