@@ -9,8 +9,9 @@ from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.resimulation import read_blocks
 from cylforce.diagnosis.answer.shrinkage import Simulation
 from cylforce.diagnosis.answer.verdict import Cause, Search, searched
+from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.residuals import clean
-from cylforce.diagnosis.inference.search import Found, examined
+from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.fault import (
     SHAPES,
     TimeCourse,

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.answer.belief import decided
 from cylforce.diagnosis.answer.located import located
 from cylforce.diagnosis.answer.shape import unexplained
 from cylforce.diagnosis.answer.shrinkage import Gap, tried
@@ -100,7 +101,7 @@ def diagnose(
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, _daily(loaded, question))
     watch("causes", None)
-    verdict = judged(everything, found := searched(everything))
+    verdict = judged(everything := decided(everything), found := searched(everything))
     if late and not _by_clock(verdict):
         return _off_clock(late)
     seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / RATE_HZ

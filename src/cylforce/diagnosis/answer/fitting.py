@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from cylforce.diagnosis.inference.asking import Asking
 from cylforce.diagnosis.inference.discrepancy import Scatter
+from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.residuals import Blocks
-from cylforce.diagnosis.inference.search import Found
 from cylforce.signals.estimate import Array
 
 

@@ -7,20 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer.calibration import Outcomes, calibrated
+from cylforce.diagnosis.answer.belief import taught
+from cylforce.diagnosis.answer.calibration import Outcomes
 from cylforce.diagnosis.answer.fitting import Fitting, Sized, fitting
 from cylforce.diagnosis.answer.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking
+from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.hypotheses import Hypothesis
 from cylforce.diagnosis.inference.moments import sizes_of
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key, believed
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Belief, Key
 from cylforce.diagnosis.inference.residuals import added, counting, hung, residuals, rms
-from cylforce.diagnosis.inference.search import Found
 from cylforce.diagnosis.inference.sizes import plausible
 from cylforce.diagnosis.inference.working import Lost
-from cylforce.diagnosis.numbers import EMPTY_SET, GAP, MISSED, SET, SURE, UNSAID
+from cylforce.diagnosis.numbers import EMPTY_SET, MISSED, SET, SURE, UNSAID
 from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
@@ -148,17 +149,11 @@ class Judged(NamedTuple):
 
 def searched(found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes | None = AT_WORK) -> Search:
     """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
-    belief = believed(found.asked)
-    taught = at_work if found.working else by
-    learnt = taught if found.question.problem.clean else None  # from cases with references, and for them
-    belief = calibrated(belief, learnt) if learnt else belief
-    sure = not found.working and found.asked.beyond >= GAP  # nothing everyday is so large
-    belief = belief.but(NOTHING) if sure else belief
-    belief = belief.instead(found.asked.incident) if found.asked.incident else belief
-    candidates = _candidates(found, belief)
-    h = _best(found, belief)
-    causes, fit = _causes(found, h, belief) if h else _happened(found, belief, candidates)
-    return Search(found.question, causes, candidates, fit, belief, found.working, found.least)
+    told = taught(found, by, at_work)
+    candidates = _candidates(found, told)
+    h = _best(found, told)
+    causes, fit = _causes(found, h, told) if h else _happened(found, told, candidates)
+    return Search(found.question, causes, candidates, fit, told, found.working, found.least)
 
 
 def _best(found: Found, belief: Belief) -> Hypothesis | None:

@@ -3,7 +3,7 @@ at again at their sizes."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -15,13 +15,14 @@ from cylforce.diagnosis.inference.asking import Asking, noisy
 from cylforce.diagnosis.inference.at_sizes import AtSizes
 from cylforce.diagnosis.inference.beam import screened, searched
 from cylforce.diagnosis.inference.discrepancy import Sums
+from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.moments import CONTACT, Blocks, changed, digging, happening, likelier
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import counting, hung, residuals, unforced
-from cylforce.diagnosis.inference.working import AtWork, Lost, at_work, hangs
+from cylforce.diagnosis.inference.working import AtWork, at_work, hangs
 from cylforce.diagnosis.numbers import EVERYDAY, GAP, HALF, IDENTIFIED, LAW, SELDOM, SIGMAS
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
 from cylforce.diagnosis.recordings.glitches import Jumping, jumping
@@ -45,30 +46,6 @@ def asked(
     lasting = tuple(group for group in library if group[0].about.name != GLITCH)
     seen = [each.proposal for each in jumps] if len(lasting) < len(library) else []
     return (*proposals(machine, lasting), *seen, *proposals(machine, UNKNOWN_TORQUES))
-
-
-@dataclass(frozen=True)
-class Found:
-    """What was found: the question, the machine, the `case` put to it, all that was `asked`; of the hypotheses that
-    were looked at again, how their problem with their effects taken out and what is then asked are made once more (both
-    take much memory); in which blocks (B,) something happens at moments, by key; whether the machine was at work; the
-    smallest size of each effect that could be seen, `least`; the question and the case without a change of load; what
-    fell out of loads of which nothing is known."""
-
-    question: Asking
-    machine: InOrder
-    case: Inference
-    asked: Asked
-    again: Mapping[tuple[int, ...], Callable[[], tuple[Problem, Inference]]]
-    when: Mapping[Key, Blocks]
-    working: bool
-    least: dict[Key, float]
-    plain: tuple[Asking, Inference]
-    lost: Lost | None = None
-
-    def looked_at(self, which: tuple[int, ...]) -> tuple[Problem, Inference]:
-        """The problem with the effects of a hypothesis taken out at their sizes, and what was then asked."""
-        return self.again[which]() if which in self.again else (self.question.problem, self.case)
 
 
 def examined(
@@ -178,14 +155,14 @@ class _Search:
             return [k for k, f in enumerate(forms) if f.name in IDENTIFIED]
         return [k for k, f in enumerate(forms) if not name or (f.name == name and at in ("", f.at))]
 
-    def found(self) -> Found:
-        """Everything."""
+    def found(self, beside: bool = True) -> Found:
+        """Everything; `beside`: also what lasts beside what happens at moments."""
         self.watch("hypotheses")
         case, wanted = self._case, self._wanted(self._question)
         when = happening(self._question, case, self._left(case), self.only)
         hypotheses = searched(case, wanted)
         happened = tuple(each for each, _ in when)
-        if (other := self._apart(case, tuple(hypotheses), when)) is not None:
+        if beside and (other := self._apart(case, tuple(hypotheses), when)):
             return other
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
@@ -206,7 +183,7 @@ class _Search:
     ) -> Found | None:
         """The same without the blocks in which most probably something happens: if that is everyday, or if something
         that lasts shows in the others. That is wrong with the machine, and comes first."""
-        if not self.plain.problem.clean or self.plain.aside is not None:
+        if not self.plain.problem.clean or self.plain.aside is not None or self.only:
             return None
         told = self._told_of(case, hypotheses, tuple(each for each, _ in when))
         if not (first := likelier(self._question, case, told, when)):
@@ -215,7 +192,7 @@ class _Search:
         if told.slight(first[0]):
             return other
         beside = replace(other.asked, incident=first[0].key)
-        return replace(other, asked=beside) if beside.lasts and not self.only else None
+        return replace(other, asked=beside, otherwise=partial(self.found, False)) if beside.lasts else None
 
     def _at_work(
         self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]

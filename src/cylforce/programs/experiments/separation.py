@@ -18,8 +18,8 @@ from cylforce.diagnosis.columns.recorded import Columns, GapRows, Recorded
 from cylforce.diagnosis.columns.rows import CENTRE, RATE_HZ
 from cylforce.diagnosis.columns.statistics import Shared, statistics, white
 from cylforce.diagnosis.inference.discrepancy import sums
+from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Key
-from cylforce.diagnosis.inference.search import Found
 from cylforce.effects.library import Proposal
 from cylforce.programs.experiments.catalogue import SECONDS, Trial, catalogue
 from cylforce.signals.estimate import Array
