@@ -16,7 +16,6 @@ from cylforce.diagnosis.columns.floor import fitted_tares
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
 from cylforce.diagnosis.inference.idle import idle
-from cylforce.diagnosis.inference.moments import left_aside
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.recordings.clocks import Slip, slips
 from cylforce.diagnosis.recordings.shaking import noises, shaking
@@ -116,7 +115,7 @@ def diagnose(
     whole["next_experiment"] = [*confirm(whole), *motions, *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
-    aside, slip = left_aside(everything.question), apart(late) if late else ""
+    aside, slip = everything.left_aside, apart(late) if late else ""
     here = aside, "" if clean else shifted(whole, verdict), slip, *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole | sensors)

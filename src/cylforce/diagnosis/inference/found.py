@@ -3,7 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from cylforce.diagnosis.columns.problem import Problem
+from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ
 from cylforce.diagnosis.inference.asking import Asking
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
@@ -36,3 +39,16 @@ class Found:
     def looked_at(self, which: tuple[int, ...]) -> tuple[Problem, Inference]:
         """The problem with the effects of a hypothesis taken out at their sizes, and what was then asked."""
         return self.again[which]() if which in self.again else (self.question.problem, self.case)
+
+    @property
+    def left_aside(self) -> str:
+        """A sentence on the moments that do not count; empty where all do."""
+        if self.question.aside is None:
+            return ""
+        seconds = float(np.sum(self.question.aside)) * BLOCK / RATE_HZ
+        if self.asked.incident is None:
+            return f"for about {seconds:.0f} s something everyday happens: these moments do not count"
+        return (
+            "for about {:.0f} s something happens, most probably {} at {}: what is wrong besides was looked for in the "
+            "other moments, and nothing is told of these"
+        ).format(seconds, *self.asked.incident)

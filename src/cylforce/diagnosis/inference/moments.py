@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ
 from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
@@ -60,17 +59,6 @@ def likelier(
         found += [(each, where) for each, where in beside if each.key[0] in names]
     first = max(found, key=lambda both: both[0].log, default=None)
     return first if first and first[0].log > most.log and first[0].busy <= SELDOM else None
-
-
-def left_aside(question: Asking) -> str:
-    """A sentence on the moments that do not count; empty where all do."""
-    if question.aside is None:
-        return ""
-    seconds = float(np.sum(question.aside)) * BLOCK / RATE_HZ
-    return (
-        f"for about {seconds:.0f} s something happens that is no fault, such as a light touch of the ground: these "
-        "moments do not count"
-    )
 
 
 def _incidents(question: Asking, only: tuple[str, str] | None) -> list[tuple[Proposal, tuple[int, ...]]]:
