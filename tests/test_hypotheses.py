@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
+from cylforce.diagnosis.answer.belief import decided
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics
 from cylforce.diagnosis.inference.beam import _with_each, screened, searched
 from cylforce.diagnosis.inference.discrepancy import DECAY, LEVELS, Moments, Scatter, Sums, likeliest, sums
@@ -364,6 +365,28 @@ def test_what_happens_at_moments_and_explains_hardly_anything_is_everyday(machin
     assert believed(large).first == key
     for other in (replace(asked, references=0), replace(asked, only=True)):
         assert believed(other).first == (NOTHING if key == UNKNOWN else key)
+
+
+def test_what_lasts_comes_before_what_happens(machine):
+    """Contact is no fault of the machine: beside it, a fault is as probable as ever."""
+    contact, rows = ("soil_contact", "bucket"), {5: False, 6: True}
+    for seed, lasts in rows.items():
+        case = machine.asked(sums(SCENE.spread, [told(recording(seed, sizes=(1.5 * lasts, 0.0)))]))
+        asked = Asked(PARTS, tuple(searched(case, range(len(PARTS)))), (), case.usual, 2.0, 2, incident=contact)
+        assert asked.lasts is lasts
+        assert not replace(asked, happened=(Happened(contact, asked.none.log + 1e3, 0.1, 1.0),)).lasts
+        plain = believed(asked)
+        beside = plain.instead(contact)
+        assert (beside.of[contact], beside.of[NOTHING]) == (plain.of[NOTHING], 0.0)
+        assert sum(beside.of.values()) == pytest.approx(1.0)
+        whole = SimpleNamespace()
+        found = SimpleNamespace(
+            asked=asked,
+            working=False,
+            question=SimpleNamespace(problem=SimpleNamespace(clean=())),
+            otherwise=lambda w=whole: w,
+        )
+        assert decided(found) is (found if lasts else whole)
 
 
 def test_another_motion_than_the_references_is_less_sure(machine):
