@@ -135,27 +135,27 @@ def test_a_force_at_moments_is_found_in_its_blocks(machine):
     rows = recording(9)
     rows[:8, ..., -1] += np.random.default_rng(9).normal(0.0, 6.0, (8, 1, 1)) * WAVE
     case = machine.asked(sums(SCENE.spread, [told(rows)]))
-    found, where, _ = settled(case, forces(rows), np.append(-case.mean, 1.0))
+    found, usual = settled(case, forces(rows), np.append(-case.mean, 1.0))
+    where = usual > 0.0
     assert np.mean(where[:8]) > 0.7
     assert not np.any(where[8:])
     assert found.log + forces(rows).prior(where) > case.hypothesis((), case.usual).log + 20.0
 
 
 def test_how_large_something_is_that_happens_is_not_known_beforehand(machine):
-    """A touch of a twentieth of what is usual is found in its blocks, as one of four times as much is."""
-    for size in (0.3, 3.0, 20.0):
-        rows = recording(9, rho=0.1, v=0.1)
-        rows[:8, ..., -1] += np.random.default_rng(9).choice([-size, size], (8, 1, 1)) * WAVE
-        case = machine.asked(sums(SCENE.spread, [told(rows)]))
-        found, where, usual = settled(case, forces(rows), np.append(-case.mean, 1.0))
-        assert np.array_equal(where, np.arange(BLOCKS) < 8)
-        assert 0.3 < usual * USUAL / size < 3.5
-        sizes, errors = sizes_of(replace(case, moments=forces(rows).only(where, usual)), found, usual * USUAL)
-        np.testing.assert_allclose(np.abs(sizes[:8]), size, atol=0.15)
-        assert np.all(errors[:8] < 0.1)
-        one, _, fixed = settled(case, forces(rows), np.append(-case.mean, 1.0), None, (1.0,))
-        assert fixed == 1.0
-        assert one.log <= found.log
+    """A touch of a twentieth of what is usual is found in its blocks, as one of four times as much is, beside it."""
+    rows, size = recording(9, rho=0.1, v=0.1), np.repeat([0.3, 3.0, 20.0], 4)
+    rows[: len(size), ..., -1] += (np.random.default_rng(9).choice([-1.0, 1.0], len(size)) * size)[:, None, None] * WAVE
+    case, own = machine.asked(sums(SCENE.spread, [told(rows)])), forces(rows)
+    found, usual = settled(case, own, np.append(-case.mean, 1.0))
+    assert np.array_equal(usual > 0.0, np.arange(BLOCKS) < len(size))
+    assert np.all(np.abs(np.log(usual[: len(size)] * USUAL / size)) < np.log(4.0))
+    sizes, errors = sizes_of(replace(case, moments=own.only(usual)), found, (usual * USUAL)[:, None])
+    np.testing.assert_allclose(np.abs(sizes[: len(size), 0]), size, atol=0.15)
+    assert np.all(errors[: len(size)] < 0.1)
+    fixed, same = settled(case, own, np.append(-case.mean, 1.0), None, (1.0,))
+    assert set(same.tolist()) == {0.0, 1.0}
+    assert fixed.log <= found.log
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5])

@@ -214,9 +214,10 @@ def _happened(found: Found, belief: Belief, candidates: Sequence[Suspect]) -> tu
         return (), Fitting(found.question, found.case, (), found.asked.none.noise)
     proposal, places = _asked(question.problem)[key]
     happened = max((h for h in found.asked.happened if h.key == key), key=lambda h: h.log)
-    case = replace(case, moments=question.moments(places).only(where, happened.usual))
+    usual = np.where(where, 1.0, 0.0) if happened.usual is None else happened.usual
+    case = replace(case, moments=question.moments(places).only(usual))
     h = case.hypothesis((), case.usual)
-    sizes, errors = (x[where] for x in sizes_of(case, h, happened.usual * question.problem.spread[list(places)]))
+    sizes, errors = (x[where] for x in sizes_of(case, h, usual[:, None] * question.problem.spread[list(places)]))
     nats = happened.log - found.asked.none.log
     course, words = np.eye(len(where))[where], f"{np.count_nonzero(where)} times"
     cause = Cause(proposal, words, None, places, course, sizes, errors, belief.of[key], nats)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.statistics import SMOOTH, Statistics, White, blocked, polynomials
-from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL
+from cylforce.diagnosis.numbers import HAPPENS, LEVEL_CHANGE, SCALE_CHANGE, TAIL, USUAL_SIZES
 from cylforce.signals.estimate import Array
 
 DECAY = 1.0 / (1.0 + np.arange(SMOOTH)) ** 2  # variance of the discrepancy's polynomials: that of a smooth function
@@ -226,24 +226,25 @@ class Moments:
         smooth = np.sum((plain - moved) ** 2 - plain**2, axis=0) + spread
         return whole - np.sum(smooth, axis=1), smooth
 
-    def likeliest(self, left: Array, noise: Scatter, sizes: Sequence[float]) -> tuple[NDArray[np.bool_], float]:
-        """The blocks (B,) in which it is more probable than nothing, with the usual size, of `sizes`, that coefficients
-        (K+1,) of what is left make most probable."""
+    def likeliest(self, left: Array, noise: Scatter, sizes: Sequence[float]) -> Array:
+        """Of every block the usual size (B,), of `sizes`, that coefficients (K+1,) of what is left make most probable,
+        0 where nothing is more probable than any."""
         across, precision, _ = self.weighed(noise)
         score, unit = across @ left, np.eye(precision.shape[-1])
-        each = [evidence(size * score, size**2 * (precision - unit) + unit) - NEVER for size in sizes]
-        gain, size = max(zip(each, sizes, strict=True), key=lambda both: float(np.sum(np.maximum(both[0], 0.0))))
-        return gain > 0.0, size
+        each = [evidence(size * score, size**2 * (precision - unit) + unit) for size in sizes]
+        best = np.argmax(each, axis=0)
+        happens = np.max(each, axis=0) - np.log(len(sizes)) > NEVER
+        return np.where(happens, np.array(sizes)[best], 0.0)
 
-    def only(self, where: NDArray[np.bool_], usual: float = 1.0) -> "Moments":
-        """The same, in some blocks only; with another `usual` size, of these."""
-        on = usual * where[:, None, None, None]
-        return Moments(self.across * on, self.within * on * usual, self.waves * on, self.smooth)
+    def only(self, usual: Array) -> "Moments":
+        """The same with another usual size, of these, in every block (B,); 0: nothing happens there."""
+        on = usual[:, None, None, None].astype(np.float64)
+        return Moments(self.across * on, self.within * on**2, self.waves * on, self.smooth)
 
     @staticmethod
-    def prior(where: NDArray[np.bool_]) -> float:
-        """Log of the prior probability that it happens in just these blocks."""
-        share = np.where(where, HAPPENS, 1.0 - HAPPENS)
+    def prior(where: NDArray[np.bool_], sizes: Sequence[float] = USUAL_SIZES) -> float:
+        """Log of the prior probability that it happens in just these blocks, with usual sizes out of as many."""
+        share = np.where(where, HAPPENS / len(sizes), 1.0 - HAPPENS)
         return float(np.sum(np.log(share)))
 
 

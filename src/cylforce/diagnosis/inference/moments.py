@@ -35,13 +35,13 @@ def happening(
     found, few = [], USUAL_SIZES if question.problem.clean else (1.0,)  # only references show what is everyday
     for p, own in _incidents(question, only):
         each = question.moments(own)
-        told, where, usual = settled(case, each, left, beside, few)
+        told, usual = settled(case, each, left, beside, few)
+        where = usual > 0.0
+        log, busy = told.log + each.prior(where, few), float(np.mean(where))
         if question.step:  # a block that does not count is like those beside it
             k = question.step.first
             where[k] = np.any(where[max(k - 1, 0) : k + 2])
-        log = told.log + each.prior(where) - float(np.log(len(few)))
-        busy, before = float(np.mean(where)), beside.rest if beside else None
-        key = UNKNOWN if p.name == NAME else (p.name, p.at)
+        before, key = beside.rest if beside else None, UNKNOWN if p.name == NAME else (p.name, p.at)
         found.append((Happened(key, log, busy, told.rest, before, usual), where))
     return found
 
@@ -82,22 +82,21 @@ def settled(
     left: Array,
     beside: Hypothesis | None = None,
     sizes: Sequence[float] = USUAL_SIZES,
-) -> tuple[Hypothesis, Blocks, float]:
-    """What happens at moments, alone or `beside` the effects of a hypothesis, in which blocks (B,), those where it is
-    more probable than not, and how large it usually is, of `sizes`; `left` (K+1,): coefficients of what is left
-    without it."""
+) -> tuple[Hypothesis, Array]:
+    """What happens at moments, alone or `beside` the effects of a hypothesis, and how large it usually is, of `sizes`,
+    in every block (B,), 0 where it is less probable than nothing; `left` (K+1,): coefficients of what is left without
+    it."""
     which, doubt, noise = (beside.which, beside.doubt, beside.noise) if beside else ((), None, case.usual)
-    where, usual = moments.likeliest(left, noise, sizes)
+    usual = moments.likeliest(left, noise, sizes)
     for _ in range(SETTLING):
-        held = replace(case, moments=moments.only(where, usual))
-        found = held.hypothesis(which, noise, doubt)
-        before, noise = where, found.noise
+        held = replace(case, moments=moments.only(usual))
+        noise = held.hypothesis(which, noise, doubt).noise
         now = moments.likeliest(held.under(which, held.state(noise))[2], noise, sizes)
-        where, usual, same = *now, np.array_equal(now[0], before) and now[1] == usual
-        if same:
+        if np.array_equal(now, usual):
             break
-    held = replace(case, moments=moments.only(where, usual))
-    return held.likeliest(which, noise, doubt), where, usual
+        usual = now
+    held = replace(case, moments=moments.only(usual))
+    return held.likeliest(which, noise, doubt), usual
 
 
 def changed(question: Asking, case: Inference, left: Array) -> Step | None:

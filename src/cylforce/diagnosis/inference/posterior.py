@@ -10,6 +10,7 @@ from cylforce.diagnosis.inference.discrepancy import LEVELS, SCALES, Scatter, lo
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, counted
 from cylforce.diagnosis.inference.sizes import Column
 from cylforce.diagnosis.numbers import HALF, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
+from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
@@ -22,14 +23,15 @@ FEATURES = 10
 class Happened(NamedTuple):
     """What may happen at moments: its name and place (`UNKNOWN` for a torque at one joint alone), the logarithm of its
     probability with the recording, in which share of the blocks it would be, what it leaves, of the floor, and what is
-    left `before` it (None: as much as with no effect); its `usual` size, of what is usual."""
+    left `before` it (None: as much as with no effect); its `usual` size in
+    every block (B,), of what is usual."""
 
     key: Key
     log: float
     busy: float
     rest: float
     before: float | None = None
-    usual: float = 1.0
+    usual: Array | None = None
 
 
 class Belief(NamedTuple):
