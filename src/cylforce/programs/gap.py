@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.answer.belief import decided
-from cylforce.diagnosis.answer.located import located
+from cylforce.diagnosis.answer.located import insisted, located
 from cylforce.diagnosis.answer.shape import unexplained
 from cylforce.diagnosis.answer.shrinkage import Gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
@@ -107,12 +107,12 @@ def diagnose(
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
-    found, verdict, size, refuted = tried(found, verdict, rng)
-    found, verdict, size = located(found, verdict, size, spots := where(found.original, size, rng), rng)
+    spots = where(found.original, (tested := tried(found, verdict, rng))[2], rng)
+    found, verdict, size, refuted = insisted(everything, tested, spots, rng)
+    found, verdict, size = located(found, verdict, size, spots, rng)
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)
-    motions = said(planned(everything, found))
-    whole["next_experiment"] = [*confirm(whole), *motions, *whole["next_experiment"]]
+    whole["next_experiment"] = [*confirm(whole), *said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
     aside, slip = everything.left_aside, apart(late) if late else ""

@@ -7,12 +7,15 @@ from cylforce.diagnosis.inference.posterior import NOTHING, Belief, believed
 from cylforce.diagnosis.numbers import GAP
 
 
-def taught(found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes | None = AT_WORK) -> Belief:
-    """The probabilities, as labelled cases teach them where there are references, as theirs had."""
+def taught(
+    found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes | None = AT_WORK, surely: bool = False
+) -> Belief:
+    """The probabilities, as labelled cases teach them where there are references, as theirs had; `surely`: there is a
+    gap."""
     told = believed(found.asked)
     by = (at_work if found.working else by) if found.question.problem.clean else None
     told = calibrated(told, by) if by else told
-    if not found.working and found.asked.beyond >= GAP:  # nothing everyday is so large
+    if surely or (not found.working and found.asked.beyond >= GAP):  # nothing everyday is so large
         told = told.but(NOTHING)
     return told.instead(found.asked.incident) if found.asked.incident else told
 

@@ -4,15 +4,35 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cylforce.diagnosis.answer.shrinkage import Gap, gap
-from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict
+from cylforce.diagnosis.answer.shrinkage import Gap, gap, tried
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
+from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
 from cylforce.diagnosis.numbers import GAP, SAME
 
 
+def insisted(
+    everything: Found, tested: tuple[Search, Judged, Gap, str], spots: Sequence[Spot], rng: np.random.Generator
+) -> tuple[Search, Judged, Gap, str]:
+    """What is believed, the verdict, the gap and a warning, once it is known where the gap is: at a joint that differs
+    from what is normal and leaves twice the floor there surely is one."""
+    search, _, size, _ = tested
+    large = {spot.channel for spot in spots if spot.found} & _beyond(search, size)
+    if not large or search.working or not search.original.clean or search.belief.of.get(NOTHING, 0.0) <= 0.0:
+        return tested
+    sure = searched(everything, surely=True)
+    return tried(sure, judged(everything, sure), rng)
+
+
+def _beyond(search: Search, size: Gap) -> set[str]:
+    """The joints that leave twice the floor."""
+    names = [search.viewer.model.machine.links[k].name for k in search.viewer.model.machine.rows]
+    return {name for name, x, floor in zip(names, size.fixed, size.floor, strict=True) if x >= GAP * floor > 0.0}
+
+
 def located(
-    search: Search, judged: Judged, size: Gap, spots: Sequence[Spot], rng: np.random.Generator
+    search: Search, verdict: Judged, size: Gap, spots: Sequence[Spot], rng: np.random.Generator
 ) -> tuple[Search, Judged, Gap]:
     """What is believed, the verdict, and the gap. Where a joint differs from what is normal, or all of them leave twice
     the floor, "no gap" is not said, though a machine in order may differ so where it moves otherwise than its
@@ -20,16 +40,16 @@ def located(
     Where no joint leaves more than the references leave of each other, there is no gap, whatever would explain it: what
     lasts would show in it."""
     found = any(spot.found for spot in spots)
-    if not found and judged.verdict is not Verdict.NOT_OBSERVABLE and usual(search, size):
-        if judged.verdict is Verdict.NO_GAP:
-            return none(search), judged, size
+    if not found and verdict.verdict is not Verdict.NOT_OBSERVABLE and usual(search, size):
+        if verdict.verdict is Verdict.NO_GAP:
+            return none(search), verdict, size
         nothing = Judged(Verdict.NO_GAP, (), 0.0)
         return none(search), nothing, gap(search, (), rng)
     moved = (size.floor > 0.0) & (size.fixed > 0.0)  # a joint that rests tells nothing
     floors = (size.fixed[moved] / size.floor[moved]) ** 2
     large = bool(search.original.clean) and np.any(moved) and float(np.mean(floors)) >= GAP**2
-    hidden = (found or large) and judged.verdict is Verdict.NO_GAP
-    return search, judged._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else judged, size
+    hidden = (found or large) and verdict.verdict is Verdict.NO_GAP
+    return search, verdict._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else verdict, size
 
 
 def usual(search: Search, size: Gap) -> bool:

@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.answer.belief import taught
-from cylforce.diagnosis.answer.calibration import Outcomes
 from cylforce.diagnosis.answer.fitting import Fitting, Sized, fitting
-from cylforce.diagnosis.answer.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking
@@ -147,9 +145,12 @@ class Judged(NamedTuple):
     explained: float
 
 
-def searched(found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes | None = AT_WORK) -> Search:
-    """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed."""
-    told = taught(found, by, at_work)
+def searched(
+    found: Found, by: Outcomes | None = CALIBRATION, at_work: Outcomes | None = AT_WORK, surely: bool = False
+) -> Search:
+    """The causes of the most probable hypothesis whose main effect is the likeliest, and what is believed; `surely`:
+    there is a gap."""
+    told = taught(found, by, at_work, surely)
     candidates = _candidates(found, told)
     h = _best(found, told)
     causes, fit = _causes(found, h, told) if h else _happened(found, told, candidates)
