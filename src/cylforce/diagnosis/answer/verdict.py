@@ -8,7 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.answer.belief import taught
+from cylforce.diagnosis.answer.calibration import Outcomes
 from cylforce.diagnosis.answer.fitting import Fitting, Sized, fitting
+from cylforce.diagnosis.answer.learnt import AT_WORK, CALIBRATION
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.asking import Asking
