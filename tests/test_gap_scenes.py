@@ -8,7 +8,7 @@ import pytest
 
 from cylforce.diagnosis.answer import shrinkage
 from cylforce.diagnosis.answer.fitting import Fitting
-from cylforce.diagnosis.answer.located import located, usual
+from cylforce.diagnosis.answer.located import insisted, located, usual
 from cylforce.diagnosis.answer.shrinkage import tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
@@ -216,6 +216,29 @@ def test_what_happens_at_moments_is_refuted_by_the_share_itself(friction, monkey
     _, after, _, doubt = tried(found._replace(causes=(contact,)), named, rng)
     assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
     assert "soil_contact@bucket" in doubt
+
+
+def test_a_joint_that_differs_by_twice_the_floor_surely_has_a_gap(reference):
+    """Where the torques differ from what is normal by as much, no machine is in order."""
+    rng = np.random.default_rng(1)
+    friction = imposed(MACHINE, "coulomb_friction", "stick", 700.0)
+    everything = examined(reference.viewer, recordings(3, (friction,)), reference.clean, rng)
+    search = searched(everything)
+    tested = tried(search, judged(everything, search), rng)
+    assert search.belief.of[NOTHING] > 0.0
+    spot = Spot("stick", "slow", 1.0, 0.5, 1.0, 0.001, found=True)
+    large, small = (
+        (*tested[:2], tested[2]._replace(fixed=tested[2].floor * [1.0, x, 1.0]), tested[3]) for x in (2.03, 1.97)
+    )
+    sure = insisted(everything, large, [spot], rng)[0].belief.of
+    assert NOTHING not in sure
+    assert sum(sure.values()) == pytest.approx(1.0)
+    for same, spots in (
+        (small, [spot]),
+        (large, [spot._replace(channel="boom")]),
+        (large, [spot._replace(found=False)]),
+    ):
+        assert insisted(everything, same, spots, rng) is same
 
 
 def test_what_leaves_no_more_than_references_leave_of_each_other_is_no_gap(friction):

@@ -10,6 +10,7 @@ from cylforce.diagnosis.answer.shrinkage import AT_WORK, tried
 from cylforce.diagnosis.answer.verdict import Verdict, judged, searched
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.inference import search
+from cylforce.diagnosis.inference.posterior import Asked, Happened
 from cylforce.diagnosis.inference.search import examined
 from cylforce.effects.fault import PRESSURES
 from cylforce.effects.imposed import imposed
@@ -84,6 +85,16 @@ def test_what_references_show_at_nothing_but_work_works(monkeypatch):
     assert examined(reference.viewer, [dug(0.0)], work, rng, only=only).working
     assert not examined(reference.viewer, recordings(SEED), work, rng, only=only).working
     assert not examined(reference.viewer, [dug(0.0)], [*work[:1], recordings(1)[1]], rng, only=only).working
+
+
+def test_at_work_contact_is_not_set_aside(monkeypatch):
+    """It is told with the loads: beside it alone, these would look like something that lasts."""
+    rng, reference = np.random.default_rng(SEED), as_it_was()
+    contact = Happened(("soil_contact", "bucket"), 0.0, 0.1, 9.0)
+    monkeypatch.setattr(search, "likelier", lambda question, *_: (contact, np.arange(len(question.problem.times)) < 5))
+    monkeypatch.setattr(Asked, "lasts", True)
+    found = examined(reference.viewer, [dug(0.0)], reference.clean, rng)
+    assert (found.working, found.asked.incident, found.question.aside) == (True, None, None)
 
 
 @pytest.mark.parametrize("kg", [0.0, 80.0])

@@ -23,8 +23,8 @@ FEATURES = 10
 class Happened(NamedTuple):
     """What may happen at moments: its name and place (`UNKNOWN` for a torque at one joint alone), the logarithm of its
     probability with the recording, in which share of the blocks it would be, what it leaves, of the floor, and what is
-    left `before` it (None: as much as with no effect); its `usual` size in
-    every block (B,), of what is usual."""
+    left `before` it (None: as much as with no effect); its `usual` size in every
+    block (B,), of what is usual."""
 
     key: Key
     log: float

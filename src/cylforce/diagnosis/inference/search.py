@@ -162,14 +162,19 @@ class _Search:
         when = happening(self._question, case, self._left(case), self.only)
         hypotheses = searched(case, wanted)
         happened = tuple(each for each, _ in when)
-        if beside and (other := self._apart(case, tuple(hypotheses), when)):
-            return other
+        told = self._told_of(case, tuple(hypotheses), happened)
+        apart = beside and bool(self.plain.problem.clean) and self.plain.aside is None and not self.only
+        first = likelier(self._question, case, told, when) if apart else None
+        if first and told.slight(first[0]):  # what is everyday hides nothing
+            return self._beside(first[1]).found()
         known = {h.which for h in hypotheses}
         jumps = [p for p in wanted if self._question.forms[p][1].name == GLITCH]  # told by their number, too
         hypotheses += [case.likeliest((p,), case.usual) for p in jumps if (p,) not in known]
         work = self._at_work(hypotheses, happened)
         if work and work[0].share > SELDOM:
             return self._working(*work)
+        if first and (other := self._lasting(*first)):
+            return other
         if work:
             happened = self._with_work(happened, *work)
         self.watch("effects at their sizes")
@@ -178,21 +183,14 @@ class _Search:
         least, plain = self._least(case, told.none), (self.plain, self._first)
         return Found(self._question, self._machine, case, told, looked, blocks, digging(told), least, plain)
 
-    def _apart(
-        self, case: Inference, hypotheses: tuple[Hypothesis, ...], when: Sequence[tuple[Happened, Blocks]]
-    ) -> Found | None:
-        """The same without the blocks in which most probably something happens: if that is everyday, or if something
-        that lasts shows in the others. That is wrong with the machine, and comes first."""
-        if not self.plain.problem.clean or self.plain.aside is not None or self.only:
+    def _lasting(self, happened: Happened, blocks: Blocks) -> Found | None:
+        """The same without the blocks in which something happens, if something that lasts shows in the others, where
+        the machine does not work. That is wrong with the machine, and comes first."""
+        other = self._beside(blocks).found()
+        beside = replace(other.asked, incident=happened.key)
+        if other.working or not beside.lasts:
             return None
-        told = self._told_of(case, hypotheses, tuple(each for each, _ in when))
-        if not (first := likelier(self._question, case, told, when)):
-            return None
-        other = self._beside(first[1]).found()
-        if told.slight(first[0]):
-            return other
-        beside = replace(other.asked, incident=first[0].key)
-        return replace(other, asked=beside, otherwise=partial(self.found, False)) if beside.lasts else None
+        return replace(other, asked=beside, otherwise=partial(self.found, False))
 
     def _at_work(
         self, hypotheses: Sequence[Hypothesis], happened: Sequence[Happened]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.columns.statistics import Shared, blocked, polynomials, shared
 from cylforce.diagnosis.inference.asking import CLOCK, Asking, with_noise
-from cylforce.diagnosis.inference.discrepancy import LEVELS, Moments, Scatter, evidence
+from cylforce.diagnosis.inference.discrepancy import LEVELS, NEVER, Moments, Scatter, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.posterior import Happened
 from cylforce.diagnosis.inference.sizes import Column, log_size
@@ -70,7 +70,7 @@ class Loads(Moments):
         errors[1:] = np.sqrt(np.einsum("sii->si", covariance[:-1] + covariance[1:]))
         apart, one = evidence(pull, precision), evidence(pull[:-1] + pull[1:], precision[:-1] + precision[1:] - unit)
         gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
-        differs, same = self.on & (gain > np.log((1.0 - HAPPENS) / HAPPENS)), np.cumsum(~self.on)
+        differs, same = self.on & (gain > NEVER), np.cumsum(~self.on)
         fell = differs & (less[:, 0] * HEAVY > STICKS)
         for n in np.flatnonzero(fell):  # what comes back was held up
             later = loads[n:][same[n:] == same[n], 0]
