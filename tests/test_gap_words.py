@@ -9,7 +9,7 @@ from rich.console import Console
 from cylforce.diagnosis.answer.verdict import Verdict
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.programs.gap_output import show
-from cylforce.programs.wording.fault_words import TOLD, WORDS, amount, fault, place
+from cylforce.programs.wording.fault_words import TOLD, WORDS, amount, fault, left_aside, place
 from cylforce.programs.wording.plain import WHEN, plain
 from cylforce.settings.machine_file import load
 from scenarios import CONFIG
@@ -215,3 +215,12 @@ def test_every_circumstance_has_words():
     from cylforce.diagnosis.answer.where import REGIMES
 
     assert set(WHEN) == set(REGIMES)
+
+
+@pytest.mark.parametrize("incident", [None, ("soil_contact", "bucket"), ("unknown", "")])
+def test_moments_that_do_not_count_are_told_without_jargon(incident):
+    told = left_aside(MACHINE, 12.0, incident)
+    assert "12 s" in told
+    assert not JARGON.search(told)
+    assert incident is None or fault(MACHINE, *incident) in told
+    assert left_aside(MACHINE, 0.0, incident) == ""

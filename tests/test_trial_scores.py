@@ -78,6 +78,22 @@ def test_closure_and_payload_by_hand():
     assert found["payload_ratio"] == pytest.approx(np.sqrt(2.5))
 
 
+def test_a_gap_to_the_data_sheet_alone_is_not_the_hidden_effect():
+    stated = {"value": 0.9, "low": 0.8, "high": 0.95}
+    answer = said("explained", ("stribeck", "boom", 1.0), closure=stated)
+    case = judged("known", answer, closure=-40.0, references=[])
+    assert shares([case])["closure_coverage"] == (0, 0)
+    assert figures([case])["closure_error_p90"] is None
+
+
+def test_a_second_cause_beside_a_set_is_named():
+    found = said("ambiguous", ("backlash", "boom", 0.5), ("stribeck", "boom", 0.9))
+    found["effects"][0]["confused_with"] = [{"name": "backlash", "at": "stick"}]
+    found["set"] = [{"name": "backlash", "at": "boom"}, {"name": "backlash", "at": "stick"}]
+    assert judged("pair", found, PAIR).covered
+    assert not judged("pair", found, [*PAIR[:1], ("mud", "stick")]).covered
+
+
 def test_true_closure_is_of_the_effect_not_of_the_floor():
     rng = np.random.default_rng(0)
     d, floor = rng.normal(size=(200, 3)), 5.0 * rng.normal(size=(200, 3))

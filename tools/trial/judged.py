@@ -112,7 +112,7 @@ class Judged:
     @property
     def covered(self) -> bool:
         """Whether every effect is in the set, or among several that are named."""
-        found = self.possible | self.listed
+        found = self.possible | self.listed | {place(e) for e in self.effects if self.named}
         return all(each & found for each in self.truths)
 
     @property

@@ -34,6 +34,7 @@ from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
 from cylforce.programs.common.usual_file import everyday_of, usual_parameters
 from cylforce.programs.experiments.separation import planned, said
+from cylforce.programs.wording.fault_words import left_aside
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
@@ -115,8 +116,8 @@ def diagnose(
     whole["next_experiment"] = [*confirm(whole), *said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
-    aside, slip = everything.left_aside, apart(late) if late else ""
-    here = aside, "" if clean else shifted(whole, verdict), slip, *shake
+    aside = left_aside(loaded.service.machine, everything.aside_s, everything.asked.incident)
+    here = aside, "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole | sensors)
 

@@ -41,14 +41,7 @@ class Found:
         return self.again[which]() if which in self.again else (self.question.problem, self.case)
 
     @property
-    def left_aside(self) -> str:
-        """A sentence on the moments that do not count; empty where all do."""
-        if self.question.aside is None:
-            return ""
-        seconds = float(np.sum(self.question.aside)) * BLOCK / RATE_HZ
-        if self.asked.incident is None:
-            return f"for about {seconds:.0f} s something everyday happens: these moments do not count"
-        return (
-            "for about {:.0f} s something happens, most probably {} at {}: what is wrong besides was looked for in the "
-            "other moments, and nothing is told of these"
-        ).format(seconds, *self.asked.incident)
+    def aside_s(self) -> float:
+        """For how long [s] something happens, so that these moments do not count."""
+        aside = self.question.aside
+        return 0.0 if aside is None else float(np.sum(aside)) * BLOCK / RATE_HZ

@@ -99,6 +99,19 @@ def fault(machine: Machine, name: str, at: str) -> str:
     return words.wrong.format(cylinder(at) if words.cylinder else place(machine, at))
 
 
+def left_aside(machine: Machine, seconds: float, incident: tuple[str, str] | None) -> str:
+    """A sentence on moments that do not count, and on the incident, (name, at), that happens in them, None if it is an
+    everyday one; empty where all count."""
+    if not seconds:
+        return ""
+    if incident is None:
+        return f"for about {seconds:.0f} s something everyday happens: these moments do not count"
+    return (
+        f"for about {seconds:.0f} s something happens, most probably {fault(machine, *incident)}: what is wrong "
+        "besides was looked for in the other moments, and nothing is told of these"
+    )
+
+
 def cylinder(at: str) -> str:
     """A cylinder, or all of them."""
     return "all cylinders" if at == "machine" else f"the {at} cylinder"
