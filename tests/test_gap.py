@@ -14,8 +14,9 @@ from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.files.tables import Table, read_table, write_table
 from cylforce.programs import cli
+from cylforce.programs.common.gap_question import Question
 from cylforce.programs.common.play import read_effects
-from cylforce.programs.gap import STEPS, Question, diagnose
+from cylforce.programs.gap import STEPS, diagnose
 from cylforce.programs.reports import report
 from cylforce.programs.reports.gap_shown import acts_on
 from cylforce.programs.reports.units import SHOWN, interval, shown

@@ -11,7 +11,8 @@ from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table, write_table
-from cylforce.programs.gap import ALWAYS, Question, _alike, diagnose
+from cylforce.programs.common.gap_question import Question
+from cylforce.programs.gap import ALWAYS, _alike, diagnose
 from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
@@ -47,8 +48,10 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("input")
 
 
-def written(path, values):
-    write_table(path, Table(np.arange(len(values)) / RATE, values, NAMES))
+def written(path, values, every=1):
+    """A table of every so manieth sample."""
+    t_s = np.arange(len(values)) / RATE
+    write_table(path, Table(t_s[::every], values[::every], NAMES))
     return path
 
 
@@ -206,3 +209,20 @@ def test_references_that_are_none_are_named_and_the_diagnosis_goes_on(order, fol
     assert "late.csv is no reference" in warned
     assert "bucket_rod_pressure never changes in stuck.csv" in warned
     assert "reference_" not in warned
+
+
+@pytest.mark.parametrize(("slow", "every"), [("reference", 2), ("field", 2), ("all", 5)])
+def test_tables_slower_than_the_machine_file_says_are_examined_at_their_own_rate(order, folder, slow, every):
+    """Drawn out to 100 Hz by straight lines, 50 and 20 Hz were a faulty sensor, or load that fell out, with 97 %."""
+    often = {name: every if slow in (name, "all") else 1 for name in ("reference", "field")}
+    paths = [written(folder / f"reference_{k}.csv", values, often["reference"]) for k, values in enumerate(order[:3])]
+    answer = diagnose(LOADED, Question((written(folder / "field.csv", order[3], often["field"]),), tuple(paths))).answer
+    assert answer["verdict"] == "no_gap"
+    said = f"has {RATE / every:g} rows a second, the machine file says {RATE:g} (filter.rate_hz)"
+    assert [said in text for text in answer["warnings"]].count(True) == 1
+
+
+def test_a_rate_that_the_filters_do_not_allow_is_refused_as_before(order, folder):
+    """Of five rows a second nothing can be told."""
+    with pytest.raises(RecordingError, match="too few for 100 Hz: record 20 at least"):
+        diagnose(LOADED, Question((written(folder / "field.csv", order[3], 20),), ()))

@@ -21,7 +21,8 @@ from cylforce.effects.fault import MassChange
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.gap import Diagnosed, Question, diagnose
+from cylforce.programs.common.gap_question import Question
+from cylforce.programs.gap import Diagnosed, diagnose
 from cylforce.programs.identify import run_identify
 from cylforce.programs.wording.plain import headline
 from cylforce.settings.machine_file import Loaded, load

@@ -40,9 +40,10 @@ from cylforce.diagnosis.inference.posterior import (
 from cylforce.diagnosis.inference.search import asked, examined
 from cylforce.diagnosis.numbers import EVERYDAY, IN_ORDER, ODD
 from cylforce.estimation.model import Model
+from cylforce.programs.common.gap_question import Question
 from cylforce.programs.common.recorded import chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
-from cylforce.programs.gap import ALWAYS, Question, viewed_by
+from cylforce.programs.gap import ALWAYS, viewed_by
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
 from layers.everyday import learnt

@@ -12,10 +12,11 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.table import Table
 
+from cylforce.programs.common.gap_question import Question
 from cylforce.programs.common.row_cache import RowCache
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
-from cylforce.programs.gap import Question, diagnose
+from cylforce.programs.gap import diagnose
 from cylforce.settings.machine_file import load
 from studies._fleets import MACHINE_FILE, Faulty, Size, add_size, name_of, size_of, write_fleet
 from studies.fleet import alike, place_of

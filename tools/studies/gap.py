@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from cylforce.effects.imposed import imposed
+from cylforce.programs.common.gap_question import Question
 from cylforce.programs.common.play import Play
-from cylforce.programs.gap import Question, diagnose
+from cylforce.programs.gap import diagnose
 from cylforce.programs.sim import write_files
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.simulation.scenario import moves

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from cylforce.files import logreader, tables
 from cylforce.files.atomic import RecordingError, Tell, check_ordinary, warn
 from cylforce.files.candump import Sent
@@ -67,6 +69,16 @@ def open_pieces(
         known = ", ".join((*logreader.SUFFIXES, *tables.SUFFIXES))
         raise RecordingError(f"{path}: is none of the recordings that can be read ({known})")
     return Events(*logreader.read_events(path, round(1e6 / rate_hz), channel=channel, own=own_ids(service), tell=tell))
+
+
+def rows_a_second(path: Path, service: Service, mapping: TableMap | None = None) -> float:
+    """Of a table, a whole number, by its first piece; of a log of a bus, whose sensors are asked at the service's rate,
+    that rate. Raises RecordingError."""
+    if path.suffix.lower() not in tables.SUFFIXES or not path.exists():
+        return service.filters.rate_hz
+    names = [signal.name for signal in service.machine.signals]
+    steps = np.diff(next(table_pieces(path, names, mapping, as_recording=True)).t_s)
+    return round(1.0 / float(np.median(steps))) if len(steps) else service.filters.rate_hz
 
 
 def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:

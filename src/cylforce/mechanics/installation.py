@@ -5,6 +5,8 @@ from typing import NamedTuple
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.layout import Pdo
 
+HIGHEST = 0.4  # times the rate: cut-off frequency of the force where the rate is low; chosen
+
 
 class Filters(NamedTuple):
     """Step rate `rate_hz` and cut-off frequencies [Hz]. `channel_hz`: second-order low-pass on angles and forces before
@@ -20,6 +22,16 @@ class Filters(NamedTuple):
     direction_speed: float
     force_hz: float = 20.0
     inertia_hz: float = 8.0
+
+    @property
+    def slowest_hz(self) -> float:
+        """The rate that all filters but those of the force need more than (Nyquist)."""
+        return 2.0 * max(self.channel_hz, self.regressor_hz, self.smoothing_hz)
+
+    def at(self, rate_hz: float) -> "Filters":
+        """The same at another rate, those of the force no faster than it allows."""
+        force_hz, inertia_hz = (min(hz, HIGHEST * rate_hz) for hz in (self.force_hz, self.inertia_hz))
+        return self._replace(rate_hz=rate_hz, force_hz=force_hz, inertia_hz=inertia_hz)
 
 
 class SensorNode(NamedTuple):

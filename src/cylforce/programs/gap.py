@@ -1,7 +1,6 @@
 """`cylforce gap`: why a machine differs from its model."""
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,15 +21,13 @@ from cylforce.diagnosis.recordings.shaking import noises, shaking
 from cylforce.diagnosis.recordings.strangers import strange
 from cylforce.diagnosis.recordings.unreadable import unreadable
 from cylforce.diagnosis.recordings.vibration import vibrating, vibrations
-from cylforce.effects.fault import places
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
-from cylforce.files.atomic import RecordingError
-from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
+from cylforce.programs.common.gap_question import Question, asked_only, check_recordings, left
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.common.recorded import SHORTEST_S, chosen
+from cylforce.programs.common.recorded import SHORTEST_S, at_own_rate, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
 from cylforce.programs.common.usual_file import everyday_of, usual_parameters
 from cylforce.programs.experiments.separation import planned, said
@@ -43,23 +40,9 @@ MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 # Friction laws that the model of a diagnosis has; `stribeck` only where it was identified, since it is also an effect.
 ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
-EXAMPLE = "field.log=1000"
 CLOCKS = ClockFault().about.name
 STEPS = 8  # of a diagnosis after reading its recordings, each of which is one more
 SEED = 1  # of the permutations and of the bootstrap
-
-
-class Question(NamedTuple):
-    """What is asked: faulty recordings, clean ones, known loads [kg] by file name, tares, `only` NAME@AT; `without`:
-    names of effects that are left out of the library; `usual`: a file of what is usual for the type."""
-
-    field: tuple[Path, ...]
-    reference: tuple[Path, ...] = ()
-    identified: Path | None = None
-    loads: dict[str, float] = {}  # noqa: RUF012
-    only: str | None = None
-    without: tuple[str, ...] = ()
-    usual: Path | None = None
 
 
 class Diagnosed(NamedTuple):
@@ -80,14 +63,14 @@ def diagnose(
 ) -> Diagnosed:
     """The diagnosis of recordings; `kept`: where references' rows are kept for the next one. Raises RecordingError or
     ValueError, in a sentence."""
-    _check_recordings(question)
-    library = _left(library, question.without)
+    check_recordings(question)
+    only = asked_only(library := left(library, question.without), question.only, loaded.service.machine)
+    loaded, slow = at_own_rate(loaded, (*question.reference, *question.field))
     reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
     clean, faulty = reference.stretches, field.stretches
     model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
     if reason := _unusable(model, question, faulty):
         return _nothing(reason)
-    only = _only(library, question.only, loaded.service.machine)
     watch("clocks", None)
     late, odd = (_late(loaded, group, library) for group in (faulty, clean))
     clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
@@ -117,7 +100,7 @@ def diagnose(
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
     aside = left_aside(loaded.service.machine, everything.aside_s, everything.asked.incident)
-    here = aside, "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
+    here = slow, aside, "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole | sensors)
 
@@ -208,64 +191,6 @@ def _by_clock(judged: Judged) -> bool:
 def _off_clock(late: Sequence[Slip]) -> Diagnosed:
     verdict, whole = off_clock(late)
     return Diagnosed(None, Judged(verdict, (), late[0].closed), None, whole)
-
-
-def known_loads(words: Sequence[str]) -> dict[str, float]:
-    """Loads [kg] by file name, from words FILE=KG. Raises RecordingError."""
-    found = {}
-    for word in words:
-        name, _, kilograms = word.rpartition("=")
-        try:
-            found[Path(name).name] = float(kilograms)
-        except ValueError:
-            name = ""
-        if not name:
-            raise RecordingError(f"--load {word}: write the recording's name, =, and the load in kg, e.g. {EXAMPLE}")
-    return found
-
-
-def _check_recordings(question: Question) -> None:
-    both = {path.resolve() for path in question.field} & {path.resolve() for path in question.reference}
-    for path in both:
-        raise RecordingError(f"{path}: is named as field and as --reference: name it as one of them")
-    listed = [path.name for path in (*question.field, *question.reference)]
-    if twice := [name for name in listed if listed.count(name) > 1]:
-        raise RecordingError(f"{twice[0]}: several recordings have this name: name each once, and rename others")
-    names = set(listed)
-    for name, kilograms in question.loads.items():
-        if name not in names:
-            raise RecordingError(f"--load {name}: is none of the recordings ({', '.join(sorted(names))})")
-        if not 0.0 <= kilograms < 1e6:
-            raise RecordingError(f"--load {name}={kilograms:g}: is no weight in kg")
-
-
-def _only(library: tuple[Group, ...], only: str | None, machine: Machine) -> tuple[str, str] | None:
-    """Name and place ("": any) of the one effect that is asked for."""
-    if only is None:
-        return None
-    name, _, at = only.partition("@")
-    found = [group for group in library if group[0].about.name == name]
-    if not found:
-        raise ValueError(_not_known(name, library))
-    place = found[0][0].about.place
-    there = [where for where, _ in places(machine, place)]
-    if at and at not in there:
-        raise ValueError(f"effect {name!r} sits at {at!r}, which is no {place}: choose one of {', '.join(there)}")
-    return name, at
-
-
-def _left(library: tuple[Group, ...], without: Sequence[str]) -> tuple[Group, ...]:
-    """The library without the effects of these names."""
-    names = {group[0].about.name for group in library}
-    for name in without:
-        if name not in names:
-            raise ValueError(_not_known(name, library))
-    return tuple(group for group in library if group[0].about.name not in without)
-
-
-def _not_known(name: str, library: tuple[Group, ...]) -> str:
-    known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
-    return f"effect {name!r} is not known: choose one of {known}"
 
 
 def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:

@@ -173,7 +173,6 @@ def _unusual(file: MachineFile, name: str) -> list[FaultError]:
 
 
 CUT_OFFS, FAST = ("channel_hz", "regressor_hz", "smoothing_hz"), ("force_hz", "inertia_hz")
-HIGHEST = 0.4  # times the rate: cut-off frequency of the force where the file says none and the rate is low; chosen
 
 
 def _filter_faults(table: FilterTable) -> list[FaultError]:
@@ -208,9 +207,9 @@ def _filters(table: FilterTable) -> Filters:
         regressor_hz=table.regressor_hz,
         smoothing_hz=table.smoothing_hz,
         direction_speed=table.direction_speed_m_s,
-        force_hz=min(table.force_hz, HIGHEST * table.rate_hz),
-        inertia_hz=min(table.inertia_hz, HIGHEST * table.rate_hz),
-    )
+        force_hz=table.force_hz,
+        inertia_hz=table.inertia_hz,
+    ).at(table.rate_hz)
 
 
 def _health(table: HealthTable) -> Health:

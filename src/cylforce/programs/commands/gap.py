@@ -41,10 +41,11 @@ def gap(
     from rich.console import Console
 
     from cylforce.files.atomic import check_outputs
+    from cylforce.programs.common.gap_question import Question, known_loads
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.common.row_cache import RowCache, cache_folder
-    from cylforce.programs.gap import STEPS, Question, diagnose, known_loads
+    from cylforce.programs.gap import STEPS, diagnose
     from cylforce.programs.gap_output import Outputs, show, write_all
     from cylforce.programs.reports.report import check_extra, gap_report
 

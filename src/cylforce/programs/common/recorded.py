@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.estimation.segments import parts
-from cylforce.files.recording import Events, open_pieces
+from cylforce.files.recording import Events, open_pieces, rows_a_second
 from cylforce.files.tables import Table
 from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.programs.common.readings import check_machine
@@ -64,6 +64,22 @@ def chosen(
         found.stretches.extend(own)
         found.looked_at.append(LookedAt(path.name, seconds, source.rows / rate, len(own)))
     return found
+
+
+def at_own_rate(loaded: Loaded, paths: Sequence[Path]) -> tuple[Loaded, str]:
+    """The machine at the rate of the slowest table, if that is below its own, and a sentence on it: what is drawn
+    between the rows of a table has less noise than the sensors, and none that changes as theirs does. A table whose
+    rate the filters do not allow keeps the machine's. Raises RecordingError."""
+    filters = loaded.service.filters
+    rates = {path.name: rows_a_second(path, loaded.service, loaded.columns) for path in paths}
+    name = min(rates, key=lambda n: rates[n], default="")
+    if not name or not filters.slowest_hz < rates[name] < filters.rate_hz:
+        return loaded, ""
+    service = loaded.service._replace(filters=filters.at(float(rates[name])))
+    return loaded._replace(service=service), (
+        f"{name} has {rates[name]:g} rows a second, the machine file says {filters.rate_hz:g} (filter.rate_hz): all "
+        f"recordings were examined with {rates[name]:g}"
+    )
 
 
 class _Source:

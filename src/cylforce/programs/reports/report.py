@@ -12,8 +12,9 @@ import cylforce
 from cylforce.commissioning.identification import Identification
 from cylforce.files.atomic import RecordingError, replacing
 from cylforce.files.logfile import file_sha256
+from cylforce.programs.common.gap_question import Question
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.gap import Diagnosed, Question
+from cylforce.programs.gap import Diagnosed
 from cylforce.programs.wording.plain import looked, plain
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
