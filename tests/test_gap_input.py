@@ -161,6 +161,32 @@ def test_a_stretch_with_the_engine_off_and_a_zero_error_are_readable(order):
     assert unreadable(MODEL, named([low])) == []
 
 
+@pytest.mark.parametrize(("first", "last"), [(0, None), (1000, 3000)])
+def test_an_angle_that_is_frozen_is_told(order, first, last):
+    """As is one that is so from the begin to the end: in the others it shows noise."""
+    values, k = order[0].copy(), NAMES.index("stick_angle")
+    values[first:last, k] = values[first, k]
+    (found,) = unreadable(MODEL, named([values, *order[1:]]))
+    assert found.name == "run 0"
+    assert "stick_angle" in found.said
+    assert "frozen" in found.said
+    assert unreadable(MODEL, named(order[1:]), named([values])) == []
+
+
+def test_a_joint_that_stands_is_no_frozen_sensor(order):
+    """With a sensor without noise, in steps, it reads the same for long."""
+    coarse, k = [values.copy() for values in order], NAMES.index("bucket_angle")
+    for values in coarse:
+        values[:, k] = np.round(values[:, k], 3)
+        values[:2000, k] = values[2000, k]
+        values[3000:, k] = values[3000, k]
+    coarse[0][:, k] = coarse[0][0, k]
+    assert unreadable(MODEL, named(coarse)) == []
+    lost = order[0].copy()
+    lost[500:2000, k] = np.nan
+    assert unreadable(MODEL, named([lost, *order[1:]])) == []
+
+
 def test_pressures_in_bar_are_told(order):
     values = order[0].copy()
     values[:, PRESSURES] /= 1e5

@@ -69,14 +69,14 @@ def diagnose(
     reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
     clean, faulty = reference.stretches, field.stretches
     model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
-    if reason := _unusable(model, question, faulty):
+    if reason := _unusable(model, question, faulty, clean):
         return _nothing(reason)
     watch("clocks", None)
     late, odd = (_late(loaded, group, library) for group in (faulty, clean))
     clean = [each for each in clean if each.name not in {slip.name for slip in odd}]
     if late and not clean:
         return _off_clock([*late, *odd])
-    clean, unlike = _alike(model, clean, reference.short)
+    clean, unlike = _alike(model, clean, reference.short, faulty)
     if question.reference and not clean and not (question.identified or question.usual):
         return _nothing(f"no reference is left: {'; '.join([*map(apart, [odd] if odd else []), *unlike])}")
     viewer, known = viewed_by(loaded, question, clean)
@@ -142,16 +142,18 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
     return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
 
 
-def _unusable(model: Model, question: Question, faulty: Sequence[Recorded]) -> str:
+def _unusable(model: Model, question: Question, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> str:
     """Why the field cannot be diagnosed; nothing if it can."""
     if not faulty:
         return f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}"
-    return "; ".join(each.said for each in unreadable(model, faulty))
+    return "; ".join(each.said for each in unreadable(model, faulty, clean))
 
 
-def _alike(model: Model, clean: Sequence[Recorded], short: Sequence[str] = ()) -> tuple[list[Recorded], list[str]]:
+def _alike(
+    model: Model, clean: Sequence[Recorded], short: Sequence[str] = (), beside: Sequence[Recorded] = ()
+) -> tuple[list[Recorded], list[str]]:
     """The references that tell of the machine and are alike, and sentences about the others."""
-    wrong = unreadable(model, clean)
+    wrong = unreadable(model, clean, beside)
     kept = idle(model, [each for each in clean if each.name not in {dead.name for dead in wrong}])
     unlike = strange(model, kept)
     said = [f"{name} has no gapless stretch of {SHORTEST_S:.0f} s: left out of the references" for name in short]

@@ -7,7 +7,7 @@ import numpy as np
 
 from cylforce.diagnosis.columns.problem import looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.columns.rows import BLOCK, Viewer
+from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ, Viewer
 from cylforce.diagnosis.numbers import HALF
 from cylforce.effects.fault import Place, places
 from cylforce.effects.sensors.angle_offset import AngleOffset
@@ -25,10 +25,10 @@ class Unreadable(NamedTuple):
     said: str
 
 
-def unreadable(model: Model, recordings: Sequence[Recorded]) -> list[Unreadable]:
-    """All that is wrong, each once."""
+def unreadable(model: Model, recordings: Sequence[Recorded], beside: Sequence[Recorded] = ()) -> list[Unreadable]:
+    """All that is wrong, each once. `beside`: other recordings of the machine, which show how its sensors read."""
     found = [*_strayed(model, recordings), *_weak(model, recordings), *_frozen(model, recordings)]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys([*found, *_held(model, recordings, beside)]))
 
 
 def _strayed(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
@@ -86,6 +86,49 @@ def _frozen(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable
                 at = f"from {begin:.0f} to {end:.0f} s"
                 said = f"{name} does not change in {each.name} {at} while its cylinder moves: it is frozen there"
                 yield Unreadable(each.name, said)
+
+
+def _held(model: Model, recordings: Sequence[Recorded], beside: Sequence[Recorded]) -> Iterator[Unreadable]:
+    """Angle sensors that do not change for three seconds, and then by more in one sample than at any other moment:
+    their joint moved meanwhile. Or that never change in a recording, and hold for so long in no other that changes."""
+    rate, everything = model.filters.rate_hz, [*recordings, *beside]
+    shortest = round(BLOCK / RATE_HZ * rate)
+    for sensor, k in places(model.machine, Place.ANGLE):
+        each = [_Holding.of(recorded.values[:, k], shortest) for recorded in everything]
+        for recorded, own in zip(recordings, each, strict=False):
+            others = [other for other in each if not other.whole]
+            if own.whole and others and not any(other.runs for other in others):
+                said = f"{sensor} never changes in {recorded.name}, as it does in the other recordings: it is frozen"
+                yield Unreadable(recorded.name, said)
+            fastest = max(other.fastest for other in each)
+            for first, last, jump in own.runs:
+                if jump > fastest > 0.0:
+                    at = f"from {recorded.begins + first / rate:.0f} to {recorded.begins + last / rate:.0f} s"
+                    said = f"{sensor} does not change in {recorded.name} {at}, and then jumps: it is frozen there"
+                    yield Unreadable(recorded.name, said)
+
+
+class _Holding(NamedTuple):
+    """Where a reading stays exactly the same for long: first and last sample of each of these `runs`, and how large the
+    step there is; the largest step elsewhere, `fastest`; whether it never changes in the `whole` recording."""
+
+    runs: list[tuple[int, int, float]]
+    fastest: float
+    whole: bool
+
+    @classmethod
+    def of(cls, values: Array, shortest: int) -> "_Holding":
+        """Of samples (T,); a run has at least so many."""
+        change = np.abs(np.diff(values))
+        steps, change = np.flatnonzero(change != 0.0), np.nan_to_num(change)
+        first, last = np.concatenate([[0], steps + 1]), np.concatenate([steps, [len(values) - 1]])
+        sizes = np.concatenate([[0.0], change[steps], [0.0]])
+        long = last - first >= shortest
+        jumps = np.maximum(sizes[:-1], sizes[1:])
+        beside = long[:-1] | long[1:]
+        fastest = float(np.max(change[steps][~beside], initial=0.0))
+        runs = [(int(first[k]), int(last[k]), float(jumps[k])) for k in np.flatnonzero(long)]
+        return cls(runs, fastest, not len(steps))
 
 
 def _runs(values: Array, noise: float) -> list[tuple[int, int]]:
