@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.recordings.strangers import strange
+from cylforce.diagnosis.recordings.strangers import contradiction, strange
 from cylforce.diagnosis.recordings.unreadable import unreadable
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
@@ -91,9 +91,14 @@ def test_a_reference_with_a_known_load_is_like_the_others_wherever_the_load_hang
     assert strange(MODEL, [*named(order), Recorded("loaded", values, 0.5 * KILOGRAMS)]) == ["loaded"]
 
 
-def test_of_two_references_neither_is_called_wrong(order):
+def test_of_two_references_neither_is_called_wrong_but_both_are_named(order):
     faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
     assert strange(MODEL, named([order[0], faulty])) == []
+    kept, said = _alike(MODEL, named([order[0], faulty]))
+    assert len(kept) == 2
+    assert "run 0 and run 1 contradict each other" in " ".join(said)
+    assert contradiction(MODEL, named(order[:2])) < 1.5
+    assert contradiction(MODEL, named([order[0]])) == 0.0
 
 
 def test_a_reference_of_another_machine_is_refused(order, folder, capsys):

@@ -16,9 +16,10 @@ from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
 from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.search import examined
+from cylforce.diagnosis.numbers import GAP
 from cylforce.diagnosis.recordings.clocks import Slip, slips
 from cylforce.diagnosis.recordings.shaking import noises, shaking
-from cylforce.diagnosis.recordings.strangers import strange
+from cylforce.diagnosis.recordings.strangers import contradiction, strange
 from cylforce.diagnosis.recordings.unreadable import unreadable
 from cylforce.diagnosis.recordings.vibration import vibrating, vibrations
 from cylforce.effects.incidents.clock_fault import ClockFault
@@ -160,7 +161,7 @@ def _alike(
     said += [f"{dead.said}; it is left out of the references" for dead in wrong]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
     kept = [each for each in kept if each.name not in unlike]
-    return kept, [*said, *_contradicting(kept)]
+    return kept, [*said, *(_contradicting(kept) or _apart(model, kept))]
 
 
 def _contradicting(clean: Sequence[Recorded]) -> list[str]:
@@ -176,6 +177,16 @@ def _contradicting(clean: Sequence[Recorded]) -> list[str]:
                 "rest looks like contact or unknown loads; if there were none, these references contradict each other"
             )
     return said
+
+
+def _apart(model: Model, clean: Sequence[Recorded]) -> list[str]:
+    """A sentence on two references of which a common fit leaves far more than one of each."""
+    times = contradiction(model, clean)
+    if times < GAP:
+        return []
+    names = " and ".join(dict.fromkeys(each.name for each in clean))
+    told = f"{names} contradict each other: fitted together they leave {times:.0f} times as much as each by itself"
+    return [f"{told}; one of them is not in order, or its load is not as said: leave it out, or add a third reference"]
 
 
 def _left_out(odd: Sequence[Slip], others: bool) -> str:

@@ -27,6 +27,20 @@ def strange(model: Model, clean: Sequence[Recorded]) -> list[str]:
     return unlike
 
 
+def contradiction(model: Model, clean: Sequence[Recorded]) -> float:
+    """How many times as much two references leave of a joint [rms], fitted together, as each of them by itself; 0 of
+    more or fewer references, and where no joint moves in both."""
+    grams = list(_grams(model, clean).values())
+    if len(grams) != FEWEST - 1:
+        return 0.0
+    both, found = _values(model, grams), 0.0
+    moved = np.min([gram[:, -1, -1] for gram in grams], axis=0) >= ENOUGH
+    for gram in grams:
+        ratio = _left(gram, both) / (_left(gram, _values(model, [gram])) + 1e-9)
+        found = max(found, float(np.sqrt(np.max(ratio, where=moved, initial=0.0))))
+    return found
+
+
 def _grams(model: Model, clean: Sequence[Recorded]) -> dict[str, Gram]:
     """By recording, which has one load."""
     viewer, found = Viewer(model, np.zeros(len(model.parameters))), dict[str, Gram]()
