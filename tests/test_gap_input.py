@@ -192,6 +192,15 @@ def test_a_joint_that_stands_is_no_frozen_sensor(order):
     assert unreadable(MODEL, named([lost, *order[1:]])) == []
 
 
+def test_sides_of_a_cylinder_that_are_exchanged_are_told(order):
+    """With no reference a machine was explained by friction, and its boom left 228 kN m."""
+    head, rod = (NAMES.index(f"stick_{side}_pressure") for side in ("head", "rod"))
+    values = order[0].copy()
+    values[:, [head, rod]] = values[:, [rod, head]]
+    (found,) = unreadable(MODEL, named([values]))
+    assert "stick_head_pressure and stick_rod_pressure are exchanged in run 0" in found.said
+
+
 def test_pressures_in_bar_are_told(order):
     values = order[0].copy()
     values[:, PRESSURES] /= 1e5

@@ -1,4 +1,5 @@
-"""Recordings in which a sensor does not tell what the machine does: it is frozen, reversed, or in other units."""
+"""Recordings in which a sensor does not tell what the machine does: it is frozen, reversed, exchanged, or in other
+units."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -8,7 +9,7 @@ import numpy as np
 from cylforce.diagnosis.columns.problem import looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ, Viewer
-from cylforce.diagnosis.numbers import HALF
+from cylforce.diagnosis.numbers import GAP, HALF
 from cylforce.effects.fault import Place, places
 from cylforce.effects.sensors.angle_offset import AngleOffset
 from cylforce.effects.sensors.pressure_offset import PressureOffset
@@ -28,7 +29,7 @@ class Unreadable(NamedTuple):
 def unreadable(model: Model, recordings: Sequence[Recorded], beside: Sequence[Recorded] = ()) -> list[Unreadable]:
     """All that is wrong, each once. `beside`: other recordings of the machine, which show how its sensors read."""
     found = [*_strayed(model, recordings), *_weak(model, recordings), *_frozen(model, recordings)]
-    return list(dict.fromkeys([*found, *_held(model, recordings, beside)]))
+    return list(dict.fromkeys([*found, *_held(model, recordings, beside), *_exchanged(model, recordings)]))
 
 
 def _strayed(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
@@ -129,6 +130,37 @@ class _Holding(NamedTuple):
         fastest = float(np.max(change[steps][~beside], initial=0.0))
         runs = [(int(first[k]), int(last[k]), float(jumps[k])) for k in np.flatnonzero(long)]
         return cls(runs, fastest, not len(steps))
+
+
+def _exchanged(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
+    """Head and rod sides of a cylinder whose torque is nearer to none than to the data sheet's, as if weights pulled
+    upwards, and with its two pressures exchanged GAP times nearer to it."""
+    signals, viewer = model.machine.signals, Viewer(model, model.prior.mean)
+    heads, rods = ([k for k, s in enumerate(signals) if s.kind is kind] for kind in SIDES)
+    pairs = [(h, r) for h in heads for r in rods if signals[h].index == signals[r].index]
+    for each in recordings:
+        left, torque = _left(viewer, each), _left(Viewer(model, 0.0 * viewer.tares), each)
+        upwards = _energy(left) > _energy(torque)
+        for head, rod in pairs if np.any(upwards) else ():
+            values = each.values.copy()
+            values[:, [head, rod]] = values[:, [rod, head]]
+            other = _left(viewer, each._replace(values=values))
+            row = int(np.argmax(_energy(other - left)))
+            if upwards[row] and GAP**2 * _energy(other)[row] < _energy(left)[row]:
+                said = f"{signals[head].name} and {signals[rod].name} are exchanged in {each.name}"
+                cure = "as they are, weights would pull upwards; exchange them in the machine file"
+                yield Unreadable(each.name, f"{said}: {cure}")
+
+
+def _left(viewer: Viewer, recorded: Recorded) -> Array:
+    """What the viewer's tares leave (T, R) [N m] of a recording."""
+    return viewer.rows(recorded, ()).left
+
+
+def _energy(left: Array) -> Array:
+    """Mean squares (R,) of rows (T, R); 0 where there is none."""
+    good = np.isfinite(left)
+    return np.asarray(np.sum(np.where(good, left, 0.0) ** 2, axis=0) / np.maximum(np.sum(good, axis=0), 1))
 
 
 def _runs(values: Array, noise: float) -> list[tuple[int, int]]:
