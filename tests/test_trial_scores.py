@@ -94,6 +94,17 @@ def test_a_second_cause_beside_a_set_is_named():
     assert not judged("pair", found, [*PAIR[:1], ("mud", "stick")]).covered
 
 
+def test_clutter_that_is_large_enough_to_be_seen_is_no_wrong_name():
+    small = {"name": "backlash", "at": "boom"}
+    case, hidden = (judged("known", WRONG, present=small | {"sigmas": sigmas}) for sigmas in (30.0, 3.0))
+    assert not case.right
+    assert not case.wrong
+    assert case.answers == case.truth | {("backlash", "boom")}
+    assert hidden.wrong
+    assert shares([case, hidden])["precision"] == (1, 2)
+    assert shares([case, hidden])["first"] == (0, 2)
+
+
 def test_true_closure_is_of_the_effect_not_of_the_floor():
     rng = np.random.default_rng(0)
     d, floor = rng.normal(size=(200, 3)), 5.0 * rng.normal(size=(200, 3))

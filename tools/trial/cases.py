@@ -40,13 +40,13 @@ class Case:
 
 def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, dict[str, Array]]:
     """The case, and the field's twin: the clean machine (without effect) on the same motion with the
-    same noise. `only`: with the effect of that number alone."""
+    same noise. `only`: with the effect of that number alone, those of the clutter after the others."""
     rng = np.random.default_rng([*order.seed, 11])
     poor, site = order.poor, site.two_links if order.two_links else site
     pieces = site.poor(rng, 100 + order.number, poor) if poor else site.showing(order.names)
     faults, small = drawn(order, pieces, rng)
     if only is not None:
-        faults, small = faults[only : only + 1], []
+        faults, small = [*faults, *small][only : only + 1], []
     noise = (site.seed, order.number)
     field = {p.stretch.name: site.shown(p.values(faulty(p, [*faults, *small]), noise)) for p in pieces}
     twin = {p.stretch.name: site.shown(p.values(p.machine, noise)) for p in pieces}

@@ -86,10 +86,17 @@ class Judged:
         return bool(self.effects) and place(self.effects[0]) in self.truth
 
     @property
+    def present(self) -> set[Place]:
+        """(name, at) of every effect that is there to be seen: also of one of the clutter, if the answer names it first
+        and it is as large as what must be seen."""
+        small = self.label.get("present")
+        return self.truth | ({place(small)} if small and self._visible(small) else set())
+
+    @property
     def wrong(self) -> bool:
-        """A name is given, and the first is none of the true ones. What the library lacked when a label was made may be
-        named rightly since."""
-        return self.named and not self.right
+        """A name is given, and the first is none of those that are there. What the library lacked when a label was made
+        may be named rightly since."""
+        return self.named and place(self.effects[0]) not in self.present
 
     @property
     def listed(self) -> set[Place]:
@@ -135,7 +142,7 @@ class Judged:
         """What would have been the right hypothesis: no gap, an effect, or unknown where the library lacks it."""
         if self.kind == "none":
             return {NO_GAP}
-        return self.truth | ({UNKNOWN} if self.kind in ("foreign", "without") else set())
+        return self.present | ({UNKNOWN} if self.kind in ("foreign", "without") else set())
 
     @cached_property
     def probabilities(self) -> dict[Place, float]:

@@ -73,7 +73,7 @@ def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Recor
             print(f"case {wanted.number} sealed {digest}", flush=True)
             took = time.process_time() - start
             answer = trial.diagnosis.answer(folder)
-            opened = truth.opened(label, folder, trial if trial.oracle else None)
+            opened = truth.opened(label, folder, trial if trial.oracle else None) | truth.beside(label, answer, site)
             again = trial.diagnosis.left_out(folder, wanted.names) if wanted.without else None
         if sealed(label, salt) != digest:
             raise RuntimeError(f"case {wanted.number}: the label is not the one that was sealed")
@@ -143,6 +143,16 @@ class Truth:
             payload = (answer.get("end_quantities") or {}).get("payload_kg") or {}
             found["oracle_payload_kg"] = payload.get("after")
         return found
+
+    def beside(self, label: Record, answer: Record, site: Site) -> Record:
+        """An effect of the clutter that the answer names first: `present`, its name and place, and its size by itself
+        in standard errors of the clean machine's floor. What is large enough to be seen is there, however it is
+        called."""
+        named = {(e["name"], e["at"]) for e in (answer.get("effects") or [])[:1]}
+        for k, small in enumerate(label["clutter"], len(label["effects"])):
+            if (small["name"], small["at"]) in named:
+                return {"present": dict(small) | {"sigmas": self._alone(site, k).effect.sigmas}}
+        return {}
 
     def _closure(self, path: Path) -> float | None:
         """See `scoring.true_closure`. The answer's rows are NAME.t (T,) [s] from the recording's begin, NAME.before and
