@@ -367,6 +367,19 @@ def test_what_happens_at_moments_and_explains_hardly_anything_is_everyday(machin
         assert believed(other).first == (NOTHING if key == UNKNOWN else key)
 
 
+def test_work_of_a_machine_without_references_tells_nothing(machine):
+    """It was unknown, with certainty, in order too: what was believed beforehand is all there is."""
+    case = machine.asked(sums(SCENE.spread, [told(recording(9))]))
+    none = case.hypothesis((), case.usual)._replace(rest=9.0)
+    work = Happened(("soil_contact", "bucket"), none.log + 1e3, 0.6, 1.5)
+    asked = Asked(PARTS, (none,), (work,), case.usual, 9.0)
+    found = believed(asked)
+    assert found.of[NOTHING] == pytest.approx(0.5)
+    assert found.of[UNKNOWN] == pytest.approx(0.1)
+    assert sum(found.of.values()) == pytest.approx(1.0)
+    assert believed(replace(asked, references=1)).of[UNKNOWN] > 0.9
+
+
 def test_what_lasts_comes_before_what_happens(machine):
     """Contact is no fault of the machine: beside it, a fault is as probable as ever."""
     contact, rows = ("soil_contact", "bucket"), {5: False, 6: True}

@@ -78,6 +78,15 @@ def test_closure_and_payload_by_hand():
     assert found["payload_ratio"] == pytest.approx(np.sqrt(2.5))
 
 
+def test_friction_that_a_data_sheet_does_not_know_is_no_false_alarm():
+    friction, bent = (said("explained", (name, "boom", 1.0)) for name in ("coulomb_friction", "compliance"))
+    assert not judged("none", friction, (), references=[]).alarm
+    assert judged("none", friction, (), references=["strokes"]).alarm
+    assert judged("none", bent, (), references=[]).alarm
+    assert judged("none", {"verdict": "unknown"}, (), references=[]).alarm
+    assert shares([judged("known", friction, references=[])])["first"] == (0, 1)
+
+
 def test_a_gap_to_the_data_sheet_alone_is_not_the_hidden_effect():
     stated = {"value": 0.9, "low": 0.8, "high": 0.95}
     answer = said("explained", ("stribeck", "boom", 1.0), closure=stated)

@@ -17,6 +17,11 @@ NO_GAP, UNKNOWN = ("no_gap", ""), ("unknown", "")
 SAID = {"unknown": (UNKNOWN,), "no_gap": (NO_GAP,), "not_observable": (NO_GAP,)}  # by a verdict without a name
 CERTAIN = 10.0  # sigma: twice the smallest detectable size
 VISIBLE = 2.5  # times the floor, at the joint where the effect leaves most
+# What a data sheet does not know: without references this is the difference, on a machine in order too.
+UNKNOWN_TO_A_SHEET = (
+    *("coulomb_friction", "viscous_friction", "load_dependent_friction", "asymmetric_friction"),
+    "first_moment_change",
+)
 DIGGING = "dig_cycles"  # how scenarios of normal work begin
 
 
@@ -88,9 +93,19 @@ class Judged:
     @property
     def present(self) -> set[Place]:
         """(name, at) of every effect that is there to be seen: also of one of the clutter, if the answer names it first
-        and it is as large as what must be seen."""
-        small = self.label.get("present")
-        return self.truth | ({place(small)} if small and self._visible(small) else set())
+        and it is as large as what must be seen; of what a data sheet does not know, where that is all there is to
+        compare with."""
+        small, found = self.label.get("present"), self.truth
+        if small and self._visible(small):
+            found |= {place(small)}
+        if not self.label.get("references", True):
+            found |= {p for p in (*map(place, self.effects), *self.probabilities) if p[0] in UNKNOWN_TO_A_SHEET}
+        return found
+
+    @property
+    def alarm(self) -> bool:
+        """Something is wrong, it says, that is not there."""
+        return self.detected and not (self.named and place(self.effects[0]) in self.present)
 
     @property
     def wrong(self) -> bool:
@@ -141,7 +156,7 @@ class Judged:
     def answers(self) -> set[Place]:
         """What would have been the right hypothesis: no gap, an effect, or unknown where the library lacks it."""
         if self.kind == "none":
-            return {NO_GAP}
+            return self.present | {NO_GAP}
         return self.present | ({UNKNOWN} if self.kind in ("foreign", "without") else set())
 
     @cached_property

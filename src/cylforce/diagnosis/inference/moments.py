@@ -9,17 +9,15 @@ from numpy.typing import NDArray
 from cylforce.diagnosis.inference.asking import LOAD, Asking, Step
 from cylforce.diagnosis.inference.discrepancy import Moments, evidence
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
-from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened
+from cylforce.diagnosis.inference.posterior import CONTACT, UNKNOWN, Asked, Happened
 from cylforce.diagnosis.numbers import SELDOM, USUAL_SIZES
 from cylforce.effects.fault import INCIDENTAL, TimeCourse
 from cylforce.effects.library import Proposal
-from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME
 from cylforce.signals.estimate import Array
 
 Blocks = NDArray[np.bool_]
 SETTLING = 4  # rounds in which the blocks in which something happens are found
-CONTACT = TipForce().about.name
 
 
 def happening(

@@ -10,10 +10,12 @@ from cylforce.diagnosis.inference.discrepancy import LEVELS, SCALES, Scatter, lo
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, counted
 from cylforce.diagnosis.inference.sizes import Column
 from cylforce.diagnosis.numbers import HALF, IN_ORDER, LAW, MASS, ODD, SAME, SECOND, SELDOM, TAIL
+from cylforce.effects.loads.tip_force import TipForce
 from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place
 NOTHING, UNKNOWN = ("no_gap", ""), ("unknown", "")
+CONTACT = TipForce().about.name
 NONE = 1e-3  # floors, below which a gap is none at all
 LEAST = 1e-300  # probability
 CERTAIN = 12.0  # log odds, beyond which the calibration sees no difference
@@ -149,6 +151,17 @@ class Asked:
             found[k] = float(np.log((0.5 if p.expected else whole / places) / forms))
         return found
 
+    @cached_property
+    def beforehand(self) -> dict[Key, float]:
+        """What is believed of recordings that tell nothing: effects, each at each place, share theirs alike."""
+        keys = dict.fromkeys(self.key(k) for k, p in enumerate(self.forms) if p.name != UNKNOWN[0])
+        each = (1.0 - IN_ORDER - ODD) / max(len(keys), 1)
+        return {NOTHING: IN_ORDER, UNKNOWN: ODD} | dict.fromkeys(keys, each)
+
+    def tells_nothing(self, happened: Happened) -> bool:
+        """Whether it is contact most of the time, of a machine of which no reference shows more: it works."""
+        return not self.references and happened.key[0] == CONTACT and happened.busy > SELDOM
+
     def prior_of(self, h: Hypothesis) -> float:
         """Log of the prior probability of a hypothesis."""
         if not h.which:
@@ -240,7 +253,8 @@ def believed(asked: Asked) -> Belief:
     for happened, weight in zip(asked.happened, asked.weights[len(asked.hypotheses) :], strict=True):
         named = happened.busy <= SELDOM and asked.share(happened.rest) >= HALF
         key = NOTHING if asked.slight(happened) else happened.key if named else UNKNOWN
-        found[key] = found.get(key, 0.0) + weight
+        shares = asked.beforehand if asked.tells_nothing(happened) else {key: 1.0}
+        found |= {k: found.get(k, 0.0) + weight * share for k, share in shares.items()}
     whole = sum(found.values())
     found = {k: p / whole for k, p in found.items()}
     return Belief(found, _features(asked, found))

@@ -18,8 +18,8 @@ from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
-from cylforce.diagnosis.inference.moments import CONTACT, Blocks, changed, digging, happening, likelier
-from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, Key
+from cylforce.diagnosis.inference.moments import Blocks, changed, digging, happening, likelier
+from cylforce.diagnosis.inference.posterior import CONTACT, UNKNOWN, Asked, Happened, Key
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import counting, hung, residuals, unforced
 from cylforce.diagnosis.inference.working import AtWork, at_work, hangs
