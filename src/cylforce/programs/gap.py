@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.diagnosis.answer.belief import decided
 from cylforce.diagnosis.answer.located import insisted, located
 from cylforce.diagnosis.answer.shape import unexplained
-from cylforce.diagnosis.answer.shrinkage import Gap, tried
+from cylforce.diagnosis.answer.shrinkage import Gap, gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import where
 from cylforce.diagnosis.columns.floor import fitted_tares
@@ -92,9 +92,10 @@ def diagnose(
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
-    spots = where(found.original, (tested := tried(found, verdict, rng))[2], rng)
-    found, verdict, size, refuted = insisted(everything, tested, spots, rng)
-    found, verdict, size = located(found, verdict, size, spots, rng)
+    tested, plain = tried(found, verdict, rng), gap(found, (), rng)
+    spots = where(found.original, plain, rng)
+    found, verdict, size, refuted = insisted(everything, tested, plain, spots, rng)
+    found, verdict, size = located(found, verdict, size, plain, spots)
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)
     whole["next_experiment"] = [*confirm(whole), *said(planned(everything, found)), *whole["next_experiment"]]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cylforce.diagnosis.answer.shrinkage import Gap, gap, tried
+from cylforce.diagnosis.answer.shrinkage import Gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.inference.found import Found
@@ -13,12 +13,16 @@ from cylforce.diagnosis.numbers import GAP, SAME
 
 
 def insisted(
-    everything: Found, tested: tuple[Search, Judged, Gap, str], spots: Sequence[Spot], rng: np.random.Generator
+    everything: Found,
+    tested: tuple[Search, Judged, Gap, str],
+    plain: Gap,
+    spots: Sequence[Spot],
+    rng: np.random.Generator,
 ) -> tuple[Search, Judged, Gap, str]:
-    """What is believed, the verdict, the gap and a warning, once it is known where the gap is: at a joint that differs
-    from what is normal and leaves twice the floor there surely is one."""
-    search, _, size, _ = tested
-    large = {spot.channel for spot in spots if spot.found} & _beyond(search, size)
+    """What is believed, the verdict, the gap and a warning, once it is known where the gap without any effect, `plain`,
+    is: at a joint that differs from what is normal and leaves twice the floor there surely is one."""
+    search, *_ = tested
+    large = {spot.channel for spot in spots if spot.found} & _beyond(search, plain)
     if not large or search.working or not search.original.clean or search.belief.of.get(NOTHING, 0.0) <= 0.0:
         return tested
     sure = searched(everything, surely=True)
@@ -32,21 +36,18 @@ def _beyond(search: Search, size: Gap) -> set[str]:
 
 
 def located(
-    search: Search, verdict: Judged, size: Gap, spots: Sequence[Spot], rng: np.random.Generator
+    search: Search, verdict: Judged, size: Gap, plain: Gap, spots: Sequence[Spot]
 ) -> tuple[Search, Judged, Gap]:
-    """What is believed, the verdict, and the gap. Where a joint differs from what is normal, or all of them leave twice
-    the floor, "no gap" is not said, though a machine in order may differ so where it moves otherwise than its
-    references: the recordings do not suffice.
+    """What is believed, the verdict, and the gap; `plain`: without any effect. Where a joint differs from what is
+    normal, or all of them leave twice the floor, "no gap" is not said, though a machine in order may differ so where it
+    moves otherwise than its references: the recordings do not suffice.
     Where no joint leaves more than the references leave of each other, there is no gap, whatever would explain it: what
     lasts would show in it."""
     found = any(spot.found for spot in spots)
-    if not found and verdict.verdict is not Verdict.NOT_OBSERVABLE and usual(search, size):
-        if verdict.verdict is Verdict.NO_GAP:
-            return none(search), verdict, size
-        nothing = Judged(Verdict.NO_GAP, (), 0.0)
-        return none(search), nothing, gap(search, (), rng)
-    moved = (size.floor > 0.0) & (size.fixed > 0.0)  # a joint that rests tells nothing
-    floors = (size.fixed[moved] / size.floor[moved]) ** 2
+    if not found and verdict.verdict is not Verdict.NOT_OBSERVABLE and usual(search, plain):
+        return none(search), Judged(Verdict.NO_GAP, (), 0.0), plain
+    moved = (plain.floor > 0.0) & (plain.fixed > 0.0)  # a joint that rests tells nothing
+    floors = (plain.fixed[moved] / plain.floor[moved]) ** 2
     large = bool(search.original.clean) and np.any(moved) and float(np.mean(floors)) >= GAP**2
     hidden = (found or large) and verdict.verdict is Verdict.NO_GAP
     return search, verdict._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else verdict, size

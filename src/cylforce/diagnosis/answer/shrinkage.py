@@ -13,9 +13,19 @@ from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.resimulation import Resimulation, read_blocks
 from cylforce.diagnosis.answer.verdict import Cause, Judged, Search, Verdict
 from cylforce.diagnosis.columns.problem import Seen
-from cylforce.diagnosis.inference.residuals import FOLDS, SPAN, chosen, clean, counting, refitted, residuals, rms
+from cylforce.diagnosis.inference.residuals import (
+    FOLDS,
+    SPAN,
+    added,
+    chosen,
+    clean,
+    counting,
+    refitted,
+    residuals,
+    rms,
+)
 from cylforce.diagnosis.inference.sizes import plausible
-from cylforce.diagnosis.numbers import HALF, SLIGHT, WIDEST
+from cylforce.diagnosis.numbers import HALF, SAME, SLIGHT, WIDEST
 from cylforce.effects.imposed import Imposed
 from cylforce.signals.estimate import Array
 
@@ -58,9 +68,12 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
         return search, judged, gap(search, (), rng), AT_WORK if judged.named else ""
     causes = written(search, judged)
     size = gap(search, causes, rng)
-    if size.refuted and len(causes) > 1:  # the first may be right, and those beside it not
+    if len(causes) > 1:  # the first may be right, and those beside it not
         alone = _alone(search, judged)
-        if not (other := gap(alone[0], written(*alone), rng)).refuted:
+        other = gap(alone[0], written(*alone), rng)
+        shown = [n for n in judged.named[1:] if _shows(search, n.cause, other)]
+        judged = judged._replace(named=(judged.named[0], *shown))
+        if size.refuted and not other.refuted:
             (search, judged), size = alone, other
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
@@ -81,6 +94,13 @@ def _alone(search: Search, judged: Judged) -> tuple[Search, Judged]:
     named = first._replace(cause=cause, share=1.0)
     explained = judged.explained * first.share
     return search._replace(causes=(cause,), fit=fit), judged._replace(named=(named,), explained=explained)
+
+
+def _shows(search: Search, cause: Cause, size: Gap) -> bool:
+    """Whether more is left without a cause, at the joint where it adds most, than references leave of each other."""
+    each = rms(added(search.original, cause.columns, cause.sizes, cause.course))
+    most = np.argmax(np.divide(each, size.floor, out=np.zeros_like(each), where=size.floor > 0.0))
+    return bool(size.after[most] ** 2 > (1.0 + SAME) * size.floor[most] ** 2)
 
 
 def gap(search: Search, causes: Sequence[Cause], rng: np.random.Generator) -> Gap:
@@ -119,10 +139,10 @@ def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
 
 class Simulation:
     """The machine that the clean recordings tell, with effects switched on, along the faulty ones' motion. Where the
-    loads hang, and the sizes, are what the `causes` together tell."""
+    loads hang, and the sizes, are what the `causes` together tell; without one, where they leave least."""
 
     def __init__(self, search: Search, causes: Sequence[Cause]) -> None:
-        self.search, self.causes = search, tuple(causes or search.causes)
+        self.search, self.causes = search, tuple(causes)
         self.clean = clean(search.question)
         which = tuple(c.form for c in self.causes if c.form is not None)
         self._fit = replace(search.fit, which=which)

@@ -40,9 +40,8 @@ class Verdict(StrEnum):
 
 class Cause(NamedTuple):
     """An effect that was found: the proposal, its course in words, which `form` of the question it is (None of what
-    happens at moments), its columns, sizes (W, M) of these and their standard errors (W, M), each row of them with its
-    `course` (W, B) over the faulty blocks, NaN where it begins, the `probability` of it, `nats` of evidence against its
-    absence."""
+    happens at moments), its columns, sizes (W, M) and standard errors (W, M), each row of them with its `course` (W, B)
+    over the faulty blocks, NaN where it begins, the `probability` of it, `nats` of evidence against its absence."""
 
     proposal: Proposal
     when: str
@@ -121,8 +120,9 @@ class Search(NamedTuple):
 
     def at_rest(self, causes: Sequence[Cause], told: Sized, values: Array) -> Array:
         """Values (K,) of the machine as it was, `values`, with where the field's loads hang beside some causes."""
-        left = counting(self.question, self.without(causes, told, values))
-        return values + hung(self.fit.question.problem, self.question.floor, left)
+        problem = self.fit.question.problem if causes else self.original
+        left = self.without(causes, told, values) if causes else residuals(problem, values)
+        return values + hung(problem, self.question.floor, counting(self.question, left))
 
     @property
     def viewer(self) -> Viewer:

@@ -91,14 +91,16 @@ def _frozen(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable
 
 def _held(model: Model, recordings: Sequence[Recorded], beside: Sequence[Recorded]) -> Iterator[Unreadable]:
     """Angle sensors that do not change for three seconds, and then by more in one sample than at any other moment:
-    their joint moved meanwhile. Or that never change in a recording, and hold for so long in no other that changes."""
+    their joint moved meanwhile. Or that never change in a recording in which another reading does, and hold for so long
+    in no other that changes."""
     rate, everything = model.filters.rate_hz, [*recordings, *beside]
     shortest = round(BLOCK / RATE_HZ * rate)
     for sensor, k in places(model.machine, Place.ANGLE):
         each = [_Holding.of(recorded.values[:, k], shortest) for recorded in everything]
         for recorded, own in zip(recordings, each, strict=False):
             others = [other for other in each if not other.whole]
-            if own.whole and others and not any(other.runs for other in others):
+            still = own.whole and np.any(np.diff(recorded.values, axis=0) != 0.0)
+            if still and others and not any(other.runs for other in others):
                 said = f"{sensor} never changes in {recorded.name}, as it does in the other recordings: it is frozen"
                 yield Unreadable(recorded.name, said)
             fastest = max(other.fastest for other in each)
