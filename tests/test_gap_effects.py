@@ -5,10 +5,11 @@ cause with 90 %, and where it is the likeliest its size is right. One effect of 
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.answer.causes import Cause
 from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.resimulation import read_blocks
 from cylforce.diagnosis.answer.shrinkage import Simulation
-from cylforce.diagnosis.answer.verdict import Cause, Search, searched
+from cylforce.diagnosis.answer.verdict import Search, searched
 from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.residuals import clean
 from cylforce.diagnosis.inference.search import examined

@@ -14,7 +14,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.answer.verdict import Cause, Search
+from cylforce.diagnosis.answer.causes import Cause
+from cylforce.diagnosis.answer.verdict import Search
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.recordings.clocks import slips
 from cylforce.effects.fault import MassChange

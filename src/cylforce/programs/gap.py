@@ -92,9 +92,8 @@ def diagnose(
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
-    tested, plain = tried(found, verdict, rng), gap(found, (), rng)
-    spots = where(found.original, plain, rng)
-    found, verdict, size, refuted = insisted(everything, tested, plain, spots, rng)
+    spots = where(found.original, (plain := gap(found, (), rng)), rng)
+    found, verdict, size, refuted = insisted(everything, tried(found, verdict, rng), plain, spots, rng)
     found, verdict, size = located(found, verdict, size, plain, spots)
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)

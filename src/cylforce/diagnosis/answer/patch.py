@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from cylforce.diagnosis.answer.causes import Cause
 from cylforce.diagnosis.answer.resimulation import read_blocks
-from cylforce.diagnosis.answer.verdict import Cause, Search
+from cylforce.diagnosis.answer.verdict import Search
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
 from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ, shapes
 from cylforce.diagnosis.inference.residuals import clean

@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.answer.causes import Cause
 from cylforce.diagnosis.answer.closure import blockwise, closure
 from cylforce.diagnosis.answer.fitting import Sized
 from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.resimulation import Resimulation, read_blocks
-from cylforce.diagnosis.answer.verdict import Cause, Judged, Search, Verdict
+from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict
 from cylforce.diagnosis.columns.problem import Seen
 from cylforce.diagnosis.inference.residuals import (
     FOLDS,
@@ -85,12 +86,10 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
 
 def _alone(search: Search, judged: Judged) -> tuple[Search, Judged]:
     """The first cause without those beside it, of the size that it then has."""
-    (first, *_), fit = judged.named, search.fit
-    if first.cause.form is None:
-        return search._replace(causes=(first.cause,)), judged._replace(named=(first,))
-    fit = replace(fit, which=(first.cause.form,))
-    sizes = plausible(search.question.forms[first.cause.form][1], fit.whole.sizes[first.cause.form])
-    cause = first.cause._replace(sizes=sizes.reshape(first.cause.sizes.shape))
+    first, fit = judged.named[0], search.fit
+    cause = first.cause
+    if cause.form is not None:
+        (cause, *_), fit = search.alone()
     named = first._replace(cause=cause, share=1.0)
     explained = judged.explained * first.share
     return search._replace(causes=(cause,), fit=fit), judged._replace(named=(named,), explained=explained)

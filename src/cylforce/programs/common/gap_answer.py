@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from cylforce.diagnosis.answer.causes import Cause, Suspect
 from cylforce.diagnosis.answer.shrinkage import Gap, written
-from cylforce.diagnosis.answer.verdict import Cause, Judged, Named, Search, Suspect, Verdict
+from cylforce.diagnosis.answer.verdict import Judged, Named, Search, Verdict
 from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.columns.problem import Problem, Seen
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
