@@ -77,8 +77,7 @@ def _gap(search: Search, judged: Judged, gap: Gap) -> dict[str, Any]:
 
 def _joints(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
     """Residual torque per joint."""
-    machine = search.original.model.machine
-    names = [machine.links[j].name for j in machine.rows]
+    names = [search.original.model.machine.links[j].name for j in search.original.model.machine.rows]
     kinds = (gap.fixed, gap.refit, gap.after, gap.floor)
     return {
         name: {"fixed": a, "refit": b, "after": c, "floor": d}
