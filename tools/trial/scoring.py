@@ -37,7 +37,7 @@ def shares(cases: Sequence[Judged]) -> dict[str, Share]:
         "pairs_exact": share(of["pair"], lambda c: c.named and c.listed == c.truth),
         "pairs_exact_visible": share([c for c in of["pair"] if c.visible], lambda c: c.named and c.listed == c.truth),
         "leave_one_out_named": share(of["without"], sure),
-        "poor_wrong": share(of["poor"], lambda c: c.named and not c.truth & c.listed),
+        "poor_wrong": share(of["poor"], lambda c: c.named and not c.present & c.listed),
         "closure_coverage": share(_closures(cases), _within),
     }
 
