@@ -166,7 +166,7 @@ def test_a_stretch_with_the_engine_off_and_a_zero_error_are_readable(order):
     assert unreadable(MODEL, named([low])) == []
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, None), (1000, 3000)])
+@pytest.mark.parametrize(("first", "last"), [(0, None), (1000, 3000), (2000, None)])
 def test_an_angle_that_is_frozen_is_told(order, first, last):
     """As is one that is so from the begin to the end: in the others it shows noise."""
     values, k = order[0].copy(), NAMES.index("stick_angle")
@@ -187,6 +187,9 @@ def test_a_joint_that_stands_is_no_frozen_sensor(order):
         values[3000:, k] = values[3000, k]
     coarse[0][:, k] = coarse[0][0, k]
     assert unreadable(MODEL, named(coarse)) == []
+    moving = order[1].copy()
+    moving[:, k] = np.round(moving[:, k], 2)
+    assert unreadable(MODEL, named([coarse[0], moving])) == []
     lost = order[0].copy()
     lost[500:2000, k] = np.nan
     assert unreadable(MODEL, named([lost, *order[1:]])) == []

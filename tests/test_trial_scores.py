@@ -83,6 +83,8 @@ def test_friction_that_a_data_sheet_does_not_know_is_no_false_alarm():
     assert not judged("none", friction, (), references=[]).alarm
     assert judged("none", friction, (), references=["strokes"]).alarm
     assert judged("none", bent, (), references=[]).alarm
+    both = said("explained", ("coulomb_friction", "boom", 1.0), ("compliance", "boom", 0.9))
+    assert judged("none", both, (), references=[]).alarm
     assert judged("none", {"verdict": "unknown"}, (), references=[]).alarm
     assert shares([judged("known", friction, references=[])])["first"] == (0, 1)
 

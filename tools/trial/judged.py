@@ -105,7 +105,7 @@ class Judged:
     @property
     def alarm(self) -> bool:
         """Something is wrong, it says, that is not there."""
-        return self.detected and not (self.named and place(self.effects[0]) in self.present)
+        return self.detected and not (self.named and {place(e) for e in self.effects} <= self.present)
 
     @property
     def wrong(self) -> bool:

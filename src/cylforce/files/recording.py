@@ -72,13 +72,14 @@ def open_pieces(
 
 
 def rows_a_second(path: Path, service: Service, mapping: TableMap | None = None) -> float:
-    """Of a table, a whole number, by its first piece; of a log of a bus, whose sensors are asked at the service's rate,
-    that rate. Raises RecordingError."""
+    """Of a table, by its first piece; of a log of a bus, whose sensors are asked at the service's rate, that rate.
+    Raises RecordingError."""
     if path.suffix.lower() not in tables.SUFFIXES or not path.exists():
         return service.filters.rate_hz
+    check_ordinary(path)
     names = [signal.name for signal in service.machine.signals]
     steps = np.diff(next(table_pieces(path, names, mapping, as_recording=True)).t_s)
-    return round(1.0 / float(np.median(steps))) if len(steps) else service.filters.rate_hz
+    return 1.0 / float(np.median(steps)) if len(steps) else service.filters.rate_hz
 
 
 def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:

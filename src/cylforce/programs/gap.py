@@ -13,7 +13,7 @@ from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, s
 from cylforce.diagnosis.answer.where import where
 from cylforce.diagnosis.columns.floor import fitted_tares
 from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.numbers import GAP
@@ -88,7 +88,7 @@ def diagnose(
     verdict = judged(everything := decided(everything), found := searched(everything))
     if late and not _by_clock(verdict):
         return _off_clock(late)
-    seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / RATE_HZ
+    seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / viewer.rows_hz
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
@@ -161,16 +161,16 @@ def _alike(
     said += [f"{dead.said}; it is left out of the references" for dead in wrong]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
     kept = [each for each in kept if each.name not in unlike]
-    return kept, [*said, *(_contradicting(kept) or _apart(model, kept))]
+    return kept, [*said, *(_contradicting(kept, Viewer(model, model.prior.mean).rows_hz) or _apart(model, kept))]
 
 
-def _contradicting(clean: Sequence[Recorded]) -> list[str]:
+def _contradicting(clean: Sequence[Recorded], rows_hz: float) -> list[str]:
     """Sentences about references of which nearly all looks like work beside the others."""
     said = []
     names = dict.fromkeys(each.name for each in clean)
     for name in names if len(names) > 1 else ():
         counts = [each.counts for each in clean if each.name == name and each.counts is not None]
-        total, counted = (sum(int(f(own)) for own in counts) / RATE_HZ for f in (len, np.sum))
+        total, counted = (sum(int(f(own)) for own in counts) / rows_hz for f in (len, np.sum))
         if counts and counted < SHORTEST_S < total:
             said.append(
                 f"of {name} only {counted:.0f} of {total:.0f} s tell of the machine: beside the other references, the "
@@ -185,8 +185,8 @@ def _apart(model: Model, clean: Sequence[Recorded]) -> list[str]:
     if times < GAP:
         return []
     names = " and ".join(dict.fromkeys(each.name for each in clean))
-    told = f"{names} contradict each other: fitted together they leave {times:.0f} times as much as each by itself"
-    return [f"{told}; one of them is not in order, or its load is not as said: leave it out, or add a third reference"]
+    told = f"{names} contradict each other: at a joint they leave {times:.0f} times as much together as by themselves"
+    return [f"{told}; one of them is not in order, or its load is not as said: leave it out, or add another reference"]
 
 
 def _left_out(odd: Sequence[Slip], others: bool) -> str:

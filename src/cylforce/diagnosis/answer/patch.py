@@ -9,13 +9,12 @@ from cylforce.diagnosis.answer.causes import Cause
 from cylforce.diagnosis.answer.resimulation import read_blocks
 from cylforce.diagnosis.answer.verdict import Search
 from cylforce.diagnosis.columns.problem import GROWTH_S, Problem
-from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ, shapes
+from cylforce.diagnosis.columns.rows import BLOCK, shapes
 from cylforce.diagnosis.inference.residuals import clean
 from cylforce.effects.fault import SHAPES, Place, TimeCourse
 from cylforce.effects.loads.carried import RAMP
 from cylforce.signals.estimate import Array
 
-LENGTH_S = BLOCK / RATE_HZ
 PARTS = 8  # of a block, in which what happens within it is taken as constant
 WITHIN = shapes((np.arange(PARTS) + 0.5) / PARTS)  # (SHAPES, PARTS)
 
@@ -47,9 +46,10 @@ def _blocks(search: Search, cause: Cause) -> Iterator[dict[str, Any]]:
     elif course is TimeCourse.CLOCK:
         yield plain | {"value": [float(sizes[0, 0]), float(sizes[1, 0]) / GROWTH_S]}
     elif course is TimeCourse.AFTER and search.working:
+        half = BLOCK / search.viewer.rows_hz / 2.0
         for own, there in zip(sizes, cause.course > 0.0, strict=True):
             t = search.original.times[there] - search.viewer.lag
-            span = {"from_s": max(float(t[0]) - LENGTH_S / 2.0, 0.0), "until_s": float(t[-1]) + LENGTH_S / 2.0}
+            span = {"from_s": max(float(t[0]) - half, 0.0), "until_s": float(t[-1]) + half}
             yield plain | {"value": own.tolist()} | span
     elif course is TimeCourse.AFTER:
         yield plain | {"value": sizes[0].tolist()} | _times(search, cause)
@@ -59,13 +59,14 @@ def _blocks(search: Search, cause: Cause) -> Iterator[dict[str, Any]]:
 
 def _window(search: Search, cause: Cause, sizes: Array, block: int) -> Iterator[dict[str, Any]]:
     """A block's course in parts; a force at the teeth rises and fades while the next one takes over."""
-    start = float(search.original.times[block]) - LENGTH_S / 2.0 - search.viewer.lag  # rows come after what they tell
+    length = BLOCK / search.viewer.rows_hz
+    start = float(search.original.times[block]) - length / 2.0 - search.viewer.lag  # rows come after what they tell
     about = cause.proposal.about
     over = RAMP / 2.0 if about.place is Place.TOOL else 0.0
     for k, part in enumerate(WITHIN.T @ sizes.reshape(SHAPES, -1)):
         if about.sign * part[0] < 0.0:  # a polynomial swings about nothing
             continue
-        begin, end = start + np.array([k, k + 1]) * LENGTH_S / PARTS
+        begin, end = start + np.array([k, k + 1]) * length / PARTS
         yield {"value": part.tolist(), "from_s": max(float(begin) - over, 0.0), "until_s": float(end) + over}
 
 

@@ -69,12 +69,12 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
         return search, judged, gap(search, (), rng), AT_WORK if judged.named else ""
     causes = written(search, judged)
     size = gap(search, causes, rng)
-    if len(causes) > 1:  # the first may be right, and those beside it not
+    if len(judged.named) > 1 or (size.refuted and len(causes) > 1):  # the first may be right, and those beside it not
         alone = _alone(search, judged)
         other = gap(alone[0], written(*alone), rng)
         shown = [n for n in judged.named[1:] if _shows(search, n.cause, other)]
         judged = judged._replace(named=(judged.named[0], *shown))
-        if size.refuted and not other.refuted:
+        if not other.refuted and (size.refuted or not shown):
             (search, judged), size = alone, other
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
@@ -98,8 +98,9 @@ def _alone(search: Search, judged: Judged) -> tuple[Search, Judged]:
 def _shows(search: Search, cause: Cause, size: Gap) -> bool:
     """Whether more is left without a cause, at the joint where it adds most, than references leave of each other."""
     each = rms(added(search.original, cause.columns, cause.sizes, cause.course))
-    most = np.argmax(np.divide(each, size.floor, out=np.zeros_like(each), where=size.floor > 0.0))
-    return bool(size.after[most] ** 2 > (1.0 + SAME) * size.floor[most] ** 2)
+    floor = search.question.floor.rms  # of a joint that no reference moves its own
+    most = int(np.argmax(each / floor))
+    return bool(size.after[most] ** 2 > (1.0 + SAME) * floor[most] ** 2)
 
 
 def gap(search: Search, causes: Sequence[Cause], rng: np.random.Generator) -> Gap:

@@ -85,6 +85,11 @@ class Viewer:
     def _thin(self) -> int:
         return max(round(self.model.filters.rate_hz / RATE_HZ), 1)
 
+    @property
+    def rows_hz(self) -> float:
+        """Rows a second: RATE_HZ, or next to it where the machine's rate is no multiple of that."""
+        return self.model.filters.rate_hz / self._thin
+
     @cached_property
     def weighed(self) -> Machine:
         """The machine with the masses that its tares tell: some readings err by what hangs there."""
@@ -93,8 +98,8 @@ class Viewer:
     @cached_property
     def slow(self) -> Model:
         """The model at the diagnosis' rate."""
-        rate = self.model.filters.rate_hz / self._thin
-        return Model(self.model.machine, self.model.filters._replace(rate_hz=rate), self.model.friction)
+        filters = self.model.filters._replace(rate_hz=self.rows_hz)
+        return Model(self.model.machine, filters, self.model.friction)
 
     def thinned(self, values: Array) -> Array:
         """Samples (T', S) at the diagnosis' rate, low-passed."""

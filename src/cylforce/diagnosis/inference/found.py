@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cylforce.diagnosis.columns.problem import Problem
-from cylforce.diagnosis.columns.rows import BLOCK, RATE_HZ
+from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.inference.asking import Asking
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.in_order import InOrder
@@ -44,4 +44,4 @@ class Found:
     def aside_s(self) -> float:
         """For how long [s] something happens, so that these moments do not count."""
         aside = self.question.aside
-        return 0.0 if aside is None else float(np.sum(aside)) * BLOCK / RATE_HZ
+        return 0.0 if aside is None else float(np.sum(aside)) * BLOCK / self.question.viewer.rows_hz

@@ -153,10 +153,15 @@ class Asked:
 
     @cached_property
     def beforehand(self) -> dict[Key, float]:
-        """What is believed of recordings that tell nothing: effects, each at each place, share theirs alike."""
-        keys = dict.fromkeys(self.key(k) for k, p in enumerate(self.forms) if p.name != UNKNOWN[0])
-        each = (1.0 - IN_ORDER - ODD) / max(len(keys), 1)
-        return {NOTHING: IN_ORDER, UNKNOWN: ODD} | dict.fromkeys(keys, each)
+        """What is believed of recordings that tell nothing: effects that were asked share theirs by their priors."""
+        found = {h.key: float(np.exp(self.prior_at_moments(h))) for h in self.happened}
+        for h in self.hypotheses:
+            if len(h.which) == 1:
+                key, log = self.key(h.which[0]), self.prior[h.which[0]]
+                found[key] = found.get(key, 0.0) + float(np.exp(log))
+        found.pop(UNKNOWN, None)
+        whole = sum(found.values()) / (1.0 - IN_ORDER - ODD)
+        return {NOTHING: IN_ORDER, UNKNOWN: ODD} | {k: p / whole for k, p in found.items()}
 
     def tells_nothing(self, happened: Happened) -> bool:
         """Whether it is contact most of the time, of a machine of which no reference shows more: it works."""

@@ -90,33 +90,36 @@ def _frozen(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable
 
 
 def _held(model: Model, recordings: Sequence[Recorded], beside: Sequence[Recorded]) -> Iterator[Unreadable]:
-    """Angle sensors that do not change for three seconds, and then by more in one sample than at any other moment:
-    their joint moved meanwhile. Or that never change in a recording in which another reading does, and hold for so long
-    in no other that changes."""
+    """Angle sensors that read exactly the same for three seconds, and then change by more in one sample than at any
+    other moment: their joint moved meanwhile. Or that do so until a recording ends, while another reading changes, and
+    never in the other recordings, nor read in steps coarser than their noise, as of a joint that stands."""
     rate, everything = model.filters.rate_hz, [*recordings, *beside]
     shortest = round(BLOCK / RATE_HZ * rate)
     for sensor, k in places(model.machine, Place.ANGLE):
         each = [_Holding.of(recorded.values[:, k], shortest) for recorded in everything]
+        fastest = max(other.fastest for other in each)
+        smooth = min(other.least for other in each) <= model.machine.signals[k].standard_error
         for recorded, own in zip(recordings, each, strict=False):
-            others = [other for other in each if not other.whole]
-            still = own.whole and np.any(np.diff(recorded.values, axis=0) != 0.0)
-            if still and others and not any(other.runs for other in others):
-                said = f"{sensor} never changes in {recorded.name}, as it does in the other recordings: it is frozen"
-                yield Unreadable(recorded.name, said)
-            fastest = max(other.fastest for other in each)
+            pairs = zip(everything, each, strict=True)
+            others = [other for made, other in pairs if made.name != recorded.name and not other.whole]
+            noisy = smooth and bool(others) and not any(other.runs for other in others)
             for first, last, jump in own.runs:
+                at = f"from {recorded.begins + first / rate:.0f} to {recorded.begins + last / rate:.0f} s"
+                told = f"{sensor} does not change in {recorded.name} {at}"
                 if jump > fastest > 0.0:
-                    at = f"from {recorded.begins + first / rate:.0f} to {recorded.begins + last / rate:.0f} s"
-                    said = f"{sensor} does not change in {recorded.name} {at}, and then jumps: it is frozen there"
-                    yield Unreadable(recorded.name, said)
+                    yield Unreadable(recorded.name, f"{told}, and then jumps: it is frozen there")
+                elif noisy and last == len(recorded.values) - 1 and np.any(np.diff(recorded.values[first:], axis=0)):
+                    yield Unreadable(recorded.name, f"{told}, as it does in the other recordings: it is frozen there")
 
 
 class _Holding(NamedTuple):
     """Where a reading stays exactly the same for long: first and last sample of each of these `runs`, and how large the
-    step there is; the largest step elsewhere, `fastest`; whether it never changes in the `whole` recording."""
+    step there is; the largest step elsewhere, `fastest`, and the `least` of all; whether it never changes in the
+    `whole` recording."""
 
     runs: list[tuple[int, int, float]]
     fastest: float
+    least: float
     whole: bool
 
     @classmethod
@@ -131,32 +134,37 @@ class _Holding(NamedTuple):
         beside = long[:-1] | long[1:]
         fastest = float(np.max(change[steps][~beside], initial=0.0))
         runs = [(int(first[k]), int(last[k]), float(jumps[k])) for k in np.flatnonzero(long)]
-        return cls(runs, fastest, not len(steps))
+        return cls(runs, fastest, float(np.min(change[steps], initial=np.inf)), not len(steps))
 
 
 def _exchanged(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
-    """Head and rod sides of a cylinder whose torque is nearer to none than to the data sheet's, as if weights pulled
-    upwards, and with its two pressures exchanged GAP times nearer to it."""
+    """Head and rod sides of a cylinder whose torque is nearer to none than to the data sheet's over a whole recording,
+    as if weights pulled upwards, and with its two pressures exchanged GAP times nearer to it."""
     signals, viewer = model.machine.signals, Viewer(model, model.prior.mean)
     heads, rods = ([k for k, s in enumerate(signals) if s.kind is kind] for kind in SIDES)
     pairs = [(h, r) for h in heads for r in rods if signals[h].index == signals[r].index]
-    for each in recordings:
-        left, torque = _left(viewer, each), _left(Viewer(model, 0.0 * viewer.tares), each)
+    for name in dict.fromkeys(each.name for each in recordings):
+        own = [each for each in recordings if each.name == name]
+        left, torque = _left(viewer, own), _left(Viewer(model, 0.0 * viewer.tares), own)
         upwards = _energy(left) > _energy(torque)
         for head, rod in pairs if np.any(upwards) else ():
-            values = each.values.copy()
-            values[:, [head, rod]] = values[:, [rod, head]]
-            other = _left(viewer, each._replace(values=values))
+            other = _left(viewer, [_with_exchanged(each, head, rod) for each in own])
             row = int(np.argmax(_energy(other - left)))
             if upwards[row] and GAP**2 * _energy(other)[row] < _energy(left)[row]:
-                said = f"{signals[head].name} and {signals[rod].name} are exchanged in {each.name}"
+                said = f"{signals[head].name} and {signals[rod].name} are exchanged in {name}"
                 cure = "as they are, weights would pull upwards; exchange them in the machine file"
-                yield Unreadable(each.name, f"{said}: {cure}")
+                yield Unreadable(name, f"{said}: {cure}")
 
 
-def _left(viewer: Viewer, recorded: Recorded) -> Array:
-    """What the viewer's tares leave (T, R) [N m] of a recording."""
-    return viewer.rows(recorded, ()).left
+def _with_exchanged(recorded: Recorded, one: int, other: int) -> Recorded:
+    values = recorded.values.copy()
+    values[:, [one, other]] = values[:, [other, one]]
+    return recorded._replace(values=values)
+
+
+def _left(viewer: Viewer, recordings: Sequence[Recorded]) -> Array:
+    """What the viewer's tares leave (T, R) [N m] of recordings."""
+    return np.concatenate([viewer.rows(each, ()).left for each in recordings])
 
 
 def _energy(left: Array) -> Array:

@@ -150,7 +150,7 @@ def reason(search: Search, spots: Sequence[Spot]) -> str:
         at = f" at the {at}" if at else ""
         return f"the torques{at} differ from the references', but in order may, too, in another motion"
     told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
-    most = f"; the most probable: {', '.join(told)}" if told else ""
+    most = f"; the most probable: {', '.join(told)}" if told and search.original.clean else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
 
 

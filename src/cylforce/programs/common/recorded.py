@@ -20,6 +20,7 @@ from cylforce.signals.events import Frame, Tick
 
 SHORTEST_S = 20.0  # of a stretch
 PART_S = 60.0  # of a part, which is examined or left out as a whole
+JITTER = 0.98  # times the machine's rate: slower tables are not only of a clock that is not exact (convention)
 MOST = 20  # parts of all recordings together, because their rows fill the memory
 
 
@@ -72,13 +73,14 @@ def at_own_rate(loaded: Loaded, paths: Sequence[Path]) -> tuple[Loaded, str]:
     rate the filters do not allow keeps the machine's. Raises RecordingError."""
     filters = loaded.service.filters
     rates = {path.name: rows_a_second(path, loaded.service, loaded.columns) for path in paths}
-    name = min(rates, key=lambda n: rates[n], default="")
-    if not name or not filters.slowest_hz < rates[name] < filters.rate_hz:
+    slower = {name: hz for name, hz in rates.items() if filters.slowest_hz < hz < JITTER * filters.rate_hz}
+    if not slower:
         return loaded, ""
-    service = loaded.service._replace(filters=filters.at(float(rates[name])))
+    name = min(slower, key=lambda n: slower[n])
+    service = loaded.service._replace(filters=filters.at(slower[name]))
     return loaded._replace(service=service), (
-        f"{name} has {rates[name]:g} rows a second, the machine file says {filters.rate_hz:g} (filter.rate_hz): all "
-        f"recordings were examined with {rates[name]:g}"
+        f"{name} has {slower[name]:.4g} rows a second, the machine file says {filters.rate_hz:g} (filter.rate_hz): all "
+        f"recordings were examined with {slower[name]:.4g}"
     )
 
 

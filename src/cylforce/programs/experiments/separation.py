@@ -15,7 +15,7 @@ import numpy as np
 
 from cylforce.diagnosis.answer.verdict import Search
 from cylforce.diagnosis.columns.recorded import Columns, GapRows, Recorded
-from cylforce.diagnosis.columns.rows import CENTRE, RATE_HZ
+from cylforce.diagnosis.columns.rows import CENTRE
 from cylforce.diagnosis.columns.statistics import Shared, statistics, white
 from cylforce.diagnosis.inference.discrepancy import sums
 from cylforce.diagnosis.inference.found import Found
@@ -109,7 +109,7 @@ class Separation:
     @cached_property
     def seconds(self) -> float:
         """Length of the present recordings."""
-        return sum(len(seen.rows.t) for seen in self.found.question.problem.faulty) / RATE_HZ
+        return sum(len(seen.rows.t) for seen in self.found.question.problem.faulty) / self.found.question.viewer.rows_hz
 
     def _values(self, motion: Trial) -> Array:
         """Samples (T, S) of ideal sensors."""

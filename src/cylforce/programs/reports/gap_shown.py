@@ -9,7 +9,7 @@ from cylforce.diagnosis.answer.shrinkage import Gap, Simulation, written
 from cylforce.diagnosis.answer.verdict import Judged, Search
 from cylforce.diagnosis.answer.where import REGIMES
 from cylforce.diagnosis.columns.problem import Problem, Seen
-from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.residuals import rms
 from cylforce.effects.fault import Place
 from cylforce.effects.library import Proposal
@@ -144,7 +144,7 @@ def readable(key: tuple[str, str]) -> str:
 
 def _most(search: Search, own: list[Array], rows: list[int]) -> tuple[int, int, slice]:
     """The recording, one of some rows and the stretch in which a signature is largest against the floor."""
-    length, best, most = round(STRETCH_S * RATE_HZ), (0, rows[0], slice(0, None)), -1.0
+    length, best, most = round(STRETCH_S * search.viewer.rows_hz), (0, rows[0], slice(0, None)), -1.0
     for k, signature in enumerate(own):
         squares = np.nan_to_num((signature / search.question.floor.rms)[:, rows]) ** 2
         totals = np.cumsum(np.vstack([np.zeros_like(squares[:1]), squares]), axis=0)
