@@ -79,8 +79,8 @@ def at_own_rate(loaded: Loaded, paths: Sequence[Path]) -> tuple[Loaded, str]:
     name = min(slower, key=lambda n: slower[n])
     service = loaded.service._replace(filters=filters.at(slower[name]))
     return loaded._replace(service=service), (
-        f"the table {name} has {slower[name]:.4g} rows a second, the machine file says {filters.rate_hz:g} (filter.rate_hz): all "
-        f"recordings were examined with {slower[name]:.4g}"
+        f"the table {name} has {slower[name]:.4g} rows a second, the machine file says {filters.rate_hz:g} "
+        f"(filter.rate_hz): all recordings were examined with {slower[name]:.4g}"
     )
 
 
