@@ -26,7 +26,7 @@ from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
-from cylforce.programs.common.gap_question import Question, asked_only, check_recordings, left
+from cylforce.programs.common.gap_question import Question, asked_only, check_recordings, reduced
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, at_own_rate, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
@@ -65,7 +65,7 @@ def diagnose(
     """The diagnosis of recordings; `kept`: where references' rows are kept for the next one. Raises RecordingError or
     ValueError, in a sentence."""
     check_recordings(question)
-    only = asked_only(library := left(library, question.without), question.only, loaded.service.machine)
+    only = asked_only(library := reduced(library, question.without), question.only, loaded.service.machine)
     loaded, slow = at_own_rate(loaded, (*question.reference, *question.field))
     reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
     clean, faulty = reference.stretches, field.stretches

@@ -97,8 +97,8 @@ def _held(model: Model, recordings: Sequence[Recorded], beside: Sequence[Recorde
     shortest = round(BLOCK / RATE_HZ * rate)
     for sensor, k in places(model.machine, Place.ANGLE):
         each = [_Holding.of(recorded.values[:, k], shortest) for recorded in everything]
-        fastest = max(other.fastest for other in each)
-        smooth = min(other.least for other in each) <= model.machine.signals[k].standard_error
+        fastest = max((other.fastest for other in each), default=0.0)
+        smooth = min((other.least for other in each), default=np.inf) <= model.machine.signals[k].standard_error
         for recorded, own in zip(recordings, each, strict=False):
             pairs = zip(everything, each, strict=True)
             others = [other for made, other in pairs if made.name != recorded.name and not other.whole]
@@ -125,16 +125,15 @@ class _Holding(NamedTuple):
     @classmethod
     def of(cls, values: Array, shortest: int) -> "_Holding":
         """Of samples (T,); a run has at least so many."""
-        change = np.abs(np.diff(values))
-        steps, change = np.flatnonzero(change != 0.0), np.nan_to_num(change)
-        first, last = np.concatenate([[0], steps + 1]), np.concatenate([steps, [len(values) - 1]])
-        sizes = np.concatenate([[0.0], change[steps], [0.0]])
+        first, last, change = _equal(values)
+        change = np.nan_to_num(change)
+        sizes = np.concatenate([[0.0], change, [0.0]])
         long = last - first >= shortest
         jumps = np.maximum(sizes[:-1], sizes[1:])
         beside = long[:-1] | long[1:]
-        fastest = float(np.max(change[steps][~beside], initial=0.0))
+        fastest = float(np.max(change[~beside], initial=0.0))
         runs = [(int(first[k]), int(last[k]), float(jumps[k])) for k in np.flatnonzero(long)]
-        return cls(runs, fastest, float(np.min(change[steps], initial=np.inf)), not len(steps))
+        return cls(runs, fastest, float(np.min(change, initial=np.inf)), not len(change))
 
 
 def _exchanged(model: Model, recordings: Sequence[Recorded]) -> Iterator[Unreadable]:
@@ -176,15 +175,18 @@ def _energy(left: Array) -> Array:
 def _runs(values: Array, noise: float) -> list[tuple[int, int]]:
     """First and last row of what is longest exactly the same; none where that is the least or the greatest, or where
     the sensor reads in steps coarser than its noise, and may well stay at one."""
-    change = np.abs(np.diff(values))
-    steps = np.flatnonzero(change != 0.0)
-    if len(steps) and np.min(change[steps]) > noise:
-        return []
-    first, last = np.concatenate([[0], steps + 1]), np.concatenate([steps, [len(values) - 1]])
-    if not len(values):
+    first, last, change = _equal(values)
+    if not len(values) or (len(change) and np.min(change) > noise):
         return []
     longest = int(np.argmax(last - first))
-    held, whole = values[first[longest]], not len(steps)
+    held, whole = values[first[longest]], not len(change)
     if not whole and not np.nanmin(values) < held < np.nanmax(values):
         return []
     return [(int(first[longest]), int(last[longest]))]
+
+
+def _equal(values: Array) -> tuple[Array, Array, Array]:
+    """First and last sample of every run of exactly equal ones of (T,), and the sizes of the steps between them."""
+    change = np.abs(np.diff(values))
+    steps = np.flatnonzero(change != 0.0)
+    return np.concatenate([[0], steps + 1]), np.concatenate([steps, [len(values) - 1]]), change[steps]

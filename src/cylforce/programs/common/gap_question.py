@@ -70,7 +70,7 @@ def asked_only(library: tuple[Group, ...], only: str | None, machine: Machine) -
     return name, at
 
 
-def left(library: tuple[Group, ...], without: Sequence[str]) -> tuple[Group, ...]:
+def reduced(library: tuple[Group, ...], without: Sequence[str]) -> tuple[Group, ...]:
     """The library without the effects of these names."""
     names = {group[0].about.name for group in library}
     for name in without:
