@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 import struct
+import subprocess
 from gettext import GNUTranslations
 from io import BytesIO
 from pathlib import Path
@@ -129,6 +130,41 @@ def test_commands_become_sdo_writes():
     assert request("cancel", 7) == (0x2190, 4, struct.pack("<I", 7))
     assert request("format the disk", 0) is None
     assert request("product", -1) is None
+    assert request("zero", None) == (0x6125, 1, b"zero")
+
+
+def test_a_command_whose_number_is_missing_or_not_whole_is_none():
+    """It would delete a target, or choose another product."""
+    assert request("target", None) is None
+    assert request("product", 1.5) is None
+
+
+TYPED = (
+    ("de", "1.500", 1500.0), ("de", "1.500,25", 1500.25), ("de", "1500,25", 1500.25), ("de", "12 000", 12_000.0),
+    ("en", "1,500", 1500.0), ("en", "1,500.25", 1500.25), ("en", "1500.25", 1500.25), ("en", " 4000 ", 4000.0),
+    ("fr", "1\u202f500,5", 1500.5), ("de", "0", 0.0), ("en", "-3", -3.0), ("de", "1.234.567", 1_234_567.0),
+    ("de", "1.5", None), ("en", "1,5", None), ("de", "1,500.5", None), ("en", "1.500,5", None), ("en", "12,34,567", None),
+    ("en", "", None), ("en", "4 t", None), ("en", "1e3", None), ("de", "--3", None), ("en", "1,500 000", None),
+)  # fmt: skip
+NODE = """
+import { formatNumber, parseNumber } from "%s";
+const typed = JSON.parse(process.argv[1]);
+const values = [0, 15, 1500.5, 1234567.25, 0.125];
+console.log(JSON.stringify({
+  parsed: typed.map(([language, text]) => parseNumber(text, language)),
+  returned: ["de", "en", "fr", "pl"].map((language) => values.map((v) => parseNumber(formatNumber(v, language), language) === v)),
+}));
+"""
+
+
+def test_a_number_is_read_as_the_language_writes_it():
+    """Else 1.500 of a German keyboard is a target of 1.5 kg. What may be shown in the dialog is read back unchanged."""
+    program = NODE % (STATIC / "numbers.js").as_uri()
+    typed = json.dumps([[language, text] for language, text, _ in TYPED])
+    command = ["node", "--no-warnings", "--experimental-default-type=module", "--eval", program, "--", typed]
+    made = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert made["parsed"] == [value for _, _, value in TYPED]
+    assert all(all(values) for values in made["returned"])
 
 
 def test_commands_reach_a_service_and_its_answer_comes_back():
@@ -303,7 +339,7 @@ def test_the_65th_page_is_refused(monkeypatch):
     assert Web().ask("GET", "/stream/work").status_code == 503
 
 
-CALLS = (r"\b(?:t|say)\(['\"]([^'\"]+)['\"]\)", r'data-t="([^"]+)"', r'massed\("\w+", "([^"]+)"\)')
+CALLS = (r"\b(?:t|say)\(['\"]([^'\"]+)['\"]\)", r'data-t="([^"]+)"', r'massed\("\w+", "([^"]+)"')
 
 
 def test_every_word_of_the_page_is_known_and_every_known_one_is_used():

@@ -231,9 +231,34 @@ def test_buttons_are_for_gloves(page):
         assert min(box["width"], box["height"]) >= 12.0 * MM
 
 
+def test_a_number_that_cannot_be_read_changes_nothing(page):
+    """The dialog stays open, says why and shows the value that holds. Cancelled, it sends nothing."""
+    page.click("#product")
+    page.fill("#entry", "7")
+    page.click("menu button[value=yes]")
+    until(lambda: "Product 7" in page.text_content("#truck-text"))
+    page.click("#product")
+    assert page.input_value("#entry") == "7"
+    for entry, complaint in (("", "Nothing was entered"), ("seven", "This is no number"), ("2.5", "whole number")):
+        page.fill("#entry", entry)
+        page.click("menu button[value=yes]")
+        assert complaint in page.text_content("#complaint")
+    page.click("menu button[value=no]")
+    assert not page.is_visible("#ask")
+    assert "Product 7" in page.text_content("#truck-text")
+
+
 def test_night_and_german(browser):
+    """A German number has a point between its thousands."""
     shown = browser.new_page(locale="de-DE")
     go_to(shown)
+    shown.click("#target")
+    shown.fill("#entry", "1.500")
+    shown.click("menu button[value=yes]")
+    until(lambda: "/ 1.500 kg" in shown.text_content("#truck-text"))
+    shown.click("#target")
+    assert shown.input_value("#entry") == "1500"
+    shown.keyboard.press("Escape")
     shown.click("#night")
     assert "night" in shown.get_attribute("body", "class")
     assert shown.text_content("#night") == "Tag"

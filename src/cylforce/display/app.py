@@ -4,6 +4,7 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from importlib.resources import files
+from math import isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,10 +84,10 @@ class Pages:
         )
 
     async def command(self, request: Request) -> Response:
-        """A command for the service: {"what": ..., "value": ...}."""
+        """Send a command to the service: {"what": ..., "value": ...}; a command without a number needs no value."""
         said = await _body(request)
-        value = said.get("value", 0)
-        if not isinstance(value, int | float) or value != value:  # noqa: PLR0124 - NaN
+        value = said.get("value")
+        if value is not None and (not isinstance(value, int | float) or isnan(value)):
             return JSONResponse({"done": False, "why": "06090030"})
         outcome = await self._desk.panel.obey(str(said.get("what")), value)
         return JSONResponse(outcome._asdict())

@@ -130,8 +130,8 @@ class Panel:
         kg = {name: KG * getattr(known, name) for name in masses}
         return known._replace(unexplained=unexplained, **kg)
 
-    async def obey(self, what: str, value: float) -> Reply:
-        """Send a command."""
+    async def obey(self, what: str, value: float | None) -> Reply:
+        """Send a command; `value` is its number, None for a command without one."""
         made = request(what, value)
         if made is None:
             return Reply(False, NOT_KNOWN)
@@ -145,8 +145,9 @@ class Panel:
         return Reply(True)
 
 
-def request(what: str, value: float) -> tuple[int, int, bytes] | None:
-    """Index, sub-index and data of a command; None for what is none."""
+def request(what: str, value: float | None) -> tuple[int, int, bytes] | None:
+    """Return index, sub-index and data of a command; None for an unknown command, and for one whose number is missing,
+    outside its range or, where it names something, not whole."""
     fixed = {
         "zero": (commands.ZERO, 1, b"zero"),
         "tare": (commands.TARE, 1, b"tare"),
@@ -157,9 +158,11 @@ def request(what: str, value: float) -> tuple[int, int, bytes] | None:
     numbers["attachment"] = commands.TOOL
     if what in fixed:
         return fixed[what]
+    if value is None:
+        return None
     masses = {"target": commands.TARGET, "trailer": commands.TRAILER, "add": commands.ADD}
     if what in masses and abs(value) < 1e8:
         return commands.LOADING, masses[what], pack("<i", round(value / KG))
-    if what in numbers and 0 <= value < 1 << 32:
+    if what in numbers and 0 <= value < 1 << 32 and float(value).is_integer():
         return commands.LOADING, numbers[what], pack("<I", int(value))
     return None

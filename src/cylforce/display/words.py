@@ -51,7 +51,7 @@ REFUSALS = {
     "08000022": "Not done: the weight must be OK now, or the bucket is not among the last ones of this truck.",
     "06090030": "Not done: too large. Empty and clean the bucket, or check the number.",
     "no answer": "Not done: the service does not answer.",
-    "unknown": "Not done: there is no such command.",
+    "unknown": "Not done: there is no such command, or its number is missing or out of range.",
 }
 # The page's own words: the texts in static/, which a test compares with this list.
 PAGE = (
@@ -70,6 +70,8 @@ PAGE = (
     "Attachment", "of a usual bucket", "tip off", "a full bucket overloads", "Add by hand", "by hand",
     "To the trailer", "Trailer target", "Target of the trailer or next part; 0: none", "part", "in all",
     "Part", "Check zero: empty the bucket, lift it, press Zero", "Mass that was loaded unweighed",
+    "Nothing was entered: write a number, or press Cancel.", "This is no number. Write it like this:",
+    "The number is negative: write 0 or more.", "Write a whole number.",
 )  # fmt: skip
 
 

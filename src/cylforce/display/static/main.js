@@ -1,5 +1,5 @@
 // Starts the page: which part is shown, the stream, and the watch over it.
-import { ask, change } from "./ask.js";
+import { askNumber, change } from "./ask.js";
 import { showEngineering } from "./engineering.js";
 import { showHistory } from "./history.js";
 import { refusal, t, translate, unit } from "./words.js";
@@ -38,14 +38,15 @@ async function command(what, value = 0) {
   at("answer").textContent = said.done ? t("Done.") : refusal(said.why);
 }
 
-async function massed(what, question) {
-  const text = await ask(`${t(question)} (${unit.symbol})`);
-  if (text !== null) await command(what, (Number(text.replace(",", ".")) || 0) * unit.kg);
+// Ask for a mass in the page's unit; `present` [kg] is what holds now, null where there is nothing to show.
+async function massed(what, question, present) {
+  const value = await askNumber(`${t(question)} (${unit.symbol})`, present === null ? null : present / unit.kg);
+  if (value !== null) await command(what, value * unit.kg);
 }
 
 async function product() {
-  const text = await ask(t("Number of the product; 0: none"));
-  if (text !== null) await command("product", Math.round(Number(text)) || 0);
+  const value = await askNumber(t("Number of the product; 0: none"), last?.truck?.product ?? null, { whole: true });
+  if (value !== null) await command("product", value);
 }
 
 function light(night) {
@@ -60,10 +61,10 @@ at("night").addEventListener("click", () => light(!document.body.classList.conta
 for (const button of document.querySelectorAll("[data-command]")) {
   button.addEventListener("click", () => command(button.dataset.command));
 }
-at("target").addEventListener("click", () => massed("target", "Target; 0: none"));
+at("target").addEventListener("click", () => massed("target", "Target; 0: none", last?.truck?.target ?? null));
 at("product").addEventListener("click", product);
-at("trailer").addEventListener("click", () => massed("trailer", "Target of the trailer or next part; 0: none"));
-at("add").addEventListener("click", () => massed("add", "Mass that was loaded unweighed"));
+at("trailer").addEventListener("click", () => massed("trailer", "Target of the trailer or next part; 0: none", last?.truck?.trailer ?? null));
+at("add").addEventListener("click", () => massed("add", "Mass that was loaded unweighed", null));
 at("attachment").addEventListener("change", async () => {
   at("attachment").blur();
   await command("attachment", Number(at("attachment").value));
