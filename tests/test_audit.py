@@ -29,6 +29,7 @@ from cylforce.records.writing import Change, Start
 from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR
+from waiting import until
 
 MACHINE = load(EXCAVATOR)
 CODE_OF_TEST = 123_456
@@ -133,17 +134,21 @@ def written(index, sub, raw):
     return struct.pack("<BHB", 0x23 | (4 - len(raw)) << 2, index, sub) + raw.ljust(4, b"\0")
 
 
-async def served(path, requests, end_s=0.4):
-    """A start of the service, with SDO requests one after the other; its objects of the protection at the end."""
+async def served(path, requests):
+    """Start the service and send SDO requests, each when the one before is answered. Return its objects of the
+    protection once they count every request."""
     recorder = open_recorder(path, MACHINE)
     bus = open_bus("virtual:audit")
     daemon = Daemon(MACHINE, make_core(MACHINE, None), bus, None, recorder.kept, recorder, CODE_OF_TEST)
-    client = open_bus("virtual:audit")
+    client, answers = open_bus("virtual:audit"), []
+    answer = 0x580 + MACHINE.service.node_id
+    client.attach(asyncio.get_running_loop(), lambda frame: frame.can_id == answer and answers.append(frame.data))
     daemon.start(asyncio.get_running_loop())
-    for data in requests:
+    before = daemon.node.raw(PROTECTION, AUDIT_COUNT)
+    for count, data in enumerate(requests, 1):
         client.send(0x600 + MACHINE.service.node_id, data)
-        await asyncio.sleep(0.03)
-    await asyncio.sleep(end_s)
+        await until(lambda count=count: len(answers) == count)
+    await until(lambda: daemon.node.raw(PROTECTION, AUDIT_COUNT) >= before + len(requests))
     shown = {sub: daemon.node.raw(PROTECTION, sub) for sub in (AUDIT_COUNT, SOFTWARE_ID, PARAMETERS_ID, MACHINE_ID)}
     await daemon.stop(asyncio.get_running_loop())
     client.close()

@@ -2,7 +2,6 @@
 
 import asyncio
 import struct
-import time
 from itertools import pairwise
 
 import pytest
@@ -15,6 +14,7 @@ from cylforce.canopen.startup import Commissioner, Stage
 from cylforce.mechanics.installation import SensorNode
 from cylforce.signals.events import Frame
 from cylforce.signals.layout import Field, Pdo
+from waiting import run_virtually, until
 
 
 def pressures(node_id, *, synchronous=True, can_id=None, number=1):
@@ -25,7 +25,8 @@ def pressures(node_id, *, synchronous=True, can_id=None, number=1):
 
 
 def now():
-    return round(time.monotonic() * 1e6)
+    """Return the time of the test's virtual clock [us]."""
+    return round(asyncio.get_running_loop().time() * 1e6)
 
 
 class World:
@@ -77,13 +78,6 @@ class World:
         return [struct.unpack_from("<HB", data, 1) for data in downloads]
 
 
-async def until(condition, seconds=5.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        await asyncio.sleep(0.005)
-
-
 def play(world, scenario):
     async def main():
         clock = asyncio.create_task(world.clock())
@@ -94,7 +88,7 @@ def play(world, scenario):
         await world.commissioner.close()
         clock.cancel()
 
-    asyncio.run(main())
+    run_virtually(main())
 
 
 @pytest.fixture(autouse=True)
@@ -280,7 +274,7 @@ def test_attempts_become_rarer(monkeypatch):
 
     def timed(can_id, data):
         if data[0] == 0x40:
-            times.append(time.monotonic())
+            times.append(asyncio.get_running_loop().time())
         return to_server(can_id, data)
 
     world.client.send = timed

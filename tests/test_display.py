@@ -38,6 +38,7 @@ from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Quantity, Reason, Status, no_estimate
 from cylforce.signals.events import Frame
 from scenarios import EXCAVATOR
+from waiting import run_virtually, until
 from test_records import shift
 
 SERVICE = load(EXCAVATOR).service
@@ -180,7 +181,7 @@ def test_commands_reach_a_service_and_its_answer_comes_back():
         try:
             follow = asyncio.create_task(display.panel.follow())
             outcomes = [await display.panel.obey(*words) for words in (("target", 9000.0), ("zero", 0), ("dance", 0))]
-            await asyncio.sleep(0.3)
+            await until(lambda: (known := display.panel.loading.known) is not None and known.target > 0.0)
             follow.cancel()
             return outcomes, display.panel.loading.known
         finally:
@@ -329,7 +330,7 @@ def test_a_client_that_never_reads_delays_nobody(monkeypatch):
         await asyncio.wait_for(asyncio.gather(*tasks), 1.0)
         return got, clients
 
-    got, clients = asyncio.run(main())
+    got, clients = run_virtually(main())
     assert len(got) >= 19
     assert clients == 1
 

@@ -2,7 +2,6 @@
 and OK always means it."""
 
 import os
-import secrets
 import struct
 from itertools import chain, cycle
 
@@ -232,7 +231,7 @@ def test_a_million_arbitrary_frames(name, real, stretch):
     """Half a million for each of two machines, one of them `long`: arbitrary frames, good motion of which a share is
     spoiled, and motion that cannot be; more than 10 000 ticks each. Nothing raises or warns, every status OK is honest,
     every published frame decodes. Every status occurs in an opening that does not depend on the seed."""
-    seed = int(os.environ.get("CYLFORCE_FUZZ_SEED") or secrets.randbits(32))
+    seed = int(os.environ.get("CYLFORCE_FUZZ_SEED", "1"))
     print(f"CYLFORCE_FUZZ_SEED={seed}")
     loaded, core = machine(name, real)
     source, judge = Source(loaded, core, np.random.default_rng(seed), stretch), Judge(core)

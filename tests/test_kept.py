@@ -18,27 +18,31 @@ from cylforce.service.state import Memory, Scale
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
 from scenarios import EXCAVATOR
+from waiting import until
 
 MACHINE = load(EXCAVATOR)
 REQUEST = 0x600 + MACHINE.service.node_id
+ANSWER = 0x580 + MACHINE.service.node_id
+SHOWN_STEPS = 30  # after which the objects show what was commanded: they are written every 0.1 s
 
 
 async def served(path, log, requests):
-    """A start of the service on a bus of its own; requests are sent one after the other. State and objects at the
-    end."""
+    """Start the service on a bus of its own and send requests, each when the one before is answered. Return its state
+    and objects once it has published what they changed."""
     recorder = open_recorder(path, MACHINE)
     header = header_of(MACHINE, None, "virtual:kept", recorder.kept)
     writer = LogWriter(log, header, 1, "kept")
     core = make_core(MACHINE, None)
     daemon = Daemon(MACHINE, core, open_bus("virtual:kept"), writer, recorder.kept, recorder)
     panel = open_bus("virtual:kept")
-    loop = asyncio.get_running_loop()
-    panel.attach(loop, lambda frame: None)
+    loop, answers = asyncio.get_running_loop(), []
+    panel.attach(loop, lambda frame: frame.can_id == ANSWER and answers.append(frame.data))
     daemon.start(loop)
-    for sub, data in requests:
+    for count, (sub, data) in enumerate(requests, 1):
         panel.send(REQUEST, struct.pack("<BHB", 0x23, LOADING, sub) + data)
-        await asyncio.sleep(0.1)
-    await asyncio.sleep(0.3)
+        await until(lambda count=count: len(answers) == count)
+    published = daemon.counts.steps + SHOWN_STEPS
+    await until(lambda: daemon.counts.steps >= published and daemon.node.raw(LOADING, RECORDS) == RECORDING)
     state, shown = daemon.state, {sub: daemon.node.raw(LOADING, sub) for sub in range(1, RECORDS + 1)}
     await daemon.stop(loop)
     panel.close()

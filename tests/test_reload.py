@@ -32,8 +32,10 @@ from cylforce.service.state import NOTHING_KEPT, Scale
 from cylforce.settings.identified import identified_seal, write_identified
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR
+from waiting import until
 
 MACHINE = load(EXCAVATOR)
+STEPS = 20  # of the daemon before and after something is done to it
 OLD, NEW = 60.0, 80.0  # N m: standard error of a row
 
 
@@ -70,16 +72,22 @@ class Running:
         """Of a row, with the parameters in use [N m]."""
         return float(self.daemon.core.tares.row_error[0])
 
-    def serve(self, *deeds, every_s=0.6):
-        """Serve, and do these in turn."""
+    def serve(self, *deeds):
+        """Serve, do these in turn, and end some steps after the parameters were read anew."""
 
         async def main():
-            until = asyncio.Event()
+            ended = asyncio.Event()
             asyncio.get_running_loop().add_reader(self.heard, self.hear)
-            served = asyncio.create_task(serve(self.daemon, until, lambda: None, manager=self.manager))
-            for deed in (*deeds, until.set):
-                await asyncio.sleep(every_s)
+            served = asyncio.create_task(serve(self.daemon, ended, lambda: None, manager=self.manager))
+            await until(lambda: self.told.count("READY=1") == 1)
+            for deed in deeds:
+                steps = self.daemon.counts.steps
+                await until(lambda steps=steps: self.daemon.counts.steps > steps + STEPS)
                 deed()
+            await until(lambda: self.told.count("READY=1") == 2)
+            steps = self.daemon.counts.steps
+            await until(lambda: self.daemon.counts.steps > steps + STEPS)
+            ended.set()
             await served
             with suppress(BlockingIOError):  # the last one may have been heard
                 self.hear()

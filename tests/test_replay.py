@@ -36,8 +36,9 @@ from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Estimate, Quantity, Reason, Status, invalid, no_estimate
 from cylforce.signals.events import Frame, Tick
 from scenarios import EXCAVATOR, moved
+from waiting import until
 
-SECONDS = 7.0
+STEPS = 700  # of the daemon that ran
 SEED = 3
 channels = count()
 
@@ -65,9 +66,20 @@ def tares(folder, machine):
     return path
 
 
+def forces(estimates):
+    """Return how many estimates have a good force."""
+    return sum(e.force.magnitude.status is Status.OK for e in estimates)
+
+
+def weights(estimates):
+    """Return how many estimates have a good weight."""
+    return sum(e.gross.status is Status.OK for e in estimates)
+
+
 @pytest.fixture(scope="module")
 def live(folder, machine, tares):
-    """The log of a daemon that ran for some seconds beside simulated sensors, and what it concluded."""
+    """The log of a daemon that ran beside simulated sensors until it had enough good estimates, however long a busy
+    machine took for that, and what it concluded."""
     name, log = f"virtual:replay{next(channels)}", folder / "live.log"
     estimates = []
 
@@ -78,9 +90,9 @@ def live(folder, machine, tares):
         daemon.on_estimate = estimates.append
         loop = asyncio.get_running_loop()
         daemon.start(loop)
-        play = prepare(machine, "cycles", SEED, 0.1, amount=1)
+        play = prepare(machine, "cycles", SEED, 0.1, amount=20)
         sensors = asyncio.create_task(play_until(play, theirs, folder / "truth.csv", stop))
-        await asyncio.sleep(SECONDS)
+        await until(lambda: len(estimates) >= STEPS and forces(estimates) > 100 and weights(estimates))
         stop.set()
         await sensors
         await daemon.stop(loop)
@@ -104,11 +116,8 @@ def test_every_frame_that_was_sent_comes_out_again(machine, tares, live):
     told = []
     found = run_replay(machine, log, tares, told.append)
     assert (found.different, told) == (0, [])
-    assert found.compared > 4 * 0.5 * 100 * SECONDS
+    assert found.compared > 2 * STEPS
     assert [str(e) for e in found.estimates] == [str(e) for e in estimates]
-    good = [e.force.magnitude.status is Status.OK for e in estimates]
-    assert sum(good) > 100
-    assert any(e.gross.status is Status.OK for e in estimates)
 
 
 def test_what_was_sent_is_what_was_concluded(machine, live):
@@ -310,10 +319,9 @@ def test_messages_that_nobody_reads_do_not_stop_the_measurement(machine, tares):
         async def main():
             loop = asyncio.get_running_loop()
             daemon.start(loop)
-            await asyncio.sleep(0.2)
+            await until(lambda: len(estimates) > 5)
             await daemon.stop(loop)
 
         asyncio.run(main())
     finally:
         structlog.reset_defaults()
-    assert len(estimates) > 5

@@ -14,6 +14,7 @@ from cylforce.programs.live.sim_bus import STILL_S, MovingStage, SensorNodes, pl
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
 from cylforce.signals.events import Frame
+from waiting import until
 
 EXCAVATOR = "config/excavator_20t.toml"
 CHANNELS = count()
@@ -113,18 +114,21 @@ def test_event_timers_send_without_sync(play, tmp_path):
 def test_on_a_real_clock_and_bus(play, tmp_path):
     """Nodes on one end of a virtual bus, SYNC and NMT from the other; every SYNC is answered by every node."""
     name, path = f"virtual:sim{next(CHANNELS)}", tmp_path / "truth.csv"
-    received = []
+    received, firsts = [], {node.pdos[0].can_id for node in play.service.nodes}
+
+    def answers():
+        return sum(frame.can_id in firsts for frame in received)
 
     async def scenario():
         ours, theirs, stop = open_bus(name), open_bus(name), asyncio.Event()
         ours.attach(asyncio.get_running_loop(), received.append)
         task = asyncio.create_task(play_until(play, theirs, path, stop))
-        await asyncio.sleep(0.1)
+        nodes = play.service.nodes
+        await until(lambda: len(received) == len(nodes))  # their boot-up messages
         ours.send(0x000, b"\x01\x00")
-        for _ in range(30):
+        for k in range(30):
             ours.send(0x080, b"")
-            await asyncio.sleep(0.01)
-        await asyncio.sleep(0.1)
+            await until(lambda k=k: answers() == (k + 1) * len(nodes))
         stop.set()
         await task
         ours.close()

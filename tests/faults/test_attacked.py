@@ -76,7 +76,7 @@ def hang():
 
 daemon = daemon_on("hangs")
 after(daemon, STEPS, hang)
-run(daemon, Manager(), seconds=60.0)
+run(daemon, Manager())
 """
 
 
