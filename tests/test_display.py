@@ -38,8 +38,8 @@ from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Quantity, Reason, Status, no_estimate
 from cylforce.signals.events import Frame
 from scenarios import EXCAVATOR
-from waiting import run_virtually, until
 from test_records import shift
+from waiting import run_virtually, until
 
 SERVICE = load(EXCAVATOR).service
 NOW = 1_700_000_000_000_000
@@ -153,7 +153,8 @@ const typed = JSON.parse(process.argv[1]);
 const values = [0, 15, 1500.5, 1234567.25, 0.125];
 console.log(JSON.stringify({
   parsed: typed.map(([language, text]) => parseNumber(text, language)),
-  returned: ["de", "en", "fr", "pl"].map((language) => values.map((v) => parseNumber(formatNumber(v, language), language) === v)),
+  returned: ["de", "en", "fr", "pl"].map((language) =>
+    values.map((value) => parseNumber(formatNumber(value, language), language) === value)),
 }));
 """
 
