@@ -144,8 +144,8 @@ TYPED = (
     ("de", "1.500", 1500.0), ("de", "1.500,25", 1500.25), ("de", "1500,25", 1500.25), ("de", "12 000", 12_000.0),
     ("en", "1,500", 1500.0), ("en", "1,500.25", 1500.25), ("en", "1500.25", 1500.25), ("en", " 4000 ", 4000.0),
     ("fr", "1\u202f500,5", 1500.5), ("de", "0", 0.0), ("en", "-3", -3.0), ("de", "1.234.567", 1_234_567.0),
-    """Else 1.500 of a German keyboard is a target of 1.5 kg. What the dialog may show is read back unchanged."""
-    ("en", "", None), ("en", "4 t", None), ("en", "1e3", None), ("de", "--3", None), ("en", "1,500 000", None),
+    ("de", "1.5", None), ("en", "1,5", None), ("de", "1,500.5", None), ("en", "1.500,5", None),
+    ("en", "12,34,567", None), ("en", "", None), ("en", "4 t", None), ("en", "1e3", None), ("de", "--3", None), ("en", "1,500 000", None),
 )  # fmt: skip
 NODE = """
 import { formatNumber, parseNumber } from "%s";

@@ -24,7 +24,8 @@ STRETCH = 900  # ticks of good motion in a row, more or less spoiled
 CYCLES = (
     5_000  # with three working cycles: a machine of two joints must have seen its empty bucket before its weight is OK
 )
-CALM, LONGER, MISSING = 1_200, 20, 5  # ticks of good motion; then with too long frames; then with frames missing
+CALM = 1_200  # ticks of good motion at the beginning, or a stretch if that is longer
+LONGER, MISSING = 20, 5  # ticks after them with too long frames, then with frames missing
 NONSENSE = 250  # ticks of motion that cannot be
 BURST = 25_000  # arbitrary frames after each
 SPOILED = (0.0, 0.0, 1e-4, 1e-3, 1e-2, 0.1)  # shares of the frames of a stretch
@@ -52,17 +53,17 @@ class Source:
     def opening(self):
         """Good motion with a loaded bucket, by which every status occurs, whatever the seed: INVALID at the start, then
         OK, DEGRADED while frames are too long, HOLD while the frames of one PDO are missing."""
-        missing, shift, ticks = self.pdos[0].can_id, None, 0
-        while ticks < CALM + LONGER + MISSING:
+        missing, shift, ticks, calm = self.pdos[0].can_id, None, 0, max(CALM, self.ticks)
+        while ticks < calm + LONGER + MISSING:
             event = next(self.good)
             if shift is None:
                 shift = self.now - event.t_us
             event = event._replace(t_us=event.t_us + shift)
             self.now = event.t_us
             ticks += isinstance(event, Tick)
-            if isinstance(event, Tick) or ticks < CALM:
+            if isinstance(event, Tick) or ticks < calm:
                 yield event
-            elif ticks < CALM + LONGER:
+            elif ticks < calm + LONGER:
                 yield event._replace(data=event.data + b"\0")
             elif event.can_id != missing:
                 yield event
