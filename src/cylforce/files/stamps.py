@@ -1,6 +1,6 @@
 """Stamps of another program's log: which frames are strays, and where its clock was set."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
 
 from cylforce.files.atomic import Tell
@@ -15,19 +15,17 @@ NAMED = 20  # steps of a clock that are reported one by one; the others are coun
 def without_strays(frames: Iterable[Stamped], period_us: int, name: str, tell: Tell) -> Iterator[Stamped]:
     """Yield the frames without strays, and report how many were left out.
 
-    A stray is stamped more than `period_us` before or after the frame before it, while the frames after it go on
-    from that one. A smaller error moves a frame by less than a sample. Where an identifier repeats before the frames
-    go on, they are no strays: the clock was set, or the bus was silent.
+    A stray is stamped more than `period_us` from the frame before it and from the frame after it, which is nearer to
+    the frame before. A smaller error moves a frame by less than a sample. Where an identifier repeats before the frames
+    go on from there, they are no strays: the clock was set, or the bus was silent.
     """
     newest: int | None = None  # latest stamp since the clock was set
     apart: list[Stamped] = []  # frames more than a period from `newest` that may be strays
-    count, first, ahead_us = 0, 0, 0
+    strays = _Strays(name, tell)
     for frame in frames:
         t_us = frame.t_us
-        if apart and newest is not None and abs(t_us - newest) < abs(t_us - apart[-1].t_us):
-            if not count:
-                first, ahead_us = apart[0].t_us, apart[0].t_us - newest
-            count += len(apart)
+        if apart and newest is not None and max(abs(t_us - newest), period_us) < abs(t_us - apart[-1].t_us):
+            strays.add(apart, newest)
             apart = []
         if apart:
             apart.append(frame)
@@ -40,13 +38,34 @@ def without_strays(frames: Iterable[Stamped], period_us: int, name: str, tell: T
             yield frame
         else:
             apart = [frame]
-    yield from apart
-    if count:
-        way = "ahead of" if ahead_us > 0 else "behind"
-        tell(
-            f"{name}: frames stamped {abs(ahead_us) / 1e6:.6g} s {way} the frames beside them, the first at "
-            f"{first / 1e6:.6f} s, were left out: {count}; the logger stamped them wrongly"
-        )
+    if apart and newest is not None and apart[0].t_us < newest:
+        strays.add(apart, newest)
+    else:
+        yield from apart
+    strays.report()
+
+
+class _Strays:
+    """Counts frames that were left out, and remembers the first of them."""
+
+    def __init__(self, name: str, tell: Tell) -> None:
+        self._name, self._tell, self._count = name, tell, 0
+        self._first_us = self._ahead_us = 0
+
+    def add(self, frames: Sequence[Frame | Sent], newest_us: int) -> None:
+        """Count frames after a frame that was stamped `newest_us`."""
+        if not self._count:
+            self._first_us, self._ahead_us = frames[0].t_us, frames[0].t_us - newest_us
+        self._count += len(frames)
+
+    def report(self) -> None:
+        """Report them, at the recording's end."""
+        if self._count:
+            way = "ahead of" if self._ahead_us > 0 else "behind"
+            self._tell(
+                f"{self._name}: frames stamped {abs(self._ahead_us) / 1e6:.6g} s {way} the frames beside them, the "
+                f"first at {self._first_us / 1e6:.6f} s, were left out: {self._count}; their stamps are wrong"
+            )
 
 
 class Cuts:
