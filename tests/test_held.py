@@ -1,5 +1,7 @@
 """Tables whose rows repeat the last value are refused by name; readings that rest, coarse or slow ones are not."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -53,7 +55,7 @@ def by_threshold(table, bar, degree):
     """The same with readings that follow only when they are off by so much."""
     steps = np.array([bar * BAR if "pressure" in name else degree * DEGREE for name in NAMES])
     values = table.values.copy()
-    for last, row in zip(values[:-1], values[1:], strict=True):
+    for last, row in pairwise(values):
         row[:] = np.where(np.abs(row - last) >= steps, row, last)
     return table._replace(values=values)
 
@@ -102,7 +104,7 @@ def test_healthy_readings_are_not_refused(healthy):
         tables[f"steps of {bar} bar"] = coarse(healthy, bar, degree)
         tables[f"steps of {bar} bar at 20 Hz"] = coarse(tables["20 Hz"], bar, degree)
         tables[f"a threshold of {bar} bar"] = by_threshold(healthy, bar, degree)
-    assert {name: names(table) for name, table in tables.items()} == dict.fromkeys(tables, [])
+    assert {name: names(table) for name, table in tables.items()} == {name: [] for name in tables}
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
@@ -110,8 +112,8 @@ def test_every_command_refuses_it_with_a_sentence(tmp_path, healthy, suffix):
     path = tmp_path / f"exported.{suffix}"
     write_table(path, repeated(healthy, 10))
     sentence = (
-        rf"exported\.{suffix}: values are repeated from 0\.\d+ s on \({', '.join(NAMES)}\): they change every 0\.1 s "
-        "only, between rows 0.01 s apart: export the rows at which the sensors were read"
+        rf"exported\.{suffix}: values are repeated from 0\.\d+ s on \(all signals\): they change every 0\.1 s "
+        "only, while rows are 0.01 s apart: export the rows at which the sensors were read"
     )
     for read in (
         lambda: run_identify(LOADED, [path], tmp_path / "identified.toml"),

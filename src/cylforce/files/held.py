@@ -36,11 +36,12 @@ def check_held(path: Path, pieces: Iterable[Table], late_s: Sequence[float]) -> 
     """
     for piece in pieces:
         if found := held(piece, late_s):
-            names, first = ", ".join(each.signal for each in found), found[0]
+            first, every = found[0], len(found) == len(piece.signals)
+            names = "all signals" if every else ", ".join(each.signal for each in found)
             raise RecordingError(
                 f"{path}: values are repeated from {first.from_s:.6g} s on ({names}): they change every "
-                f"{first.every_s:.3g} s only, between rows {np.median(np.diff(piece.t_s)):.3g} s apart: export the rows "
-                "at which the sensors were read, or interpolate between them; do not fill rows with the last value"
+                f"{first.every_s:.3g} s only, while rows are {np.median(np.diff(piece.t_s)):.3g} s apart: export the "
+                "rows at which the sensors were read, or interpolate between them; do not repeat the last value"
             )
         yield piece
 
