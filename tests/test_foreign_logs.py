@@ -17,7 +17,7 @@ from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
 from scenarios import CONFIG
 
-SEED = 7
+SEED = 1
 MACHINE = CONFIG / "excavator_20t.toml"
 LOADED = load(MACHINE)
 TWICE = "mostly TWO_PRODUCERS: two nodes send a sensor's message; or the logger stored each frame twice"
@@ -48,8 +48,8 @@ def moves(folder):
 
 @pytest.fixture(scope="module")
 def work(folder):
-    """The frames of two digging cycles."""
-    run_sim(MACHINE, cycles=2, seed=SEED, log=folder / "own_work.log")
+    """The frames of three digging cycles."""
+    run_sim(MACHINE, cycles=3, seed=SEED, log=folder / "own_work.log")
     return [(t, rest) for t, rest in read(folder / "own_work.log") if rest.startswith("can0 ")]
 
 
@@ -76,9 +76,8 @@ def test_frames_that_stand_twice_are_named_with_the_cure(folder, moves, after_us
         run_identify(LOADED, [echo], folder / "none.toml")
     answer = diagnose(LOADED, Question((echo,))).answer
     assert answer["effects"] == []
-    assert re.search(
-        rf"no gapless stretch of 20 s in echo\.log; of echo\.log .* s are not usable, {TWICE}", answer["reason"]
-    )
+    assert answer["reason"].startswith("no gapless stretch of 20 s in echo.log; of echo.log ")
+    assert f" s are not usable, {TWICE}" in answer["reason"]
     outcome = summarised(Job(str(echo), str(MACHINE), MACHINE.read_text()))
     assert outcome.facts["state"] == FAILED
     assert TWICE in outcome.facts["reason"]
@@ -124,8 +123,11 @@ def weighed(folder, frames, tares):
 
 
 def test_no_booking_is_lost_by_a_clock_that_steps_back_between_two_lifts(folder, work, tares):
+    """In the middle of three cycles the bucket is empty. (A load that hangs while the clock is set may be lost: how
+    long it hung is not known.)"""
     healthy, told = weighed(folder, work, tares)
-    assert (len(healthy), told) == (2, [])
+    assert len(healthy) == 3
+    assert told == []
     for step_us in (100_000, 3_000_000, 59_000_000):
         kilograms, told = weighed(folder, set_back(work, step_us), tares)
         assert kilograms == pytest.approx(healthy, rel=0.02)

@@ -79,9 +79,8 @@ def _diagnosed(
     check_recordings(question)
     only = asked_only(library := reduced(library, question.without), question.only, loaded.service.machine)
     loaded, slow = at_own_rate(loaded, (*question.reference, *question.field))
-    reference, field = (
-        chosen(loaded, p, question.loads, watch, tell=tell) for p in (question.reference, question.field)
-    )
+    groups = (question.reference, question.field)
+    reference, field = (chosen(loaded, paths, question.loads, watch, tell=tell) for paths in groups)
     clean, faulty = reference.stretches, field.stretches
     model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
     if reason := _unusable(model, field, clean):
