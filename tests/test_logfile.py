@@ -400,6 +400,35 @@ def test_a_cut_blf_is_read_as_far_as_it_goes(tmp_path):
     assert "was not closed by its writer" in told[0]
 
 
+def test_a_blf_with_fewer_objects_than_its_header_says_is_reported(tmp_path):
+    """A copy that lost whole containers, with a header that fits its size; objects of other kinds count."""
+    whole, path, told = tmp_path / "whole.blf", tmp_path / "copy.blf", []
+    with can.BLFWriter(str(whole)) as log:
+        log.max_container_size = 2048
+        for k in range(400):
+            message = can.Message(timestamp=1.7e9 + 0.01 * k, arbitration_id=0x185, is_extended_id=False, data=b"\1")
+            message.channel = 0
+            log.on_message_received(message)
+        log.log_event("a marker", 1.7e9 + 5.0)
+    assert sum(isinstance(e, Frame) for e in read(whole)[1]) == 400
+    content = bytearray(whole.read_bytes()[: whole.stat().st_size // 2])
+    content[16:24] = len(content).to_bytes(8, "little")
+    path.write_bytes(content)
+    frames = [e for e in read(path, tell=told.append)[1] if isinstance(e, Frame)]
+    assert 50 < len(frames) < 400
+    assert len(told) == 1
+    assert f"copy.blf: holds {len(frames)} objects, its header says 401: frames are missing" in told[0]
+
+
+@pytest.mark.parametrize("last", ["(1.020000) can0 185#01020", "(1.020000) can0 18", "(1.0200"])
+def test_a_last_line_that_is_cut_off_is_left_out(tmp_path, last):
+    path, told = tmp_path / "cut.log", []
+    path.write_text(f"(1.000000) can0 185#010203\n(1.010000) can0 185#010203\n{last}")
+    frames = [e for e in read(path, tell=told.append)[1] if isinstance(e, Frame)]
+    assert [frame.data for frame in frames] == [b"\1\2\3"] * 2
+    assert told == [f"{path}: line 3, the last, is cut off and was left out"]
+
+
 @pytest.mark.parametrize("content", [b"", b"LOGG", b"no recording at all" * 100])
 def test_what_is_no_blf_is_refused(tmp_path, content):
     path = tmp_path / "no.blf"
@@ -416,7 +445,7 @@ def test_a_broken_blf_names_the_frame(tmp_path):
     content[middle : middle + 4] = b"XXXX"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=r"broken\.blf: is broken after frame [1-9]"):
-        read(path)
+        read(path, tell=[].append)  # the messages' stamps repeat
 
 
 ASC = """date Tue Nov 14 22:13:20.000 2023

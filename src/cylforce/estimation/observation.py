@@ -119,6 +119,10 @@ def block_factors(model: Model, seen: Observed) -> Factors:
     return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))
 
 
+class TooShortError(ValueError):
+    """A recording has no gapless stretch that is long enough."""
+
+
 def _marks(seen: Observed) -> Array:
     ways = (seen.speed > MOVING, seen.speed < -MOVING)
     fitted = seen.certain & np.isfinite(seen.torque) & np.all(np.isfinite(seen.columns), axis=-1)
@@ -133,14 +137,14 @@ def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = T
     (C); of the measured joints the mean fitted torque (R) [N m], zero where a row is not fitted, and the share of time
     in which it is fitted (R). `noisy`: see `observe`.
 
-    Raises ValueError, in one sentence, when no segment is long enough."""
+    Raises TooShortError, in one sentence, when no segment is long enough."""
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
     seen = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))
     parts = (block_factors(model, stretch) for stretch in seen)
     try:
         return joined(parts, MOST_BLOCKS)
     except ValueError:
-        raise ValueError(
+        raise TooShortError(
             f"the recording has no gapless stretch longer than {2 * model.settle_steps / model.filters.rate_hz:.1f} s: "
             "record longer, and check that no sensor drops out"
         ) from None

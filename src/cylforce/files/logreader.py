@@ -8,10 +8,11 @@ from pathlib import Path
 from cylforce.files.atomic import RecordingError, Tell, blocks_of, check_ordinary, warn
 from cylforce.files.candump import Line, Parts, Sent, is_newer_frame, own_events, parts, parts_of
 from cylforce.files.logfile import Header, header_from
+from cylforce.files.stamps import Cuts, without_strays
 from cylforce.signals.events import Event, Frame, Tick
 
 SUFFIXES = (".log", ".blf", ".asc")
-GAP_US = 60_000_000  # after a longer pause the clock is assumed to have been set: no ticks are made within it
+GAP_US = 60_000_000  # after a longer pause the clock is assumed to have been set: no ticks are made within it; chosen
 
 
 def read_events(
@@ -26,7 +27,7 @@ def read_events(
 
     Our own logs contain their ticks. For all others ticks are made at each multiple of `period_us` after the first
     frame, behind the frames up to that moment; frames with an identifier in `own` come as `Sent`. `channel` chooses one
-    bus of several. CAN FD and XL frames are skipped.
+    bus of several. CAN FD and XL frames are skipped, and so are frames with a wrong stamp (`stamps.without_strays`).
 
     Raises
     ------
@@ -38,28 +39,38 @@ def read_events(
         return header, own_events(_candump(path, tell, ours=True))
     said = _one_channel(path, _lines(path, tell), channel)
     frames = (Frame(s.t_us, s.can_id, s.data) for s in said)
-    return None, with_ticks((_as_event(f, own) for f in frames), period_us, tell)
+    timely = without_strays((_as_event(f, own) for f in frames), period_us, str(path), tell)
+    return None, with_ticks(timely, period_us, tell, str(path))
 
 
 def _as_event(frame: Frame, own: frozenset[int]) -> Frame | Sent:
     return Sent(*frame) if frame.can_id in own else frame
 
 
-def with_ticks(frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn) -> Iterator[Event | Sent]:
-    """The frames, and a tick at each multiple of `period_us` after the first frame, up to one tick behind the last
-    frame. Where the recording's clock jumps, `tell` is called and ticks begin anew."""
+def with_ticks(
+    frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn, name: str = "the recording"
+) -> Iterator[Event | Sent]:
+    """Yield the frames, and a tick at each multiple of `period_us` after the first, up to one tick behind the last.
+
+    Where the clock steps back by more than `period_us`, or ahead by more than GAP_US, `tell` is called with a sentence
+    on the recording of that `name`, and ticks begin anew.
+    """
     due: int | None = None
+    newest = 0  # latest stamp since ticks began
+    cuts = Cuts(name, tell)
     for frame in frames:
-        if due is None or not due - GAP_US < frame.t_us <= due + GAP_US:
+        if due is None or not newest - period_us <= frame.t_us <= due + GAP_US:
             if due is not None:
-                tell(f"the recording's clock jumps to {frame.t_us / 1e6:.6f} s: ticks begin anew there")
-            due = frame.t_us + period_us
+                cuts.add(newest, frame.t_us)
+            due, newest = frame.t_us + period_us, frame.t_us
         while due < frame.t_us:
             yield Tick(due)
             due += period_us
+        newest = max(newest, frame.t_us)
         yield frame
     if due is not None:
         yield Tick(due)
+    cuts.report()
 
 
 def log_header(path: Path) -> Header | None:

@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 from can import Message
 from can.io.asc import ASCReader
-from can.io.blf import BLFParseError, BLFReader
+from can.io.blf import OBJ_HEADER_BASE_STRUCT, BLFParseError, BLFReader
 
 from cylforce.files.atomic import RecordingError, Tell
 from cylforce.files.candump import Line
@@ -27,6 +27,29 @@ class _CountedLines(TextIOWrapper):
         text = super().__next__()
         self.number += 1
         return text
+
+
+class _CountedObjects(BLFReader):
+    """A BLF file whose objects of all kinds are counted, as its header counts them: python-can leaves out in silence
+    what it does not know, or what is missing between two containers."""
+
+    number = 0
+
+    def _parse_data(self, data: bytes) -> Iterator[Message]:
+        try:
+            yield from super()._parse_data(data)
+        finally:  # python-can ends it by an error where an object goes on in the next container
+            self.number += _whole_objects(data[: self._pos])
+
+
+def _whole_objects(data: bytes) -> int:
+    """Number of objects in data that ends between two objects; up to 7 bytes of padding stand between them."""
+    number, begin = 0, data.find(b"LOBJ")
+    while begin >= 0:
+        number += 1
+        *_, size, _ = OBJ_HEADER_BASE_STRUCT.unpack_from(data, begin)
+        begin = data.find(b"LOBJ", begin + max(size, OBJ_HEADER_BASE_STRUCT.size))
+    return number
 
 
 def messages(path: Path, tell: Tell) -> Iterator[Line]:
@@ -60,7 +83,7 @@ def _line(message: Message) -> Line:
 def _blf(path: Path, file: BinaryIO, tell: Tell) -> Iterator[Message]:
     number = 0
     try:
-        reader = BLFReader(file)
+        reader = _CountedObjects(file)
         whole = reader.file_size == path.stat().st_size
         for message in reader:
             number += 1
@@ -70,7 +93,12 @@ def _blf(path: Path, file: BinaryIO, tell: Tell) -> Iterator[Message]:
             raise RecordingError(f"{path}: is broken after frame {number}: {_text(error)}") from error
         whole = False
     if not whole:
-        tell(f"{path}: was not closed by its writer; frames after number {number} may be missing")
+        tell(f"{path}: was not closed by its writer, or not copied whole; frames after number {number} may be missing")
+    elif reader.number < reader.object_count:
+        tell(
+            f"{path}: holds {reader.number} objects, its header says {reader.object_count}: frames are missing; copy "
+            "or export it again"
+        )
 
 
 def _asc(path: Path, file: BinaryIO) -> Iterator[Message]:

@@ -9,9 +9,10 @@ import numpy as np
 from cylforce.files import logreader, tables
 from cylforce.files.atomic import RecordingError, Tell, check_ordinary, warn
 from cylforce.files.candump import Sent
+from cylforce.files.held import check_held
 from cylforce.files.logfile import Header
 from cylforce.files.tables import SlowTableError, Table, TableMap, joined, resampled, table_pieces
-from cylforce.mechanics.installation import Service
+from cylforce.mechanics.installation import LATE_PERIODS, Service
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Event, Frame
 from cylforce.signals.layout import Pdo
@@ -62,7 +63,8 @@ def open_pieces(
     check_ordinary(path)
     if path.suffix.lower() in tables.SUFFIXES:
         names = [signal.name for signal in service.machine.signals]
-        return _at_rate(path, table_pieces(path, names, mapping, as_recording=True), rate_hz)
+        late_s = [LATE_PERIODS * signal.period_s for signal in service.machine.signals]
+        return _at_rate(path, check_held(path, table_pieces(path, names, mapping, as_recording=True), late_s), rate_hz)
     if path.suffix.lower() == ".toml":
         raise RecordingError(f"{path}: is no recording: a machine file is named once, before the recordings")
     if path.suffix.lower() not in logreader.SUFFIXES:

@@ -6,6 +6,7 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.layout import Pdo
 
 HIGHEST = 0.4  # times the rate: cut-off frequency of the force where the rate is low; chosen
+LATE_PERIODS = 1.5  # of a sensor, after which its next value is late: the nearest multiple of the period is two
 
 
 class Filters(NamedTuple):

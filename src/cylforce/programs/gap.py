@@ -25,10 +25,11 @@ from cylforce.diagnosis.recordings.vibration import vibrating, vibrations
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
+from cylforce.files.atomic import Tell
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.gap_question import Question, asked_only, check_recordings, reduced
 from cylforce.programs.common.progress import Watch, silent
-from cylforce.programs.common.recorded import SHORTEST_S, at_own_rate, chosen
+from cylforce.programs.common.recorded import SHORTEST_S, Chosen, at_own_rate, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
 from cylforce.programs.common.usual_file import everyday_of, usual_parameters
 from cylforce.programs.experiments.separation import planned, said
@@ -43,6 +44,7 @@ ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 BELIEVED = 0.01  # of the data sheet's tolerances, where it is all that is known: its errors then count as effects
 CLOCKS = ClockFault().about.name
 STEPS = 8  # of a diagnosis after reading its recordings, each of which is one more
+NONE_SHORT: Mapping[str, str] = {}
 SEED = 1  # of the permutations and of the bootstrap
 
 
@@ -64,13 +66,24 @@ def diagnose(
 ) -> Diagnosed:
     """The diagnosis of recordings; `kept`: where references' rows are kept for the next one. Raises RecordingError or
     ValueError, in a sentence."""
+    told = list[str]()
+    found = _diagnosed(loaded, question, library, watch, kept, told.append)
+    warnings = [*told, *found.answer.get("warnings", ())]
+    return found._replace(answer=found.answer | {"warnings": warnings}) if told else found
+
+
+def _diagnosed(
+    loaded: Loaded, question: Question, library: tuple[Group, ...], watch: Watch, kept: RowCache | None, tell: Tell
+) -> Diagnosed:
+    """The same; `tell` is called with what was left out of the recordings."""
     check_recordings(question)
     only = asked_only(library := reduced(library, question.without), question.only, loaded.service.machine)
     loaded, slow = at_own_rate(loaded, (*question.reference, *question.field))
-    reference, field = (chosen(loaded, p, question.loads, watch) for p in (question.reference, question.field))
+    groups = (question.reference, question.field)
+    reference, field = (chosen(loaded, paths, question.loads, watch, tell=tell) for paths in groups)
     clean, faulty = reference.stretches, field.stretches
     model = Model(loaded.service.machine, loaded.service.filters, ALWAYS)
-    if reason := _unusable(model, question, faulty, clean):
+    if reason := _unusable(model, field, clean):
         return _nothing(reason)
     watch("clocks", None)
     late, odd = (_late(loaded, group, library) for group in (faulty, clean))
@@ -143,21 +156,25 @@ def _late(loaded: Loaded, recorded: Sequence[Recorded], library: tuple[Group, ..
     return slips(Model(loaded.service.machine, loaded.service.filters, ()), recorded)
 
 
-def _unusable(model: Model, question: Question, faulty: Sequence[Recorded], clean: Sequence[Recorded]) -> str:
+def _unusable(model: Model, field: Chosen, clean: Sequence[Recorded]) -> str:
     """Why the field cannot be diagnosed; nothing if it can."""
-    if not faulty:
-        return f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(p.name for p in question.field)}"
-    return "; ".join(each.said for each in unreadable(model, faulty, clean))
+    if not field.stretches:
+        reasons = [f"; of {name} {why}" for name, why in field.short.items() if why]
+        return f"no gapless stretch of {SHORTEST_S:.0f} s in {', '.join(field.short)}{''.join(reasons)}"
+    return "; ".join(each.said for each in unreadable(model, field.stretches, clean))
 
 
 def _alike(
-    model: Model, clean: Sequence[Recorded], short: Sequence[str] = (), beside: Sequence[Recorded] = ()
+    model: Model, clean: Sequence[Recorded], short: Mapping[str, str] = NONE_SHORT, beside: Sequence[Recorded] = ()
 ) -> tuple[list[Recorded], list[str]]:
     """The references that tell of the machine and are alike, and sentences about the others."""
     wrong = unreadable(model, clean, beside)
     kept = idle(model, [each for each in clean if each.name not in {dead.name for dead in wrong}])
     unlike = strange(model, kept)
-    said = [f"{name} has no gapless stretch of {SHORTEST_S:.0f} s: left out of the references" for name in short]
+    said = [
+        f"{name} has no gapless stretch of {SHORTEST_S:.0f} s{f' ({why})' if why else ''}: left out of the references"
+        for name, why in short.items()
+    ]
     said += [f"{dead.said}; it is left out of the references" for dead in wrong]
     said += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
     kept = [each for each in kept if each.name not in unlike]

@@ -1,6 +1,7 @@
 """`cylforce identify`: the dynamic tares from recordings of the empty machine."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -12,7 +13,8 @@ from rich.markup import escape
 
 from cylforce.commissioning.identification import Identification, identify, identify_attachment
 from cylforce.estimation.model import Model
-from cylforce.files.atomic import RecordingError, check_outputs
+from cylforce.estimation.observation import TooShortError
+from cylforce.files.atomic import RecordingError, Tell, check_outputs, warn
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
 from cylforce.mechanics.installation import STANDARD
@@ -60,19 +62,41 @@ def run_identify(
         raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
     if how.known_kg is not None:
         check_known_kg(how.known_kg, loaded)
-    if how.attachment != STANDARD:
-        return _attached(loaded, recordings, output, how, watch)
-    found = identify(
-        _model(loaded, how),
-        _then_fit(loaded, recordings, watch),
-        two_steps=how.two_steps,
-        enforce=how.enforce,
-        refuse=how.refuse,
-    )
+    with _reported() as tell:
+        segments = _then_fit(loaded, recordings, watch, tell)
+        if how.attachment != STANDARD:
+            return _attached(loaded, recordings, segments, output, how)
+        found = identify(
+            _model(loaded, how),
+            segments,
+            two_steps=how.two_steps,
+            enforce=how.enforce,
+            refuse=how.refuse,
+        )
     if how.lift is not None and how.known_kg is not None:
         found = calibrated(loaded, found, how.lift, how.known_kg)
     write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
+
+
+@contextmanager
+def _reported() -> Iterator[Tell]:
+    """Collect sentences on what was left out of recordings: warn of them, or, where no stretch of the recordings is
+    long enough, append them to the sentence that says so. Raises RecordingError."""
+    told = list[str]()
+    try:
+        yield told.append
+    except TooShortError as error:
+        raise RecordingError("; ".join((str(error), *told))) from error
+    except BaseException:
+        _warn(told)
+        raise
+    _warn(told)
+
+
+def _warn(sentences: Sequence[str]) -> None:
+    for sentence in sentences:
+        warn(sentence)
 
 
 def _model(loaded: Loaded, how: How) -> Model:
@@ -80,13 +104,14 @@ def _model(loaded: Loaded, how: How) -> Model:
     return model if how.usual is None else replace(model, usual=usual_parameters(how.usual, model.machine))
 
 
-def _attached(loaded: Loaded, recordings: Sequence[Path], output: Path, how: How, watch: Watch) -> Identification:
+def _attached(
+    loaded: Loaded, recordings: Sequence[Path], segments: Iterator[Array], output: Path, how: How
+) -> Identification:
     """The tares with another tool, added to `output`."""
     if how.lift is not None or how.two_steps or how.enforce or how.usual is not None:
         raise RecordingError("--attachment: takes scale and laws from the standard tool: leave --lift and the like out")
     common = read_identified(output, loaded)
     models = tool_models(loaded, how.attachment, common)
-    segments = _then_fit(loaded, recordings, watch)
     found = identify_attachment(common, *models, segments, refuse=how.refuse)
     write_attachment(output, how.attachment, found.tares, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
@@ -101,8 +126,8 @@ def _check_recordings(loaded: Loaded, recordings: Sequence[Path], lift: Path | N
         check_machine(path, log_header(path), loaded)
 
 
-def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch) -> Iterator[Array]:
-    for _, segment in named_segments(loaded, recordings, watch):
+def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch, tell: Tell) -> Iterator[Array]:
+    for _, segment in named_segments(loaded, recordings, watch, tell):
         yield segment
     watch("fitting, choosing friction laws", None)
 

@@ -15,7 +15,7 @@ from cylforce.estimation.kernel.inputs import NEVER, SIGNAL
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO
-from cylforce.mechanics.installation import Service
+from cylforce.mechanics.installation import LATE_PERIODS, Service
 from cylforce.service.senders.inputs import QUIET_US, REASONS, Channel, Inputs, LastHeartbeat, PdoRate
 from cylforce.service.senders.supervision import Supervisor
 from cylforce.signals.codec import Decoder, decoders
@@ -88,7 +88,8 @@ class Assembler:
         whole.append([len(decoder.missing) for decoder in found])
         fields = [[getattr(s, name) for s in slots] for name in ("scale", "offset", "low", "high")]
         limits = [1e6 * health.hold_s, QUIET_US, health.frozen_samples, health.good_frames]
-        senders, late = [watcher.periods_us, watcher.patience_us], [1.5e6 * s.period_s for s in machine.signals]
+        senders = [watcher.periods_us, watcher.patience_us]
+        late = [1e6 * LATE_PERIODS * s.period_s for s in machine.signals]
         parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, limits]
         return self._kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
 

@@ -1,5 +1,6 @@
 """Recorded events to rows of samples, one row per tick."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -12,11 +13,14 @@ PIECE = 30_000  # rows per piece; chosen: bounds the memory needed
 LONGEST_JUMP = 1000  # missing rows at most between two ticks, for a longer pause or a jump backwards too; chosen
 
 
-def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
+def samples(
+    assembler: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason] | None = None
+) -> Iterator[Array]:
     """One row of SI values per tick, in pieces (T, S) of PIECE rows; a row is NaN when any of its signals is missing,
-    late or not usable. `period_us`: the fixed step, by which missing ticks are recognised."""
+    late or not usable. `period_us`: the fixed step, by which missing ticks are recognised. In `unusable`, where given,
+    ticks without a sample are counted by their reasons."""
     rows: list[Array] = []
-    for row in _rows(assembler, events, period_us):
+    for row in _rows(assembler, events, period_us, Counter() if unusable is None else unusable):
         rows.append(row)
         if len(rows) == PIECE:
             yield np.array(rows)
@@ -25,7 +29,7 @@ def samples(assembler: Assembler, events: Iterable[Event], period_us: int) -> It
         yield np.array(rows)
 
 
-def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iterator[Array]:
+def _rows(assembler: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason]) -> Iterator[Array]:
     inputs, still = assembler.begin(), assembler.still
     missing = np.full(len(assembler.service.machine.signals), np.nan)
     last_us: int | None = None
@@ -36,7 +40,10 @@ def _rows(assembler: Assembler, events: Iterable[Event], period_us: int) -> Iter
         for _ in range(0 if last_us is None else skipped(event.t_us - last_us, period_us)):
             yield missing
         sample = assembler.sample(inputs, event.t_us)
-        yield sample.values if is_whole(sample) else missing
+        whole = is_whole(sample)
+        if not whole:
+            unusable[max((*sample.reasons, sample.late))] += 1
+        yield sample.values if whole else missing
         last_us = event.t_us
 
 

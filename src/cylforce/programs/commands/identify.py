@@ -56,7 +56,8 @@ def identify(
         how = How(two_steps, enforce, lift, known_kg, refuse, attachment, usual)
         found = run_identify(loaded, recordings, output, how, watch)
         if report is not None:
-            write_report(report, found, named_segments(loaded, recordings, watch), output, watch)
+            again = named_segments(loaded, recordings, watch, lambda _: None)  # run_identify has reported on them
+            write_report(report, found, again, output, watch)
     show(found, Console())
 
 

@@ -1,5 +1,6 @@
 """What the programs read: a machine's model and core from its files, the samples of its recordings."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -17,6 +18,7 @@ from cylforce.files.logreader import log_header
 from cylforce.files.recording import open_recording
 from cylforce.files.tables import Table
 from cylforce.programs.common.progress import Watch, silent, watched
+from cylforce.programs.common.unusable import unusable_samples
 from cylforce.service.assembler import Assembler
 from cylforce.service.hanging import hanging
 from cylforce.service.samples import samples
@@ -24,7 +26,7 @@ from cylforce.service.state import NOTHING_KEPT, Memory, Scale, State
 from cylforce.service.step import Core
 from cylforce.settings.identified import identified_warnings, read_attachments, read_identified
 from cylforce.settings.machine_file import Loaded
-from cylforce.signals.estimate import Array
+from cylforce.signals.estimate import Array, Reason
 from cylforce.signals.events import Frame, Tick
 
 if TYPE_CHECKING:  # the service needs neither identification nor scipy
@@ -70,22 +72,29 @@ def model_of(loaded: Loaded) -> Model:
     return Model(service.machine, service.filters, service.effects)
 
 
-def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent) -> Iterator[Array]:
-    """A recording's gapless stretches of samples (T, S), SI, as they are read."""
+def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent, tell: Tell = warn) -> Iterator[Array]:
+    """A recording's gapless stretches of samples (T, S), SI, as they are read; `tell` is called with what was left out,
+    and with the reason where a log has no sample or two nodes send the same message."""
     service = loaded.service
-    recording = open_recording(path, service, loaded.columns)
+    recording = open_recording(path, service, loaded.columns, tell=tell)
     longest = int(service.health.hold_s * service.filters.rate_hz)
     if isinstance(recording, Table):
         yield from gapless(ordered(recording, loaded, path), longest)
         return
     events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
-    for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz)):
+    rows, unusable = 0, Counter[Reason]()
+    for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz), unusable):
+        rows += len(piece)
         yield from gapless(piece, longest)
+    if unusable[Reason.TWO_PRODUCERS] or unusable.total() == rows > 0:
+        tell(f"{path}: {unusable_samples(unusable, rows, service.filters.rate_hz)}")
 
 
-def named_segments(loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent) -> Iterator[tuple[str, Array]]:
+def named_segments(
+    loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent, tell: Tell = warn
+) -> Iterator[tuple[str, Array]]:
     """The gapless stretches of all recordings, each with the recording's name."""
-    return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch))
+    return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch, tell))
 
 
 def ordered(table: Table, loaded: Loaded, path: Path) -> Array:

@@ -1,21 +1,24 @@
 """Recordings for the diagnosis, read in constant memory: all of short ones, of long ones stretches that are spread
 evenly."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.estimation.segments import parts
+from cylforce.files.atomic import Tell, warn
 from cylforce.files.recording import Events, open_pieces, rows_a_second
 from cylforce.files.tables import Table
 from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.programs.common.readings import check_machine
 from cylforce.programs.common.spread import Kept, Spread
+from cylforce.programs.common.unusable import unusable_samples
 from cylforce.service.assembler import Assembler
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import Loaded
-from cylforce.signals.estimate import Array
+from cylforce.signals.estimate import Array, Reason
 from cylforce.signals.events import Frame, Tick
 
 SHORTEST_S = 20.0  # of a stretch
@@ -34,29 +37,43 @@ class LookedAt(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """The stretches of some recordings that are examined, how much that is of each recording, and the names of those
-    that are too `short`."""
+    """The parts of some recordings that are examined.
+
+    stretches: the stretches
+    looked_at: how much is examined of each recording
+    short:     of each recording without a stretch that is long enough: by its name the reason, "" where unknown
+    """
 
     stretches: list[Recorded]
     looked_at: list[LookedAt]
-    short: list[str]
+    short: dict[str, str]
 
 
 def chosen(
-    loaded: Loaded, paths: Sequence[Path], loads: dict[str, float], watch: Watch = silent, most: int = MOST
+    loaded: Loaded,
+    paths: Sequence[Path],
+    loads: dict[str, float],
+    watch: Watch = silent,
+    most: int = MOST,
+    tell: Tell = warn,
 ) -> Chosen:
-    """Gapless stretches of recordings that are long enough to be diagnosed, `most` parts at most of all together."""
+    """Gapless stretches of recordings that are long enough to be diagnosed, `most` parts at most of all together;
+    `tell` is called with sentences on what was left out."""
     rate = loaded.service.filters.rate_hz
     sizes = int(loaded.service.health.hold_s * rate), int(PART_S * rate), int(SHORTEST_S * rate)
     spread, sources, short = Spread(most), [], set(paths)
     for k, path in enumerate(paths):
-        source = _Source(loaded, path, watch)
+        source = _Source(loaded, path, watch, tell)
         for number, part in enumerate(parts(source.pieces(), *sizes)):
             spread.add(Kept(k, number, part))
             short.discard(path)
         sources.append(source)
-    found = Chosen([], [], [path.name for path in paths if path in short])
+    found = Chosen([], [], {})
     for k, (path, source) in enumerate(zip(paths, sources, strict=True)):
+        if path in short:
+            found.short[path.name] = source.unusable_samples()
+        elif source.unusable[Reason.TWO_PRODUCERS]:
+            tell(f"{path}: {source.unusable_samples()}")
         own = [
             Recorded(path.name, p.values, loads.get(path.name, 0.0), source.begins + p.first / rate)
             for p in spread.of(k)
@@ -85,15 +102,26 @@ def at_own_rate(loaded: Loaded, paths: Sequence[Path]) -> tuple[Loaded, str]:
 
 
 class _Source:
-    """A recording that is read once: the time [s] at which it `begins`, how many `rows` it had so far."""
+    """A recording that is read once.
 
-    def __init__(self, loaded: Loaded, path: Path, watch: Watch) -> None:
-        self._loaded, self._path, self._watch = loaded, path, watch
+    begins:   time of its first row [s]
+    rows:     number of its rows so far
+    unusable: of a log, numbers of rows without a sample so far, by their reason
+    """
+
+    def __init__(self, loaded: Loaded, path: Path, watch: Watch, tell: Tell) -> None:
+        self._loaded, self._path, self._watch, self._tell = loaded, path, watch, tell
         self.begins, self.rows = 0.0, 0
+        self.unusable = Counter[Reason]()
+
+    def unusable_samples(self) -> str:
+        """Return a sentence on the rows without a sample, "" where there is none."""
+        rate_hz = self._loaded.service.filters.rate_hz
+        return unusable_samples(self.unusable, self.rows, rate_hz) if self.unusable else ""
 
     def pieces(self) -> Iterator[Array]:
         """Samples (T, S), NaN where something was missing."""
-        recording = open_pieces(self._path, self._loaded.service, self._loaded.columns)
+        recording = open_pieces(self._path, self._loaded.service, self._loaded.columns, tell=self._tell)
         for piece in self._logged(recording) if isinstance(recording, Events) else self._tabled(recording):
             self.rows += len(piece)
             yield piece
@@ -108,4 +136,4 @@ class _Source:
         check_machine(self._path, recording.header, self._loaded)
         service = self._loaded.service
         events = watched(self._path, (e for e in recording.events if isinstance(e, Frame | Tick)), self._watch)
-        return samples(Assembler(service), events, round(1e6 / service.filters.rate_hz))
+        return samples(Assembler(service), events, round(1e6 / service.filters.rate_hz), self.unusable)

@@ -106,12 +106,14 @@ def _said(address: str, error: Exception) -> str:
 
 def _told(job: Job, facts: dict[str, Any]) -> Summary:
     loaded = loaded_of(job.text, job.machine_file)
-    found = chosen(loaded, [stored_path(job.address)], {})
+    warnings: list[str] = facts["warnings"]
+    found = chosen(loaded, [stored_path(job.address)], {}, tell=warnings.append)
     facts["begins_s"] = found.stretches[0].begins if found.stretches else 0.0
     facts["of_seconds"] = found.looked_at[0].of_seconds
     facts["usable"] = found.looked_at[0].seconds / max(facts["of_seconds"], 1e-9)
     if not found.stretches:
-        raise RecordingError(f"no gapless stretch of {SHORTEST_S:.0f} s: check that no sensor drops out")
+        why = "".join(found.short.values()) or "check that no sensor drops out"
+        raise RecordingError(f"no gapless stretch of {SHORTEST_S:.0f} s: {why}")
     told = evidence(followed_model(loaded.service), found.stretches)
     facts |= {"seconds": told.seconds, "unexplained": told.misfit}
     if told.at_work:
@@ -130,7 +132,8 @@ def _identified(loaded: Loaded, stretches: Sequence[Recorded], facts: dict[str, 
         return Summary(facts | {"state": DOUBTFUL, "reason": str(error)}, told)
     names = [loaded.service.machine.links[j].name for j in loaded.service.machine.rows]
     shares = {f"explained:{n}": float(s) for n, s in zip(names, found.explained, strict=True) if np.isfinite(s)}
-    return Summary(facts | shares | {"state": OK, "warnings": list(found.warnings)}, told, found.tares)
+    warnings = [*facts["warnings"], *found.warnings]
+    return Summary(facts | shares | {"state": OK, "warnings": warnings}, told, found.tares)
 
 
 class Booked(NamedTuple):

@@ -1,0 +1,90 @@
+"""Stamps of another program's log: which frames are strays, and where its clock was set."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeVar
+
+from cylforce.files.atomic import Tell
+from cylforce.files.candump import Sent
+from cylforce.signals.events import Frame
+
+Stamped = TypeVar("Stamped", Frame, Frame | Sent)
+
+NAMED = 20  # steps of a clock that are reported one by one; the others are counted. Chosen
+
+
+def without_strays(frames: Iterable[Stamped], period_us: int, name: str, tell: Tell) -> Iterator[Stamped]:
+    """Yield the frames without strays, and report how many were left out.
+
+    A stray is stamped more than `period_us` from the frame before it and from the frame after it, which is nearer to
+    the frame before. A smaller error moves a frame by less than a sample. Where an identifier repeats before the frames
+    go on from there, they are no strays: the clock was set, or the bus was silent.
+    """
+    newest: int | None = None  # latest stamp since the clock was set
+    apart: list[Stamped] = []  # frames more than a period from `newest` that may be strays
+    strays = _Strays(name, tell)
+    for frame in frames:
+        t_us = frame.t_us
+        if apart and newest is not None and max(abs(t_us - newest), period_us) < abs(t_us - apart[-1].t_us):
+            strays.add(apart, newest)
+            apart = []
+        if apart:
+            apart.append(frame)
+            if frame.can_id in {each.can_id for each in apart[:-1]}:
+                newest = max(t_us, apart[-2].t_us)
+                yield from apart
+                apart = []
+        elif newest is None or abs(t_us - newest) <= period_us:
+            newest = t_us if newest is None or t_us > newest else newest
+            yield frame
+        else:
+            apart = [frame]
+    if apart and newest is not None and apart[0].t_us < newest:
+        strays.add(apart, newest)
+    else:
+        yield from apart
+    strays.report()
+
+
+class _Strays:
+    """Counts frames that were left out, and remembers the first of them."""
+
+    def __init__(self, name: str, tell: Tell) -> None:
+        self._name, self._tell, self._count = name, tell, 0
+        self._first_us = self._ahead_us = 0
+
+    def add(self, frames: Sequence[Frame | Sent], newest_us: int) -> None:
+        """Count frames after a frame that was stamped `newest_us`."""
+        if not self._count:
+            self._first_us, self._ahead_us = frames[0].t_us, frames[0].t_us - newest_us
+        self._count += len(frames)
+
+    def report(self) -> None:
+        """Report them, at the recording's end."""
+        if self._count:
+            way = "ahead of" if self._ahead_us > 0 else "behind"
+            self._tell(
+                f"{self._name}: frames stamped {abs(self._ahead_us) / 1e6:.6g} s {way} the frames beside them, the "
+                f"first at {self._first_us / 1e6:.6f} s, were left out: {self._count}; their stamps are wrong"
+            )
+
+
+class Cuts:
+    """Reports where the clock of a recording was set, the first NAMED times by their moment."""
+
+    def __init__(self, name: str, tell: Tell) -> None:
+        self._name, self._tell, self.count = name, tell, 0
+
+    def add(self, before_us: int, after_us: int) -> None:
+        """Report that the stamp `after_us` follows `before_us`."""
+        self.count += 1
+        if self.count <= NAMED:
+            by, way = abs(after_us - before_us) / 1e6, "back" if after_us < before_us else "ahead"
+            self._tell(
+                f"{self._name}: the clock of the recording steps {way} by {by:.6g} s, from {before_us / 1e6:.6f} to "
+                f"{after_us / 1e6:.6f} s: the recording is cut there"
+            )
+
+    def report(self) -> None:
+        """Report the number of all, at the recording's end."""
+        if self.count > NAMED:
+            self._tell(f"{self._name}: the clock of the recording was set {self.count} times: it is cut at each")
