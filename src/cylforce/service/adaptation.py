@@ -3,10 +3,11 @@
 The parameters identified at commissioning remain the reference; only their drift is estimated. What sticks in the
 bucket is unknown: a usual amount, which is the same in all returns, and a deviation from it, another one in every
 return. Both are estimated beside the drift, so that only what no load explains is taken for a drift. The prior of the
-usual amount counts once, however many returns there are. All cylinders have the same oil: what is seen of one friction is expected of the others,
-too, which a return may hardly show. The recursive least squares forget only what the present motion measures, so that
-nothing changes while the machine is parked. The drift is limited to what is physically possible, and is also given in
-kilograms."""
+usual amount counts once, however many returns there are.
+
+All cylinders have the same oil: what is seen of one friction is expected of the others, too, which a return may hardly
+show. The recursive least squares forget only what the present motion measures, so that nothing changes while the
+machine is parked. The drift is limited to what is physically possible, and is also given in kilograms."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -32,9 +33,9 @@ EVERY = 5  # steps between updates, because neighbouring samples contain the sam
 ZERO_LIMIT = 6e5  # Pa, limit of a pressure's zero drift; chosen
 FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
 PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
-# times the rated payload: what usually sticks in a bucket before anything is seen of it, mean and standard error, and by
-# how much a return deviates from that. On machines of either simulator it is 0.7 +- 0.5 % from return to return. The mean
-# is lower: a clean bucket must not cost a kilogram. Both errors together are 0.8 %, that of the first return.
+# times the rated payload: what usually sticks in a bucket before anything is seen of it, mean and standard error; and by
+# how much a return deviates from that. On machines of either simulator 0.7 +- 0.5 % sticks, the error from return to
+# return. The mean is lower: a clean bucket must not cost a kilogram. Both errors together are 0.8 %, of the first return.
 USUAL, UNUSUAL = (0.003, 0.006), 0.005
 LOAD = 4  # parameters of a load: m, m x, m z, J
 OWN = LOAD + 1  # unknowns before the drift: by how much a load deviates from the usual one, the usual amount
@@ -42,13 +43,20 @@ SHOWN = 0.02  # share of the difference by which each update changes the drift i
 
 
 class Drift(NamedTuple):
-    """State of the adaptation: `values` (D,) to be added to the tares (Coulomb and viscous friction, then pressure
-    zeros) with `covariance` (D, D); information `root` about the load that remains in the bucket: its deviation
-    from the usual one (4), with its prior, the usual amount [kg] and the drift (D), without; `scale` (2,): variance of friction and of zeros in units of the prior's;
-    `waited`: steps since the last update; `mass` [kg] that the empty bucket would show without the adaptation;
-    `following`: whether this instant was usable, else nothing changes; `seen`: whether the information is in part about
-    what remains in the bucket now; `told`: updates so far; `returned`: whether they are one measurement or more, or a
-    drift was not expected."""
+    """State of the adaptation.
+
+    root:       information about the load that remains in the bucket and the drift (5 + D): deviation from the usual
+                load (4), with its prior; usual amount [kg] and drift (D), without
+    values:     (D,) drift, added to the tares: Coulomb and viscous friction, then pressure zeros
+    covariance: (D, D) of the drift
+    scale:      (2,) variance of friction and of zeros in units of the prior's
+    waited:     steps since the last update
+    mass:       what the empty bucket would show without the adaptation [kg]
+    following:  whether this instant was usable, else nothing changes
+    seen:       whether the information is in part about what remains in the bucket now
+    told:       updates so far
+    returned:   whether they are one measurement or more, or a drift was not expected
+    """
 
     root: Root
     values: Array
@@ -161,8 +169,8 @@ class Adapter:
     def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
         """The kernel's form of the adaptation. The spread of the drift is that of this machine: k^2 (2,) of friction
         and of zeros, one step of expectation maximisation an update, as between strokes (`commissioning.zeros`). A
-        drift that was not seen leaves k as it is. The priors of drift and usual amount are no part of the root: they are
-        not forgotten, nor do they grow where nothing is seen."""
+        drift that was not seen leaves k as it is. The priors of drift and usual amount are no part of the root: they
+        are not forgotten, nor do they grow where nothing is seen."""
         model, r = self.model, len(self.model.machine.rows)
         k, n, places = len(model.filtered.regressor.names), OWN + len(self._spread), np.argwhere(model.load)
         keep = 1.0 - EVERY / (MEMORY_SECONDS * model.filters.rate_hz)

@@ -1,76 +1,13 @@
 """The drift of friction and pressure zeros after one instant with an empty bucket: `service.adaptation`, with
 `recursive.forget` and `recursive.update`, in plain numbers."""
 
-from collections.abc import Sequence
 from math import sqrt
-from typing import Any
 
-from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
+from cylforce.estimation.kernel.drifting import DRIFT, USUAL, KernelDrift
+from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import invert
 
 FORGETTING: Number = 1e-6  # times the largest: directions below it are not forgotten; as in `recursive`
-USUAL: Count = 4  # place of the usual amount, after the load's four deviations from it
-DRIFT: Count = 5  # place of the first drift, after the usual amount
-
-
-@record
-class KernelDrift:
-    """R rows of K columns; N = 5 + D unknowns: by how much the load of this return deviates from the usual one (4),
-    the usual amount, the drift. `at_rest`, `coulomb`: columns of friction at rest and
-    of Coulomb friction, `rests`, `coulombs`: how many. `changing` (D,): columns of the drift, `kinds` (D,): 0
-    friction, 1 zero; `load_at` (M, 2) and `load` (M,): from parameters to a load; `unit` (N,): standard errors before
-    anything is seen; `low`, `high` (D,): limits; `row_error` (R,); `alike` (D, D): inverse of the correlation of the
-    drifts before anything is seen, none between kinds; `usual` (4,): load of one kilogram of the usual amount;
-    `mean`: the usual amount before anything is seen, in its standard errors. The limits are those of
-    `service.adaptation`. Places of intermediate results end the list."""
-
-    r: Count
-    k: Count
-    n: Count
-    rests: Count
-    coulombs: Count
-    loads: Count
-    certain: Number
-    keep: Number
-    memory: Number
-    prior: Number
-    shown: Number
-    mean: Number
-    changing: Counts
-    kinds: Counts
-    load_at: Counts
-    good: Counts
-    at_rest: Counts
-    coulomb: Counts
-    load: Numbers
-    unit: Numbers
-    low: Numbers
-    high: Numbers
-    row_error: Numbers
-    alike: Numbers
-    usual: Numbers
-    rows: Numbers
-    basis: Numbers
-    each: Numbers
-    square: Numbers
-    inverse: Numbers
-    arrays: object
-
-    def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Everything in the order of the fields."""
-        self.arrays = (counts, numbers)
-        self.r, self.k, self.n = sizes[0], sizes[1], sizes[2]
-        self.certain, self.keep, self.memory, self.prior, self.shown = (limits[i] for i in range(5))
-        self.mean = limits[5]
-        self.changing, self.kinds = as_counts(counts[0]), as_counts(counts[1])
-        self.load_at, self.good = as_counts(counts[2]), as_counts(counts[3])
-        self.at_rest, self.coulomb = as_counts(counts[4]), as_counts(counts[5])
-        self.rests, self.coulombs, self.loads = len(counts[4]), len(counts[5]), len(numbers[0])
-        self.load, self.unit = as_numbers(numbers[0]), as_numbers(numbers[1])
-        self.low, self.high, self.row_error = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
-        self.alike, self.usual, self.rows = as_numbers(numbers[5]), as_numbers(numbers[6]), as_numbers(numbers[7])
-        self.basis, self.each, self.square = as_numbers(numbers[8]), as_numbers(numbers[9]), as_numbers(numbers[10])
-        self.inverse = as_numbers(numbers[11])
 
 
 def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
