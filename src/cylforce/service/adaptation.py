@@ -33,9 +33,9 @@ EVERY = 5  # steps between updates, because neighbouring samples contain the sam
 ZERO_LIMIT = 6e5  # Pa, limit of a pressure's zero drift; chosen
 FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
 PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
-# times the rated payload: what usually sticks in a bucket before anything is seen of it, mean and standard error; and by
+# times the rated payload: what usually sticks in a bucket before anything is seen of it, mean and standard error; by
 # how much a return deviates from that. On machines of either simulator 0.7 +- 0.5 % sticks, the error from return to
-# return. The mean is lower: a clean bucket must not cost a kilogram. Both errors together are 0.8 %, of the first return.
+# return. The mean is lower: a clean bucket must not cost a kilogram. Both errors together are 0.8 %, of the first one.
 USUAL, UNUSUAL = (0.003, 0.006), 0.005
 LOAD = 4  # parameters of a load: m, m x, m z, J
 OWN = LOAD + 1  # unknowns before the drift: by how much a load deviates from the usual one, the usual amount
