@@ -136,6 +136,16 @@ def test_what_sticks_in_the_bucket_is_not_taken_for_a_drift(bench, mean):
     assert abs(mass_of(bench, after_returns(bench, mean * np.linspace(1 / 3, 5 / 3, 10)))) < 1.0
 
 
+def test_the_usual_amount_is_wrong_once_and_not_at_every_return(bench):
+    """18 kg stick in every return, four times the mean that is expected. Twenty returns of three seconds each leave no
+    larger error than five, and less than a kilogram."""
+    five = SimpleNamespace(adapter=bench.adapter, columns=bench.columns[: len(bench.columns) // 2])
+    twenty = SimpleNamespace(adapter=bench.adapter, columns=np.tile(bench.columns, (2, 1, 1)))
+    few, many = (mass_of(bench, after_returns(work, np.full(n, 18.0))) for work, n in ((five, 5), (twenty, 20)))
+    assert abs(many) <= abs(few)
+    assert abs(many) < 1.0
+
+
 def test_zeros_are_not_taken_for_what_sticks_in_the_bucket(bench):
     """Half a bar on each cylinder, 20 kg either way, beside 3 to 17 kg: less than a third of it is left."""
     left = [mass_of(bench, after_returns(bench, np.linspace(3.0, 17.0, 10), zero)) for zero in (5e4, -5e4)]

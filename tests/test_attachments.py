@@ -282,6 +282,11 @@ class TestOtherTool:
             ((-240.0, 700.0), [-240.0, -240.0]),  # lighter
             ((240.0, 1100.0, 0.0), [None, 240.0, None]),  # dirt that fell off
             ((0.0, 400.0, 900.0, 450.0, 5.0, 700.0), [None] * 6),  # filled twice, dumped twice
+            ((500.0, 1000.0, 1500.0), [None, 500.0, None]),  # a load that grows twice
+            ((0.0, 900.0, 600.0, 1000.0), [None] * 4),  # a part was put back, and it was filled once more
+            ((240.0, 700.0, 1100.0, 240.0, 900.0), [None, 240.0, None, None, 240.0]),  # heavier, filled twice
+            ((240.0, 1100.0, 240.0, 700.0, 1100.0), [None] + [240.0] * 4),  # it has returned to 240 kg: no load does
+            ((-240.0, 300.0, 700.0), [-240.0] * 3),  # lighter, filled twice
         ],
     )
     def test_the_empty_tool_off_zero(self, given, off):

@@ -100,6 +100,43 @@ def test_a_loaders_bucket_that_curls_in_the_heap_does_not_dump():
     assert books.booking.mass == 1232.0
 
 
+def test_one_mass_that_reads_as_a_load_and_then_as_an_empty_bucket_is_not_booked():
+    """Dirt of 5 % of rated in an empty bucket: 76 and 74 kg are one mass, known to 5 kg. When 20 kg of it are left,
+    the rest has left the bucket, and is booked."""
+    dirt = after(Books(), *[weight(76.0, noise=12.0)] * 2, *[weight(74.0, noise=12.0)] * 3)
+    assert (dirt.booking, dirt.missed.number) == (None, 0)
+    booking = after(dirt, *[weight(20.0, noise=12.0)] * 2).booking
+    assert (booking.number, booking.mass, booking.carry_back) == (1, 76.0, 20.0)
+    assert booking.dumped > 3.0 * booking.dumped_error
+
+
+def test_what_left_is_compared_with_its_own_error_and_not_with_that_of_the_weights():
+    """28 kg left a bucket of 80 kg. An error of 10 kg that both weights share does not count, one in the last does."""
+    for lifted, number in ((20.0, 1), (0.0, None)):
+        books = Books()
+        shaky = SimpleNamespace(values=np.zeros(2), covariance=np.diag([0.25, 0.25]))
+        for each in [weight(80.0, drifted=(lifted, 0.0))] * 2 + [weight(52.0, drifted=(20.0, 0.0))] * 2:
+            books = noted(books, each, RATED, 1, tares(), shaky)
+        assert (books.booking and books.booking.number) == number
+
+
+def test_dirt_after_a_booked_bucket_is_no_bucket_of_its_own():
+    """What stays in the bucket reads 74, 76 and 74 kg while it returns."""
+    books = parted(after(Books(), *[weight(900.0)] * 2))
+    books = after(books, *[weight(mass, noise=4.0) for mass in (74.0, 74.0, 76.0, 76.0, 74.0, 74.0)])
+    assert (books.booking.number, books.booking.mass) == (1, 900.0)
+
+
+def test_a_smaller_load_after_a_dump_that_was_not_seen_is_the_next_one_and_the_one_before_is_reported():
+    """1712 kg are dumped unseen. 1618 kg begin to hang in the open bucket and stay in the curled one."""
+    books = after(Books(), *[weight(1712.0, tilt=-2.7)] * 2)
+    books = after(parted(books), *[weight(1618.0, tilt=-1.9, hung=-1.8)] * 2)
+    books = after(books, *[weight(1618.0, tilt=-2.6, hung=-1.8)] * 2)
+    assert (books.booking, books.missed.number, books.missed.mass) == (None, 1, 1712.0)
+    books = after(parted(books), *[weight(10.0, tilt=-0.5)] * 2)
+    assert (books.booking.number, books.booking.mass, books.missed.number) == (1, 1618.0, 1)
+
+
 @pytest.mark.parametrize(("tilt", "mass"), [(-2.8, 400.0), (-1.9, 899.0)])
 def test_a_part_tipped_off_is_a_smaller_load_and_half_a_dump_is_not(tilt, mass):
     """400 of 900 kg are left: in the bucket as it hung before, or in one that has tilted by half a right angle."""

@@ -16,7 +16,7 @@ from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.recursive import Root, forget, solution, update
 from cylforce.estimation.regressor import FilteredRegressor, Regressor, Rows
 from cylforce.mechanics.linkages import FourBar
-from cylforce.service.adaptation import Adapter
+from cylforce.service.adaptation import OWN, USUAL, Adapter
 from cylforce.service.loading.lift import kept
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.step import Core, step
@@ -255,28 +255,32 @@ def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
     """Information of `recursive.forget` and `update`, drift and covariance by an inverse of it with the prior."""
     rng = np.random.default_rng(SEED)
     model, tares, *_ = solving(kernel, rng)
-    adapter = Adapter(model, tares._replace(values=tares.values * (1.0 if limited else 1e3)), kernel=kernel)
+    adapter = Adapter(model, tares._replace(values=tares.values * (0.1 if limited else 1e3)), kernel=kernel)
     drift, columns = adapter.begin(), rng.normal(size=(3, len(model.filtered.regressor.names)))
     columns[:, model.at_rest] = 0.0
     n, torque, variance = drift.root.right.size, 10.0 * rng.normal(size=3), rng.uniform(1.0, 2.0, 3)
     root = Root(np.triu(rng.normal(size=(n, n))) + np.diag(np.diag(drift.root.factor)), rng.normal(size=n))
-    before = drift._replace(root=root, waited=4, values=0.1 * rng.normal(size=n - 4))
+    before = drift._replace(root=root, waited=4, values=0.1 * rng.normal(size=n - OWN))
     found = adapter.step(before, unexplained_of(columns, torque, variance), ALL)
-    rows = np.concatenate([columns[:, : len(model.parameters)] @ model.load, adapter.columns(Rows(columns, torque))], 1)
+    load = columns[:, : len(model.parameters)] @ model.load
+    rows = np.concatenate([load, load @ adapter._usual[:, None], adapter.columns(Rows(columns, torque))], 1)
     kept_root = forget(root, rows, KEEP)
-    observed = torque + rows[:, 4:] @ before.values
+    observed = torque + rows[:, OWN:] @ before.values
     wanted = update(kept_root, rows, observed, 60.0 * variance)
     information = wanted.factor.T @ wanted.factor
     np.testing.assert_allclose(found.root.factor.T @ found.root.factor, information, rtol=1e-9, atol=1e-9)
-    prior = np.zeros((n, n))
-    prior[4:, 4:] = np.linalg.inv(drift.covariance)
+    prior, mean = np.zeros((n, n)), np.zeros(n)
+    prior[OWN:, OWN:] = np.linalg.inv(drift.covariance)
+    amount, wrong = (share * model.machine.rated_payload for share in USUAL)
+    prior[OWN - 1, OWN - 1], mean[OWN - 1] = 1.0 / wrong**2, amount / wrong**2
     covariance = np.linalg.inv(information + prior)
-    both = covariance @ (wanted.factor.T @ wanted.right)
+    both = covariance @ (wanted.factor.T @ wanted.right + mean)
     low, high = adapter._limits
-    np.testing.assert_allclose(found.values, np.clip(both[4:], low, high), rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(found.covariance, covariance[4:, 4:], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.values, np.clip(both[OWN:], low, high), rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(found.covariance, covariance[OWN:, OWN:], rtol=1e-6, atol=1e-9)
     squares = np.split(
-        (np.diagonal(covariance)[4:] + both[4:] ** 2) / np.diagonal(drift.covariance), [-len(model.machine.cylinders)]
+        (np.diagonal(covariance)[OWN:] + both[OWN:] ** 2) / np.diagonal(drift.covariance),
+        [-len(model.machine.cylinders)],
     )
     np.testing.assert_allclose(found.scale, [(1.0 + x.sum()) / (1.0 + x.size) for x in squares], rtol=1e-6)
     assert limited is bool(np.any(np.isin(found.values, [low, high])))

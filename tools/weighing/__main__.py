@@ -39,7 +39,7 @@ def works(options: argparse.Namespace) -> list[Work]:
         return foreign(Path(options.folder or Path(shared) / "data" / "foreign_machines"))[: options.machines]
     seeds, cache = range(options.seed, options.seed + options.machines), Path(options.folder or ".weighing")
     lifts = {"both": (False, True), "no": (False,), "yes": (True,)}[options.lift]
-    ride = Ride(options.rock, options.drive)
+    ride = Ride(options.rock, options.drive, options.oil)
     return [
         reference(options.machine, seed, options.cycles, cache, lift=lift, ride=ride)
         for lift in lifts
@@ -59,6 +59,7 @@ def main() -> None:
     parser.add_argument("--machine", choices=tuple(DRAWN), default="excavator", help="kind of the reference machines")
     parser.add_argument("--rock", type=float, default=0.0, help="of a loader's base [degrees rms]")
     parser.add_argument("--drive", type=float, default=0.0, help="largest acceleration of a loader [m/s^2]")
+    parser.add_argument("--oil", type=float, help="of the work [degC]; without: drawn (commissioned at 40)")
     parser.add_argument("--seed", type=int, default=9100, help="of the first reference machine")
     parser.add_argument("--cycles", type=int, default=34, help="of each reference machine")
     parser.add_argument("--lift", choices=("both", "yes", "no"), default="both", help="of a known weight before")

@@ -45,15 +45,27 @@ class Bucket:
 
 
 class Ride(NamedTuple):
-    """How the base moves during the work: it rocks by `degrees` rms and drives with at most `acceleration` [m/s^2]."""
+    """Conditions of the work.
+
+    degrees:      rocking of the base, rms [degrees]
+    acceleration: largest acceleration of the driving base [m/s^2]
+    oil:          temperature of the oil when the work begins [degC]; None: drawn from OIL_DEGC
+    """
 
     degrees: float = 0.0
     acceleration: float = 0.0
+    oil: float | None = None
 
     @property
     def options(self) -> dict[str, float]:
         """Of a loader's cycles."""
-        return {"rock_deg": self.degrees, "drive": self.acceleration} if any(self) else {}
+        return {"rock_deg": self.degrees, "drive": self.acceleration} if any(self[:2]) else {}
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Words of a folder's name."""
+        moves = tuple(f"{part:g}" for part in self[:2]) if any(self[:2]) else ()
+        return moves if self.oil is None else (*moves, f"oil{self.oil:g}")
 
 
 STANDING = Ride()
@@ -62,7 +74,7 @@ STANDING = Ride()
 def record(kind: str, seed: int, cycles: int, folder: Path, ride: Ride = STANDING) -> Path:
     """FOLDER with commissioning, known lift and work of the machine `seed` of a kind (DRAWN); what is there already
     stays."""
-    place = folder / "_".join([kind, str(seed), *(f"{part:g}" for part in ride if any(ride))])
+    place = folder / "_".join([kind, str(seed), *ride.words])
     if not (place / "truth" / "work.json").exists():
         drawn = DRAWN[kind](seed, friction=("own", "foreign")[seed % 2])
         drawn.run("commissioning", seed=0, oil_degc=COMMISSIONED_DEGC).write(place)
@@ -80,6 +92,7 @@ def _work(drawn: machine.Machine | loader.Loader, seed: int, cycles: int, ride: 
     falls = tuple(np.where(rng.random(cycles) < SPILLS, rng.uniform(*SPILLED, cycles), 0.0).tolist())
     manner = Manner(sticks, falls, float(rng.uniform(*SLEW)), JERK * (seed // 2 % 2))
     pitch, roll = (float(x) for x in rng.uniform(-1.0, 1.0, 2) * (PITCH_DEG, ROLL_DEG))
-    oil = float(rng.uniform(*OIL_DEGC))
+    drawn_oil = float(rng.uniform(*OIL_DEGC))
+    oil = drawn_oil if ride.oil is None else ride.oil
     where = {"pitch_deg": pitch, "roll_deg": roll, "oil_degc": oil}
     return drawn.run("cycles", seed=2, name="work", payloads_kg=loads, manner=manner, **where, **ride.options)

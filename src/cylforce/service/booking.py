@@ -156,7 +156,17 @@ def noted(books: Books, weight: Weighed, rated: float, t_us: int, tares: Tares, 
     lifted = books.candidate or books.dumped
     if lifted is None or books.withheld or not _known(books, lifted, settled, enough, tares, drift):
         return books._replace(candidate=books.candidate and books.candidate._replace(moving=GONE))
+    if not _has_left(lifted, settled, tares, drift):
+        return books
     return _returned(books, lifted, settled, t_us, tares, drift)
+
+
+def _has_left(lifted: Weighed, left: Weighed, tares: Tares, drift: Drift) -> bool:
+    """Return whether the bucket has lost more than the error of what it lost.
+
+    One mass near SMALLEST may read as a load and a moment later as an empty bucket: nothing has left it."""
+    by = corrected(lifted, drift) - corrected(left, drift)
+    return by > AGREES * difference_error(lifted, left, tares, drift)
 
 
 def _known(books: Books, lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
@@ -198,14 +208,18 @@ def _missed(books: Books, mass: float, *, interrupted: bool) -> Missed:
 
 
 def _passed(books: Books, now: Weighed, tares: Tares, drift: Drift) -> Books:
-    """The state with a load told as missed that another one follows: the bucket has been seen empty between them, but
-    not clearly, or the measurement was interrupted."""
+    """The state with a load reported as not booked that another one follows: the bucket has been seen empty between
+    them, but not clearly; or has turned as for a dump that was not seen; or the measurement was interrupted."""
     before = books.candidate
-    if before is None or not (books.remembered or before.moving == GONE):
+    if before is None:
         return books
     by = corrected(now, drift) - corrected(before, drift)
+    smaller = by < 0.0
+    turned_unseen = smaller and before.moving != GONE and _turned_and_back(before, now)
+    if not (books.remembered or before.moving == GONE or turned_unseen):
+        return books
     same = abs(by) <= AGREES * difference_error(now, before, tares, drift)
-    if same or (books.remembered and by < 0.0 and _leaves(before, now, drift)):
+    if same or (books.remembered and smaller and _leaves(before, now, drift)):
         return books
     return books._replace(missed=_missed(books, corrected(before, drift), interrupted=books.remembered))
 
@@ -226,12 +240,23 @@ def _better(before: Weighed | None, now: Weighed, tares: Tares, drift: Drift) ->
 
 
 def _leaves(before: Weighed, now: Weighed, drift: Drift) -> bool:
-    """Whether a smaller load is what is left of the one before, which is being dumped: the tool turned from where that
-    one was weighed until this one hung. A wheel loader's bucket turns as far in the heap, while it curls; what is
-    weighed there is weighed late, that one with the bucket curled."""
+    """Return whether a smaller load is the rest of the one before, which is being dumped.
+
+    The tool turned by more than REPOSE from where that one was weighed until this one hung, and is still turned. A
+    wheel loader's bucket turns as far in the heap, while it curls; what is weighed there is weighed late, that one with
+    the bucket curled."""
     if before.tilt is None or now.hung is None:
         return corrected(now, drift) < DUMPING * corrected(before, drift)
-    return abs(now.hung - before.tilt) > REPOSE
+    return abs(now.hung - before.tilt) > REPOSE and not _turned_and_back(before, now)
+
+
+def _turned_and_back(before: Weighed, now: Weighed) -> bool:
+    """Return whether the tool had turned by more than REPOSE when this load began to hang, and has turned back.
+
+    The load may be the next one, the dump of the one before not having been seen, or what a partial dump spared."""
+    if before.tilt is None or now.hung is None or now.tilt is None:
+        return False
+    return abs(now.hung - before.tilt) > REPOSE >= abs(now.tilt - before.tilt)
 
 
 def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Tares, drift: Drift) -> Books:

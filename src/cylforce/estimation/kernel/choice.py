@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 from cylforce.estimation.kernel import (
+    drifting,
     followed,
     heard,
     inputs,
@@ -31,6 +32,7 @@ PARTS = (
     "weighed.py",
     "pushed.py",
     "recognised.py",
+    "drifting.py",
     "followed.py",
     "heard.py",
 )
@@ -45,7 +47,7 @@ INTERPRETED: Any = SimpleNamespace(
     sense=plan.sense,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
-    KernelDrift=listed(followed.KernelDrift),
+    KernelDrift=listed(drifting.KernelDrift),
     advance=rows.advance,
     state_size=rows.state_size,
     rows_size=rows.rows_size,

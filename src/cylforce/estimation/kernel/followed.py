@@ -1,68 +1,13 @@
 """The drift of friction and pressure zeros after one instant with an empty bucket: `service.adaptation`, with
 `recursive.forget` and `recursive.update`, in plain numbers."""
 
-from collections.abc import Sequence
 from math import sqrt
-from typing import Any
 
-from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
+from cylforce.estimation.kernel.drifting import DRIFT, USUAL, KernelDrift
+from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import invert
 
 FORGETTING: Number = 1e-6  # times the largest: directions below it are not forgotten; as in `recursive`
-
-
-@record
-class KernelDrift:
-    """R rows of K columns; N = 4 + D unknowns: load, then drift. `at_rest`, `coulomb`: columns of friction at rest and
-    of Coulomb friction, `rests`, `coulombs`: how many. `changing` (D,): columns of the drift, `kinds` (D,): 0
-    friction, 1 zero; `load_at` (M, 2) and `load` (M,): from parameters to a load; `unit` (N,): standard errors before
-    anything is seen; `low`, `high` (D,): limits; `row_error` (R,); `alike` (D, D): inverse of the correlation of the
-    drifts before anything is seen, none between kinds. The limits are those of `service.adaptation`. Places of
-    intermediate results end the list."""
-
-    r: Count
-    k: Count
-    n: Count
-    rests: Count
-    coulombs: Count
-    loads: Count
-    certain: Number
-    keep: Number
-    memory: Number
-    prior: Number
-    shown: Number
-    changing: Counts
-    kinds: Counts
-    load_at: Counts
-    good: Counts
-    at_rest: Counts
-    coulomb: Counts
-    load: Numbers
-    unit: Numbers
-    low: Numbers
-    high: Numbers
-    row_error: Numbers
-    alike: Numbers
-    rows: Numbers
-    basis: Numbers
-    each: Numbers
-    square: Numbers
-    inverse: Numbers
-    arrays: object
-
-    def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Everything in the order of the fields."""
-        self.arrays = (counts, numbers)
-        self.r, self.k, self.n = sizes[0], sizes[1], sizes[2]
-        self.certain, self.keep, self.memory, self.prior, self.shown = (limits[i] for i in range(5))
-        self.changing, self.kinds = as_counts(counts[0]), as_counts(counts[1])
-        self.load_at, self.good = as_counts(counts[2]), as_counts(counts[3])
-        self.at_rest, self.coulomb = as_counts(counts[4]), as_counts(counts[5])
-        self.rests, self.coulombs, self.loads = len(counts[4]), len(counts[5]), len(numbers[0])
-        self.load, self.unit = as_numbers(numbers[0]), as_numbers(numbers[1])
-        self.low, self.high, self.row_error = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
-        self.alike, self.rows, self.basis = as_numbers(numbers[5]), as_numbers(numbers[6]), as_numbers(numbers[7])
-        self.each, self.square, self.inverse = as_numbers(numbers[8]), as_numbers(numbers[9]), as_numbers(numbers[10])
 
 
 def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
@@ -98,7 +43,7 @@ def follow(
     the variance is `wider` by (R,): of the information `factor`
     (N, N) and `right` (N,), the drift `values` (D,), `scale` (2,) and `mass` [kg]: `new`: these after it, with the
     covariance (D, D) of the drift before `scale`."""
-    n, d = a.n, a.n - 4
+    n, d = a.n, a.n - DRIFT
     for m in range(number):
         listed_row(a, columns, a.good[m], m)
     for i in range(n * n):
@@ -113,7 +58,7 @@ def follow(
     for m in range(number):
         r, observed = a.good[m], left[a.good[m]]
         for i in range(d):
-            observed += a.rows[m * n + 4 + i] * values[i]
+            observed += a.rows[m * n + DRIFT + i] * values[i]
         weight = 1.0 / sqrt(a.memory * (left[a.r + r] + wider[r]))
         for i in range(n):
             a.each[i] = a.rows[m * n + i] * weight
@@ -124,13 +69,17 @@ def follow(
 
 @inner
 def listed_row(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
-    """Row r as row m of [load | drift]."""
+    """Row r as row m of [deviation of the load | usual amount | drift]."""
     for i in range(4):
         a.rows[m * a.n + i] = 0.0
     for i in range(a.loads):
         a.rows[m * a.n + a.load_at[2 * i + 1]] += columns[r * a.k + a.load_at[2 * i]] * a.load[i]
-    for i in range(a.n - 4):
-        a.rows[m * a.n + 4 + i] = columns[r * a.k + a.changing[i]]
+    along = 0.0
+    for i in range(4):
+        along += a.rows[m * a.n + i] * a.usual[i]
+    a.rows[m * a.n + USUAL] = along
+    for i in range(a.n - DRIFT):
+        a.rows[m * a.n + DRIFT + i] = columns[r * a.k + a.changing[i]]
 
 
 @inner
@@ -220,7 +169,7 @@ def rotate_row(a: KernelDrift, new: Numbers, observed: Number) -> None:
 @inner
 def estimate(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
     """Drift within its limits, covariance and scale from the information and the prior, (R'R + prior)^-1 R'z."""
-    n, d, place = a.n, a.n - 4, a.n * a.n + a.n
+    n, d, place = a.n, a.n - DRIFT, a.n * a.n + a.n
     inform(a, scale, new)
     invert(a.square, n, a.inverse, 0)
     for i in range(n):
@@ -228,6 +177,7 @@ def estimate(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
         for k in range(i + 1):
             total += new[k * n + i] * new[n * n + k]
         a.each[i] = total * a.unit[i]
+    a.each[USUAL] += a.mean
     for i in range(n):
         total = 0.0
         for j in range(n):
@@ -235,15 +185,16 @@ def estimate(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
         a.basis[i] = total * a.unit[i]
     for i in range(d):
         for j in range(d):
-            both = a.unit[4 + i] * a.unit[4 + j]
-            new[place + d + i * d + j] = both * a.inverse[(4 + i) * n + 4 + j]
+            both = a.unit[DRIFT + i] * a.unit[DRIFT + j]
+            new[place + d + i * d + j] = both * a.inverse[(DRIFT + i) * n + DRIFT + j]
     rescale(a, new, place + d + d * d)
     limit(a, new)
 
 
 @inner
 def inform(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
-    """The lower triangle of the information, in units of `unit`, in `square`."""
+    """The lower triangle of the information with the priors of the usual amount and of the drift, which are not
+    forgotten, in units of `unit`, in `square`."""
     n = a.n
     for i in range(n):
         for j in range(i + 1):
@@ -251,20 +202,21 @@ def inform(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
             for k in range(j + 1):
                 total += new[k * n + i] * new[k * n + j]
             a.square[i * n + j] = a.unit[i] * total * a.unit[j]
-            if j >= 4:
-                a.square[i * n + j] += a.alike[(i - 4) * (n - 4) + j - 4] / scale[a.kinds[i - 4]]
+            if j >= DRIFT:
+                a.square[i * n + j] += a.alike[(i - DRIFT) * (n - DRIFT) + j - DRIFT] / scale[a.kinds[i - DRIFT]]
+    a.square[USUAL * n + USUAL] += 1.0
 
 
 @inner
 def rescale(a: KernelDrift, new: Numbers, to: Count) -> None:
     """The spread of this machine's frictions and zeros, in units of the prior's."""
-    n, d = a.n, a.n - 4
+    n, d = a.n, a.n - DRIFT
     for kind in range(2):
         total, count = a.prior, a.prior
         for i in range(d):
             if a.kinds[i] == kind:
-                x, variance = a.basis[4 + i], new[n * n + n + d + i * d + i]
-                total += (x * x + variance) / (a.unit[4 + i] * a.unit[4 + i])
+                x, variance = a.basis[DRIFT + i], new[n * n + n + d + i * d + i]
+                total += (x * x + variance) / (a.unit[DRIFT + i] * a.unit[DRIFT + i])
                 count += 1.0
         new[to + kind] = total / count
 
@@ -273,11 +225,11 @@ def rescale(a: KernelDrift, new: Numbers, to: Count) -> None:
 def limit(a: KernelDrift, new: Numbers) -> None:
     """The drift within its limits; where that changes it, the information is about that one."""
     n, place, outside = a.n, a.n * a.n + a.n, 0
-    for i in range(n - 4):
-        x = min(max(a.basis[4 + i], a.low[i]), a.high[i])
-        if x != a.basis[4 + i]:
+    for i in range(n - DRIFT):
+        x = min(max(a.basis[DRIFT + i], a.low[i]), a.high[i])
+        if x != a.basis[DRIFT + i]:
             outside = 1
-        new[place + i], a.basis[4 + i] = x, x
+        new[place + i], a.basis[DRIFT + i] = x, x
     if outside:
         for i in range(n):
             total = 0.0
@@ -293,8 +245,8 @@ def smoothed(a: KernelDrift, columns: Numbers, mass: Number, new: Numbers) -> Nu
     for r in range(a.r):
         listed_row(a, columns, r, 0)
         load, torque = a.rows[0] / a.row_error[r], 0.0
-        for i in range(n - 4):
-            torque += a.rows[4 + i] * new[n * n + n + i]
+        for i in range(n - DRIFT):
+            torque += a.rows[DRIFT + i] * new[n * n + n + i]
         square += load * load
         product += load * (torque / a.row_error[r])
     return mass + a.shown * (product / (square + 1e-12) - mass)
