@@ -10,18 +10,21 @@ from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.loading.lift import kept
 from cylforce.service.plausibility.blocks import Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
-from cylforce.service.plausibility.driven import Driving
+from cylforce.service.plausibility.driven import LEAST, Driving
 from cylforce.service.plausibility.offsets import UNSURE, VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
+from cylforce.service.publication import MAGNITUDE
 from cylforce.service.state import State
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid
 from cylforce.signals.kinds import Kind
+from cylforce.simulation.trajectory import JointCourse, Move
 from faulting.edits import BAR, Fault, edited, named
+from machines import excavator, stick_and_bucket
 from rig import readings, rig
-from scenarios import EXCAVATOR, cycles, identified, through, with_value
+from scenarios import EXCAVATOR, cycles, identified, played, scene, through, with_value
 
 STEPS = GROUP * GROUPS
 
@@ -135,6 +138,50 @@ def test_a_machine_that_drives_is_pushed_by_the_heap():
         for _ in range(20):
             state = driving.step(state, force, velocity, np.array([1e4]))
         assert (state.level is Level.REJECTED) is driven
+
+
+def test_a_gyro_on_a_loader_does_not_say_that_it_stands():
+    """It measures how the loader steers: what pushes horizontally may be the heap."""
+    for arm, driven in ((stick_and_bucket(), False), (excavator(), True)):
+        driving = Driving(arm, 300e3, 0.1)
+        state = driving.begin()
+        for _ in range(20):
+            state = driving.step(state, acting(30e3, 0.0), 0.5 + 0j, np.ones(len(arm.rows)))
+        assert (state.level is Level.REJECTED) is driven
+
+
+@pytest.mark.parametrize(
+    ("beside", "driven"),
+    [
+        (acting(0.0, 0.0), False),  # all of it is the load's
+        (acting(30e3, 0.0), True),
+        (acting(0.0, 0.0)._replace(x=invalid(Reason.SINGULAR)), False),
+    ],
+)
+def test_the_force_of_a_weighed_load_drives_nothing(beside, driven):
+    driving = Driving(rig(), 300e3, 0.1)
+    state = driving.begin()
+    for _ in range(20):
+        state = driving.step(state, acting(30e3, -15e3), 0.5 + 0j, np.array([1e4]), beside)
+    assert (state.level is Level.REJECTED) is driven
+
+
+def test_a_load_that_is_reached_out_while_the_house_slews_drives_nothing(machine):
+    """At 0.9 rad/s 1400 kg pull outwards with up to 7 kN, in the direction in which the stick reaches."""
+    core, *_ = machine
+    strokes = [(0, 1.0, 3.0, 0.2), (1, 3.0, 4.0, 0.1), (0, 4.5, 6.5, -0.15), (1, 7.0, 10.0, 1.1), (1, 10.5, 12.5, -0.9)]
+    swung = scene(np.radians([15.0, -110.0, -110.0]), strokes, 14.0, 1400.0)
+    swung = swung._replace(slew=JointCourse(0.0, (Move(5.0, 12.0, 3.36),)))
+    state, estimates, _ = through(core, played(load(EXCAVATOR), [swung]))
+    outwards = [e.force.x.value for e in estimates if e.force.x.status is not Status.INVALID]
+    assert max(outwards) > driven_least(core)
+    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert {e.gross.status for e in estimates[800:1200]} == {Status.OK}
+
+
+def driven_least(core):
+    """The smallest force [N] that counts as a push."""
+    return LEAST * core.limits[MAGNITUDE][1]
 
 
 def slews(rate):

@@ -70,7 +70,8 @@ class Watch(NamedTuple):
 
 class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
-    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there."""
+    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there; whether a load is
+    `weighed` now, whose force the soil's does not contain."""
 
     values: Numbers
     pipe: Pipe
@@ -81,6 +82,7 @@ class Samples(NamedTuple):
     gross: Quantity
     lift: Lift
     leapt: tuple[int, ...] = ()
+    weighed: bool = False
 
 
 @dataclass(frozen=True)
@@ -188,12 +190,14 @@ class Monitor:
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
-        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
+        (resultant, soil), velocity = seen.forces, seen.instant.velocity
+        beside = soil if seen.weighed else None
+        driven = self._driving.step(state.driven, resultant, velocity, seen.left, beside)
         middle = seen.pipe.middle
         gathering, block = self._gatherer.step(state.gathering, seen.instant, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
-        turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
+        turned = self._gatherer.swung(middle, _acting(resultant))
         now = (gathering, turned, seen.lift.taken, seen.drift)
         unnoticed = self._noticing.step(state.unnoticed, *now, hangs=bool(hangs))
         empty, wrong_since = self._emptied(state, seen.gross, seen.lift, seen.drift)
