@@ -21,7 +21,7 @@ from cylforce.service.contact.interaction import Forces
 from cylforce.service.loading.lift import Lift
 from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
-from cylforce.service.plausibility.changing import Changes, Watching
+from cylforce.service.plausibility.changing import NONE, Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
 from cylforce.service.plausibility.offsets import HARMLESS, NO_OFFSET, Offset, Voting
@@ -70,8 +70,10 @@ class Watch(NamedTuple):
 
 class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
-    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there; whether a load is
-    `weighed` now, whose force the soil's does not contain."""
+    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there.
+
+    weighed: whether a load is weighed now, whose force that of the soil does not contain
+    came:    (S,) times [us] of the frames of all signals"""
 
     values: Numbers
     pipe: Pipe
@@ -83,6 +85,7 @@ class Samples(NamedTuple):
     lift: Lift
     leapt: tuple[int, ...] = ()
     weighed: bool = False
+    came: Numbers = NONE
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,8 @@ class Monitor:
     def _leapt(self, state: Watch, now: Numbers, seen: Samples) -> tuple[Leaps, Turns]:
         """Leaps of the pressures `now` (P,) but those of friction that turned round."""
         steps, turned = seen.pipe.steps, self._reversing.step(state.turned, seen.instant, seen.pipe.steps)
-        leaps = self._leaping.step(state.leaps, now, steps)
+        came = self._watching.now(seen.came) if seen.came else NONE
+        leaps = self._leaping.step(state.leaps, now, steps, came)
         doubt, known = leaps.doubt, state.leaps
         if doubt is known.doubt or doubt.cause is not SensorFault.STEPPED:
             return leaps, turned
