@@ -8,7 +8,7 @@ from scipy.stats import chi2, f
 
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.loading.lift import kept
-from cylforce.service.plausibility.blocks import Block, Gatherer, cost
+from cylforce.service.plausibility.blocks import NONE, Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
 from cylforce.service.plausibility.driven import LEAST, Driving
 from cylforce.service.plausibility.offsets import UNSURE, VOTES, Offset, Voting
@@ -275,6 +275,45 @@ def test_torques_that_scatter_more_than_at_commissioning_say_less(machine):
     assert one.evidence > 0.0
 
 
+OFF, SECONDS = 3.0, 10  # standard errors by which friction is off, or bar of a pressure; seconds of motion
+
+
+def second(core, way, friction, error):
+    """A second in which all cylinders move one `way`. The boom's friction is off by `friction` (standard errors of
+    everyday changes), its pressure by `error` (bar): while it extends both change its torque alike."""
+    gatherer = Gatherer(core.model, core.tares)
+    many, frictions = gatherer.size, gatherer._frictions
+    columns = np.full((15, frictions + many + 1), 1e-3)  # the other signals and frictions change nothing
+    columns[:, 0], columns[:, frictions] = way, 1.0
+    columns[:, -1] = way * friction + error
+    rows = columns.T @ columns
+    own = rows - np.outer(rows[0], rows[0]) / (rows[0, 0] + 1.0)  # with a friction of the block's own
+    linear, square = own[frictions:-1, -1], np.maximum(np.diagonal(own)[frictions:-1], 1e-9)
+    numbers = (np.array([x]) for x in (own[-1, -1], 100.0, 5.0, 15.0))
+    masses, belief = np.zeros(len(rows)), np.stack([np.zeros(frictions), np.ones(frictions)])
+    masses[-1] = 100.0
+    ways = np.full(len(core.service.machine.cylinders), 0.1 * way)
+    return Block(*numbers, linear, square, np.full(many, 30.0), rows, masses, belief, ways)
+
+
+@pytest.mark.parametrize(
+    ("ways", "friction", "error", "rejected"),
+    [
+        ((1.0,), OFF, 0.0, False),  # one friction that is paid for once explains it
+        ((1.0, -1.0), OFF, 0.0, False),
+        ((1.0, -1.0), 0.0, OFF, True),  # no friction acts alike both ways
+    ],
+)
+def test_cold_oil_is_one_friction_for_all_seconds(machine, ways, friction, error, rejected):
+    """Paid for anew each second it was evidence that a signal is off."""
+    core, *_ = machine
+    blocks = [second(core, ways[k % len(ways)], friction, error) for k in range(SECONDS)]
+    offset, limit = evidence(core, blocks)
+    assert (offset.evidence > limit, offset.confirmed) == (rejected, rejected)
+    anew = [each._replace(rows=NONE, masses=NONE, belief=NONE) for each in blocks]
+    assert (evidence(core, anew)[0].evidence > limit) is (len(ways) == 1 or rejected)
+
+
 def test_contact_does_not_vote(machine):
     core, *_ = machine
     contact = block(core, 50.0, 1, 0.1)
@@ -435,10 +474,48 @@ def test_an_empty_bucket_has_no_moments_without_a_mass(machine, moments, error, 
     assert not core.monitor._suspicion(watch).follows or cause is SensorFault.NONE
 
 
-@pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])
-def test_only_what_needs_a_mechanic_is_latched(cause, stays):
-    assert NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause).latched is stays
-    assert not NOTHING_SUSPECTED._replace(level=Level.DOUBTED, cause=cause).latched
+@pytest.mark.parametrize(
+    ("cause", "confirmed", "stays"),
+    [
+        (SensorFault.BURST, False, True),
+        (SensorFault.EXCHANGED, True, True),
+        (SensorFault.EXCHANGED, False, False),
+        (SensorFault.SLIPPED, True, True),
+        (SensorFault.SLIPPED, False, False),
+        (SensorFault.OFFSET, True, False),
+    ],
+)
+def test_nothing_statistical_is_latched_that_is_not_confirmed_in_both_directions_of_motion(cause, confirmed, stays):
+    rejected = NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause, confirmed=confirmed)
+    assert rejected.latched is stays
+    assert not rejected._replace(level=Level.DOUBTED).latched
+
+
+def test_the_tool_must_be_driven_in_both_directions_to_be_confirmed():
+    driving = Driving(rig(), 300e3, 0.1)
+    state = driving.begin()
+    for _ in range(20):
+        state = driving.step(state, acting(30e3, 0.0), 0.5 + 0j, np.array([1e4]))
+    assert state.level is Level.REJECTED
+    assert not state.confirmed
+    for _ in range(4):
+        assert not state.confirmed
+        state = driving.step(state, acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
+    for _ in range(30):
+        state = driving.step(state, acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
+    assert state.confirmed
+
+
+def test_exchanged_pressures_are_believed_again_when_seconds_in_the_air_are_explained(machine):
+    """They push the tool in one direction of motion only: that nothing pushes in the other refutes nothing."""
+    core, *_ = machine
+    pushed = core.monitor.begin()._replace(driven=core.monitor._driving.begin()._replace(path=0.6))
+    rejected = pushed._replace(suspicion=core.monitor._suspicion(pushed))
+    assert (rejected.suspicion.cause, rejected.suspicion.level) == (SensorFault.EXCHANGED, Level.REJECTED)
+    resists = rejected._replace(driven=core.monitor._driving.begin())
+    for seconds_in_air, level in ((0, Level.REJECTED), (VOTES - 1, Level.REJECTED), (VOTES, Level.FINE)):
+        assert core.monitor._suspicion(resists._replace(in_air=seconds_in_air)).level is level
+    assert core.monitor._suspicion(rejected._replace(in_air=VOTES)).level is Level.REJECTED
 
 
 def test_the_faults_of_the_table_change_what_they_name(machine):

@@ -30,12 +30,22 @@ DRIVES = 2  # links of an arm that digs by driving: arm and bucket of a wheel lo
 
 class Driven(NamedTuple):
     """State: the `path` [m] over which the tool was driven, and the torque left of each joint, integrated along it:
-    `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`), and the path [m] of one `alone`."""
+    `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`), and the path [m] of one `alone`.
+
+    first:    the direction of motion x + i z in which it was driven first; 0: in none
+    opposite: m of the path in directions opposite to it"""
 
     path: float
     strain: Array
     drives: bool = False
     alone: float = 0.0
+    first: complex = 0j
+    opposite: float = 0.0
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the tool was driven in both directions of motion, each by as much as begins a doubt."""
+        return min(self.path - self.opposite, self.opposite) > FARTHEST[Level.DOUBTED]
 
     @property
     def level(self) -> Level:
@@ -78,11 +88,13 @@ class Driving:
             return state._replace(drives=False, alone=0.0) if state.drives else state
         along, way = velocity / speed, speed * self.seconds
         if not self._pushes(resultant, along) or not (beside is None or self._pushes(beside, along)):
-            return Driven(state.path - way, state.strain) if state.path > way else self.begin()
+            return state._replace(path=state.path - way, drives=False, alone=0.0) if state.path > way else self.begin()
         if not state.drives:
             return state._replace(drives=True, alone=way)
         way += state.alone
-        return Driven(state.path + way, state.strain + way * np.abs(torque), drives=True)
+        first, strain = state.first or along, state.strain + way * np.abs(torque)
+        back = way if (along * first.conjugate()).real < 0.0 else 0.0
+        return Driven(state.path + way, strain, drives=True, first=first, opposite=state.opposite + back)
 
     def _pushes(self, force: Force, along: complex) -> bool:
         """Return whether a force, less what a hanging mass explains of it, drives the tool in the direction `along`."""
