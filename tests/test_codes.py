@@ -1,7 +1,7 @@
 """Numbers that leave the service, or stand in logs: they never change."""
 
 from cylforce.estimation.kernel import inputs
-from cylforce.service.plausibility.suspicion import LATCHED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import LATCHED, LATCHED_IF_CONFIRMED, Level, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Reason, Status
 
 REASONS = (
@@ -46,9 +46,13 @@ def test_suspicions_are_told_by_their_numbers():
 
 
 def test_what_a_suspicion_means_for_the_work():
-    """Bookings wait for what the next motion will say; what is latched stays until the next start; an empty bucket
-    below nothing may be a drift."""
+    """Bookings wait for what the next motion will say; what is latched stays until the next start, what is concluded
+    from many samples only once motion in both directions has confirmed it; an empty bucket below nothing may be a
+    drift."""
     every = [SensorDoubt(level, cause) for level in Level for cause in SensorFault]
+    confirmed = [doubt._replace(confirmed=True) for doubt in every]
+    assert {d.cause for d in confirmed if d.latched} == {*LATCHED, *LATCHED_IF_CONFIRMED}
+    assert {d.cause for d in every if d.stays} == {*LATCHED, SensorFault.EXCHANGED}
     assert {d.cause.name for d in every if d.waits} == {"STEPPED", "SWAPPED", "STRAYED"}
     assert {d.cause for d in every if d.latched} == set(LATCHED)
     assert {d.level for d in every if d.latched} == {Level.REJECTED}

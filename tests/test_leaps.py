@@ -211,6 +211,28 @@ def test_a_reading_that_is_missing_does_not_matter(leaping):
         assert state.doubt.cause is SensorFault.STEPPED
 
 
+def test_a_node_whose_frames_waited_has_not_leapt(leaping):
+    """Five frames of a node are missing; of those that then come together the tick finds the oldest one, the next tick
+    the newest. The pressure has changed by 10 bar between them."""
+    rng, gone, size = np.random.default_rng(11), range(40, 45), 70
+    rising = LEVELS + np.arange(size)[:, None] * np.array([2.0, 0.1, 0.0, 0.0, 0.0, 0.0]) * BAR
+    readings = rising + rng.normal(0.0, NOISE, rising.shape)
+    readings[gone.stop, 0] = readings[gone.start, 0]
+    steps = [k for k in range(size) if k not in gone]
+    assert course(leaping, readings[steps], steps).doubt == NOTHING_SUSPECTED
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_no_leap_is_concluded_beside_a_reading_that_is_late(leaping, late):
+    """Its frame is still the one before."""
+    window, state = smooth(np.random.default_rng(12)), leaping.begin()
+    window[BEFORE:, 2] += 50.0 * BAR
+    for k, row in enumerate(window.tolist(), 1):
+        seen = k - 1 if late and k == BEFORE else k
+        state = leaping.step(state, numbers(row), k, numbers([1e4 * seen] * len(row)))
+    assert (state.doubt == NOTHING_SUSPECTED) is late
+
+
 def test_pressures_that_are_sent_every_other_step_are_read_so(leaping):
     """Else each value but the first of a motion would be a leap, or noise."""
     slower = tuple(replace(s, period_s=0.02) for s in leaping.machine.signals)

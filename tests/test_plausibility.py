@@ -8,20 +8,23 @@ from scipy.stats import chi2, f
 
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.service.loading.lift import kept
-from cylforce.service.plausibility.blocks import Block, Gatherer, cost
+from cylforce.service.plausibility.blocks import NONE, Block, Gatherer, cost
 from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
-from cylforce.service.plausibility.driven import Driving
+from cylforce.service.plausibility.driven import LEAST, Driving
 from cylforce.service.plausibility.offsets import UNSURE, VOTES, Offset, Voting
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
+from cylforce.service.publication import MAGNITUDE
 from cylforce.service.state import State
 from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid
 from cylforce.signals.kinds import Kind
+from cylforce.simulation.trajectory import JointCourse, Move
 from faulting.edits import BAR, Fault, edited, named
+from machines import excavator, stick_and_bucket
 from rig import readings, rig
-from scenarios import EXCAVATOR, cycles, identified, through, with_value
+from scenarios import EXCAVATOR, cycles, identified, played, scene, through, with_value
 
 STEPS = GROUP * GROUPS
 
@@ -137,6 +140,50 @@ def test_a_machine_that_drives_is_pushed_by_the_heap():
         assert (state.level is Level.REJECTED) is driven
 
 
+def test_a_gyro_on_a_loader_does_not_say_that_it_stands():
+    """It measures how the loader steers: what pushes horizontally may be the heap."""
+    for arm, driven in ((stick_and_bucket(), False), (excavator(), True)):
+        driving = Driving(arm, 300e3, 0.1)
+        state = driving.begin()
+        for _ in range(20):
+            state = driving.step(state, acting(30e3, 0.0), 0.5 + 0j, np.ones(len(arm.rows)))
+        assert (state.level is Level.REJECTED) is driven
+
+
+@pytest.mark.parametrize(
+    ("beside", "driven"),
+    [
+        (acting(0.0, 0.0), False),  # all of it is the load's
+        (acting(30e3, 0.0), True),
+        (acting(0.0, 0.0)._replace(x=invalid(Reason.SINGULAR)), False),
+    ],
+)
+def test_the_force_of_a_weighed_load_drives_nothing(beside, driven):
+    driving = Driving(rig(), 300e3, 0.1)
+    state = driving.begin()
+    for _ in range(20):
+        state = driving.step(state, acting(30e3, -15e3), 0.5 + 0j, np.array([1e4]), beside)
+    assert (state.level is Level.REJECTED) is driven
+
+
+def test_a_load_that_is_reached_out_while_the_house_slews_drives_nothing(machine):
+    """At 0.9 rad/s 1400 kg pull outwards with up to 7 kN, in the direction in which the stick reaches."""
+    core, *_ = machine
+    strokes = [(0, 1.0, 3.0, 0.2), (1, 3.0, 4.0, 0.1), (0, 4.5, 6.5, -0.15), (1, 7.0, 10.0, 1.1), (1, 10.5, 12.5, -0.9)]
+    swung = scene(np.radians([15.0, -110.0, -110.0]), strokes, 14.0, 1400.0)
+    swung = swung._replace(slew=JointCourse(0.0, (Move(5.0, 12.0, 3.36),)))
+    state, estimates, _ = through(core, played(load(EXCAVATOR), [swung]))
+    outwards = [e.force.x.value for e in estimates if e.force.x.status is not Status.INVALID]
+    assert max(outwards) > driven_least(core)
+    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert {e.gross.status for e in estimates[800:1200]} == {Status.OK}
+
+
+def driven_least(core):
+    """The smallest force [N] that counts as a push."""
+    return LEAST * core.limits[MAGNITUDE][1]
+
+
 def slews(rate):
     """The last three channels, of which the last one is the slew rate or angle."""
     return np.array([[0.0, rate(k)] for k in range(3)])
@@ -226,6 +273,45 @@ def test_torques_that_scatter_more_than_at_commissioning_say_less(machine):
     (one, _), (other, _) = evidence(core, [calm]), evidence(core, [rough])
     assert one.evidence == pytest.approx(4.0 * other.evidence)
     assert one.evidence > 0.0
+
+
+OFF, SECONDS = 3.0, 10  # standard errors by which friction is off, or bar of a pressure; seconds of motion
+
+
+def second(core, way, friction, error):
+    """A second in which all cylinders move one `way`. The boom's friction is off by `friction` (standard errors of
+    everyday changes), its pressure by `error` (bar): while it extends both change its torque alike."""
+    gatherer = Gatherer(core.model, core.tares)
+    many, frictions = gatherer.size, gatherer._frictions
+    columns = np.full((15, frictions + many + 1), 1e-3)  # the other signals and frictions change nothing
+    columns[:, 0], columns[:, frictions] = way, 1.0
+    columns[:, -1] = way * friction + error
+    rows = columns.T @ columns
+    own = rows - np.outer(rows[0], rows[0]) / (rows[0, 0] + 1.0)  # with a friction of the block's own
+    linear, square = own[frictions:-1, -1], np.maximum(np.diagonal(own)[frictions:-1], 1e-9)
+    numbers = (np.array([x]) for x in (own[-1, -1], 100.0, 5.0, 15.0))
+    masses, belief = np.zeros(len(rows)), np.stack([np.zeros(frictions), np.ones(frictions)])
+    masses[-1] = 100.0
+    ways = np.full(len(core.service.machine.cylinders), 0.1 * way)
+    return Block(*numbers, linear, square, np.full(many, 30.0), rows, masses, belief, ways)
+
+
+@pytest.mark.parametrize(
+    ("ways", "friction", "error", "rejected"),
+    [
+        ((1.0,), OFF, 0.0, False),  # one friction that is paid for once explains it
+        ((1.0, -1.0), OFF, 0.0, False),
+        ((1.0, -1.0), 0.0, OFF, True),  # no friction acts alike both ways
+    ],
+)
+def test_cold_oil_is_one_friction_for_all_seconds(machine, ways, friction, error, rejected):
+    """Paid for anew each second it was evidence that a signal is off."""
+    core, *_ = machine
+    blocks = [second(core, ways[k % len(ways)], friction, error) for k in range(SECONDS)]
+    offset, limit = evidence(core, blocks)
+    assert (offset.evidence > limit, offset.confirmed) == (rejected, rejected)
+    anew = [each._replace(rows=NONE, masses=NONE, belief=NONE) for each in blocks]
+    assert (evidence(core, anew)[0].evidence > limit) is (len(ways) == 1 or rejected)
 
 
 def test_contact_does_not_vote(machine):
@@ -388,10 +474,48 @@ def test_an_empty_bucket_has_no_moments_without_a_mass(machine, moments, error, 
     assert not core.monitor._suspicion(watch).follows or cause is SensorFault.NONE
 
 
-@pytest.mark.parametrize(("cause", "stays"), [(SensorFault.EXCHANGED, True), (SensorFault.OFFSET, False)])
-def test_only_what_needs_a_mechanic_is_latched(cause, stays):
-    assert NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause).latched is stays
-    assert not NOTHING_SUSPECTED._replace(level=Level.DOUBTED, cause=cause).latched
+@pytest.mark.parametrize(
+    ("cause", "confirmed", "stays"),
+    [
+        (SensorFault.BURST, False, True),
+        (SensorFault.EXCHANGED, True, True),
+        (SensorFault.EXCHANGED, False, False),
+        (SensorFault.SLIPPED, True, True),
+        (SensorFault.SLIPPED, False, False),
+        (SensorFault.OFFSET, True, False),
+    ],
+)
+def test_nothing_statistical_is_latched_that_is_not_confirmed_in_both_directions_of_motion(cause, confirmed, stays):
+    rejected = NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause, confirmed=confirmed)
+    assert rejected.latched is stays
+    assert not rejected._replace(level=Level.DOUBTED).latched
+
+
+def test_the_tool_must_be_driven_in_both_directions_to_be_confirmed():
+    driving = Driving(rig(), 300e3, 0.1)
+    state = driving.begin()
+    for _ in range(20):
+        state = driving.step(state, acting(30e3, 0.0), 0.5 + 0j, np.array([1e4]))
+    assert state.level is Level.REJECTED
+    assert not state.confirmed
+    for _ in range(4):
+        assert not state.confirmed
+        state = driving.step(state, acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
+    for _ in range(30):
+        state = driving.step(state, acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
+    assert state.confirmed
+
+
+def test_exchanged_pressures_are_believed_again_when_seconds_in_the_air_are_explained(machine):
+    """They push the tool in one direction of motion only: that nothing pushes in the other refutes nothing."""
+    core, *_ = machine
+    pushed = core.monitor.begin()._replace(driven=core.monitor._driving.begin()._replace(path=0.6))
+    rejected = pushed._replace(suspicion=core.monitor._suspicion(pushed))
+    assert (rejected.suspicion.cause, rejected.suspicion.level) == (SensorFault.EXCHANGED, Level.REJECTED)
+    resists = rejected._replace(driven=core.monitor._driving.begin())
+    for seconds_in_air, level in ((0, Level.REJECTED), (VOTES - 1, Level.REJECTED), (VOTES, Level.FINE)):
+        assert core.monitor._suspicion(resists._replace(in_air=seconds_in_air)).level is level
+    assert core.monitor._suspicion(rejected._replace(in_air=VOTES)).level is Level.REJECTED
 
 
 def test_the_faults_of_the_table_change_what_they_name(machine):

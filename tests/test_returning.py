@@ -9,7 +9,7 @@ from cylforce.estimation.model import Model
 from cylforce.programs.common.readings import make_core
 from cylforce.service.plausibility.blocks import BAR, Block, Gatherer
 from cylforce.service.plausibility.leaping import Leaps
-from cylforce.service.plausibility.offsets import VOTES
+from cylforce.service.plausibility.offsets import KEPT, VOTES
 from cylforce.service.plausibility.returning import ENOUGH, WRONGLY, Returning
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.settings.machine_file import load
@@ -97,3 +97,16 @@ def test_a_second_that_began_before_the_leap_says_nothing(returning):
 def test_nothing_is_judged_without_a_doubt(returning):
     state = Leaps(steps=10_000)
     assert returning.judged(state, block(returning)) is state
+
+
+def test_a_step_that_is_not_confirmed_ends_by_itself(returning):
+    """Of seconds that contradict each other; some must be in the air, and together they must not have confirmed it."""
+    against, confirming, contact = block(returning), block(returning, best=STEP), block(returning, left=50.0)
+    early = after(returning, doubted(SensorFault.STEPPED), *[against, confirming] * VOTES)
+    almost = after(returning, early, *[contact] * (KEPT - 2 * VOTES - 1))
+    assert almost.doubt.level is Level.DOUBTED
+    assert returning.judged(almost, contact).doubt == NOTHING_SUSPECTED
+    in_the_ground = after(returning, doubted(SensorFault.STEPPED), *[contact] * (2 * KEPT))
+    assert in_the_ground.doubt.level is Level.DOUBTED
+    confirmed = after(returning, doubted(SensorFault.STEPPED), *[confirming] * (2 * KEPT))
+    assert confirmed.doubt.level is Level.DOUBTED

@@ -202,6 +202,10 @@ class Assembler:
         leapt = self.leapt(inputs) if found[-1] else ()
         return new(Sample, (t_us, found[:size], reasons, REASONS[found[-2]], leapt))
 
+    def came(self, inputs: Inputs) -> Numbers:
+        """Return the time (S,) [us] at which the frame of each signal's last accepted value came."""
+        return inputs.kept[1 : SIGNAL * inputs.sizes[0] : SIGNAL]
+
     @once
     def _fine(self) -> tuple[Reason, ...]:
         return (Reason.NONE,) * len(self.service.machine.signals)

@@ -131,7 +131,7 @@ class Core:
         if unconfirmed is not None:
             books = books._replace(unconfirmed=unconfirmed)
         nothing = no_estimate(state.estimate.t_us, Reason.STARTING, books.booking, state.estimate.events)
-        suspicion = state.watch.suspicion if state.watch.suspicion.latched else begun.watch.suspicion
+        suspicion = state.watch.suspicion if state.watch.suspicion.stays else begun.watch.suspicion
         return begun._replace(
             inputs=state.inputs,
             frames=state.frames,

@@ -142,8 +142,8 @@ def _tick(core: Core, state: State, t_us: int) -> State:
     (weighing, load), wrong = lifted, state.watch.unnoticed.torques
     pressed = core.interactor.step(state.interaction, instant, state.drift.values, usable, lifted, t_us, wrong)
     (interaction, forces), torque = pressed, left.torque
-    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift, sample.leapt)
-    seen = new(Samples, (sample.kept, pipe, instant, torque, forces, *told))
+    told = (state.drift, less(load.mass, state.scale.zero), weighing.lift, sample.leapt, interaction.carried.known)
+    seen = new(Samples, (sample.kept, pipe, instant, torque, forces, *told, core.assembler.came(inputs)))
     watch, weighing = _watched(core, state, seen, weighing)
     drift = _drift(core, state.drift, watch, load, left, usable)
     known = core.recognizer.step(state.recognition, plain, usable)

@@ -21,6 +21,7 @@ from cylforce.estimation.model import EXPECTED, Model, Tares
 from cylforce.estimation.residual import correlated, load_spread
 from cylforce.service.adaptation import Drift
 from cylforce.service.pipeline import Instant
+from cylforce.service.weighing import COLD
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import once
@@ -36,12 +37,20 @@ BAR = 1e5  # Pa
 SLOWEST = 0.005
 TILTED = 1e-3  # rad by which an angle is shifted to find its column
 LOAD = 4  # parameters of a load
+NONE = np.zeros(0)
 
 
 class Block(NamedTuple):
     """What a block leaves with an error of size x of signal h is left - 2 linear_h x + square_h x^2 (squares in units
     of their variance), and the load's mass then mass - slope_h x [kg] with the standard error `spread` [kg]; `weight`:
-    independent samples. `left`, `mass`, `spread` and `weight` are (1,), the others (H,); of several blocks (B, ...)."""
+    independent samples. `left`, `mass`, `spread` and `weight` are (1,), the others (H,); of several blocks (B, ...).
+
+    Of F frictions that all blocks share (`common_friction`), in standard errors by which strokes differ:
+    rows:   (F + H + 1, F + H + 1) products of [friction | errors | torque left], the load, the zeros and what differs
+            from stroke to stroke taken out
+    masses: (F + H + 1,) the load's mass [kg] by each of them
+    belief: (2, F) mean and standard error of the friction, as the adaptation knows it
+    ways:   (C,) by how much each cylinder moved [m], extending positive"""
 
     left: Array
     mass: Array
@@ -50,12 +59,17 @@ class Block(NamedTuple):
     linear: Array
     square: Array
     slope: Array
+    rows: Array = NONE
+    masses: Array = NONE
+    belief: Array = NONE
+    ways: Array = NONE
 
 
 class Gathering(NamedTuple):
     """State: the `load` (4,) of the block before, zero in contact; `gram` (K, K) of the running block's rows [load |
     everyday changes | errors | torque left], number of `rows` and of `samples`; `last` (K, K): those of
-    the block before; `errors` (R, H) [N m]: torque by a unit of each error at the last sample."""
+    the block before; `errors` (R, H) [N m]: torque by a unit of each error at the last sample; `ways` (C,) [m] that the
+    cylinders moved in the running block."""
 
     load: Array
     gram: Array
@@ -63,6 +77,7 @@ class Gathering(NamedTuple):
     errors: Array
     rows: int = 0
     samples: int = 0
+    ways: Array = NONE
 
 
 @dataclass(frozen=True)
@@ -138,7 +153,8 @@ class Gatherer:
         """An empty block."""
         size = len(self.prior) + self.size + 1
         nothing = np.zeros((size, size))
-        return Gathering(np.zeros(LOAD), nothing, nothing, np.zeros((len(self.model.machine.rows), self.size)))
+        errors, ways = np.zeros((len(self.model.machine.rows), self.size)), np.zeros(len(self.model.machine.cylinders))
+        return Gathering(np.zeros(LOAD), nothing, nothing, errors, ways=ways)
 
     def interrupt(self, state: Gathering) -> Gathering:
         """The state after an interruption of the measurement: the running block starts anew."""
@@ -154,12 +170,15 @@ class Gatherer:
         moves = max(map(abs, instant.speed)) > SLOWEST
         gram, telling = self._with_rows(state.gram, instant, drift, errors) if moves else (state.gram, 0)
         many = state.rows + telling
-        state = Gathering(state.load, gram, state.last, errors, many, state.samples + 1)
+        ways = state.ways + np.frombuffer(instant.speed) * (EVERY / self.model.filters.rate_hz)
+        state = Gathering(state.load, gram, state.last, errors, many, state.samples + 1, ways)
         if state.samples < SAMPLES:
             return state, None
         if state.rows < IN_MOTION * SAMPLES * len(errors):
             return self.interrupt(state), None
-        return self._ended(state, self._as_seen(drift))
+        prior = self._as_seen(drift)
+        after, block = self._ended(state, prior)
+        return after, block._replace(**self._shared(state.gram, drift, prior), ways=state.ways)
 
     def _errors(self, instant: Instant, channels: Numbers, load: Array) -> Array:
         """Torque (R, H) [N m] by a unit of each error. That of a reading of each of `turned` too large by one radian is
@@ -204,6 +223,29 @@ class Gatherer:
         found = ZERO * (rows * self.size)
         self.kernel.turn_force(self._plan, channels, force.real, force.imag, turned, len(turned), len(pressed), found)
         return np.frombuffer(found).reshape(rows, self.size)
+
+    def _shared(self, gram: Array, drift: Drift, prior: Array) -> dict[str, Array]:
+        """Return a block's `rows`, `masses` and `belief`, from its `gram` (K, K).
+
+        With the friction f of all blocks and e, what differs in this one: torque = C (f + e). e has a standard error of
+        one, and is taken out as the load is. The gram's torque is that beside the friction of the `drift`; here it is
+        that beside the identified one, so that f means the same in all blocks."""
+        frictions, known = self._frictions, len(prior)
+        everyday, own = self._everyday(drift) / self._before, slice(frictions)
+        scale = np.ones(len(gram))
+        scale[LOAD:known] = 1.0 / everyday
+        gram = gram * scale * scale[:, None] / self.memory
+        inverse = np.linalg.inv(gram[:known, :known] + np.diag(self.prior))
+        shared = np.r_[LOAD : LOAD + frictions, known : len(gram)]
+        both = gram[:known, shared]
+        mean = drift.values[own] / self._before[own]
+        spread = everyday[own] / np.sqrt(prior[LOAD : LOAD + frictions])
+        if not drift.returned:  # the oil may be cold, as in the weighing's gate
+            spread = np.maximum(spread, COLD * (daily_spread(self.model, self.tares.values) / self._before)[own])
+        beside = np.eye(len(shared))
+        beside[own, -1] = mean
+        rows = beside.T @ (gram[np.ix_(shared, shared)] - both.T @ inverse @ both) @ beside
+        return {"rows": rows, "masses": inverse[0] @ both @ beside, "belief": np.stack([mean, spread])}
 
     def _ended(self, state: Gathering, prior: Array) -> tuple[Gathering, Block]:
         gram, known = state.gram / self.memory, len(prior)

@@ -1,8 +1,10 @@
 """Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
 a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
-those of this motion: they are exchanged, or dead. One sample alone does not count: where a fast arm stops or turns, its
-inertia, known to a few per cent, may show at one. A machine that does not slew drives
-into the heap, which then pushes its tool: there only the vertical part counts."""
+those of this motion: they are exchanged, or dead.
+
+A load that is weighed is subtracted with its whole force: its weight, its inertia, and the centrifugal force while the
+house slews. One sample alone does not count: where a fast arm stops or turns, its inertia, known to a few per cent, may
+show at one. A wheel loader drives into the heap, which then pushes its tool: there only the vertical part counts."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
@@ -23,16 +25,27 @@ FARTHEST = {Level.DOUBTED: 0.25, Level.REJECTED: 0.5}
 LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
 SURE = 5.0  # standard errors that it must exceed; chosen
 SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
+DRIVES = 2  # links of an arm that digs by driving: arm and bucket of a wheel loader
 
 
 class Driven(NamedTuple):
     """State: the `path` [m] over which the tool was driven, and the torque left of each joint, integrated along it:
-    `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`), and the path [m] of one `alone`."""
+    `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`), and the path [m] of one `alone`.
+
+    first:    the direction of motion x + i z in which it was driven first; 0: in none
+    opposite: m of the path in directions opposite to it"""
 
     path: float
     strain: Array
     drives: bool = False
     alone: float = 0.0
+    first: complex = 0j
+    opposite: float = 0.0
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the tool was driven in both directions of motion, each by as much as begins a doubt."""
+        return min(self.path - self.opposite, self.opposite) > FARTHEST[Level.DOUBTED]
 
     @property
     def level(self) -> Level:
@@ -50,30 +63,47 @@ class Driving:
 
     @once
     def _stands(self) -> bool:
-        """Whether the machine stands while it digs."""
-        return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
+        """Whether the machine stands while it digs: it has a slew sensor, and is no wheel loader.
+
+        A loader's arm has two links, with which its teeth go straight through the heap only if it drives. A gyro on it
+        measures how it steers."""
+        slews = any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
+        return slews and self.machine.size != DRIVES
 
     def begin(self) -> Driven:
         """Nothing was driven."""
         return Driven(0.0, np.zeros(len(self.machine.rows)))
 
-    def step(self, state: Driven, resultant: Force, velocity: complex, torque: Numbers) -> Driven:
-        """One step: the resultant, the tool's `velocity` [m/s] as x + i z, the `torque` (R,) [N m] that the tares
-        leave. What resists takes back as much of the path."""
+    def step(
+        self, state: Driven, resultant: Force, velocity: complex, torque: Numbers, beside: Force | None = None
+    ) -> Driven:
+        """Return the state after one step. What resists takes back as much of the path.
+
+        resultant: force of all that acts on the tool
+        velocity:  of the tool, x + i z [m/s]
+        torque:    (R,) residual torque of the tares [N m]
+        beside:    the resultant less the force of the load that is weighed; None while none is"""
         speed = abs(velocity)
         if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
             return state._replace(drives=False, alone=0.0) if state.drives else state
-        (xx, xz, zz), along = resultant.covariance, velocity / speed
-        x, z = resultant.x.value, resultant.z.value
+        along, way = velocity / speed, speed * self.seconds
+        if not self._pushes(resultant, along) or not (beside is None or self._pushes(beside, along)):
+            return state._replace(path=state.path - way, drives=False, alone=0.0) if state.path > way else self.begin()
+        if not state.drives:
+            return state._replace(drives=True, alone=way)
+        way += state.alone
+        first, strain = state.first or along, state.strain + way * np.abs(torque)
+        back = way if (along * first.conjugate()).real < 0.0 else 0.0
+        return Driven(state.path + way, strain, drives=True, first=first, opposite=state.opposite + back)
+
+    def _pushes(self, force: Force, along: complex) -> bool:
+        """Return whether a force, less what a hanging mass explains of it, drives the tool in the direction `along`."""
+        if force.x.status is Status.INVALID or force.z.status is Status.INVALID:
+            return False
+        (xx, xz, zz), x, z = force.covariance, force.x.value, force.z.value
         x *= self._stands  # the heap's push says nothing of the mass either
         if along.imag < 0.0:  # a load drives what it hangs from downwards only
             z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
         push = x * along.real + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
-        way = speed * self.seconds
-        if push <= max(LEAST * self.rated_force, SURE * hypot(error, 1.0)):
-            return Driven(state.path - way, state.strain) if state.path > way else self.begin()
-        if not state.drives:
-            return state._replace(drives=True, alone=way)
-        way += state.alone
-        return Driven(state.path + way, state.strain + way * np.abs(torque), drives=True)
+        return push > max(LEAST * self.rated_force, SURE * hypot(error, 1.0))

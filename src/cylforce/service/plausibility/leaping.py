@@ -32,6 +32,9 @@ FREE = BEFORE + AFTER - DEGREE - 2  # degrees of freedom of what a curve with a 
 # left now (degrees of freedom of Student's t). Chosen on the same: noise changes from second to second
 PIECES, KNOWN = 6, FREE
 WINDOW = BEFORE + AFTER
+# Bits of `Leaps.late`: all that are kept; the last two readings before a leap and the first one after it. Of frames
+# that waited and come together a tick may find some: the reading after a late one may be old, too.
+RECENT, BESIDE = (1 << WINDOW) - 1, 0b111 << (AFTER - 1)
 KEPT = PIECES * WINDOW
 LONGEST = KEPT + WINDOW
 # Log likelihood ratio of a leap: an order of signals that is right exceeds it once in ten hours, if each of its
@@ -45,7 +48,11 @@ Pairs = tuple[tuple[int, int], ...]
 class Leaps(NamedTuple):
     """State, of P pressures: the last `readings` (T, P) [Pa], one after the other; `steps` of the filters at the last
     one; the leap that is doubted, the steps `since` which it is, and what seconds in the air said against it
-    (`votes`); readings `before` those, which are asked seldom."""
+    (`votes`); readings `before` those, which are asked seldom.
+
+    came: (P,) times [us] of the frames that the last reading is of
+    late: bit k is set if the reading k readings ago was late or is missing
+    seconds, in_air: seconds of motion since the leap that is doubted, and those of them that a load explains"""
 
     readings: Numbers = NONE
     steps: int = 0
@@ -53,6 +60,10 @@ class Leaps(NamedTuple):
     since: int = 0
     votes: float = 0.0
     before: Numbers = NONE
+    came: Numbers = NONE
+    late: int = 0
+    seconds: int = 0
+    in_air: int = 0
 
 
 @dataclass(frozen=True)
@@ -133,7 +144,7 @@ class Leaping:
 
     def interrupt(self, state: Leaps) -> Leaps:
         """The measurement stopped, and the filters begin anew: what was read before says nothing of what follows."""
-        return state._replace(readings=NONE, before=NONE, steps=0, since=0)
+        return state._replace(readings=NONE, before=NONE, steps=0, since=0, came=NONE, late=0)
 
     def strayed(self, state: Leaps, signals: tuple[int, ...]) -> Leaps:
         """These `signals` were outside their range for so long that the measurement stopped: what a pressure says when
@@ -141,35 +152,51 @@ class Leaping:
         own = tuple(k for k in signals if k in self.signals)
         if not own or state.doubt.level is not Level.FINE:
             return state
-        return state._replace(doubt=SensorDoubt(Level.DOUBTED, SensorFault.STRAYED, own), votes=0.0)
+        return state._replace(
+            doubt=SensorDoubt(Level.DOUBTED, SensorFault.STRAYED, own), votes=0.0, seconds=0, in_air=0
+        )
 
-    def step(self, state: Leaps, now: Numbers, steps: int) -> Leaps:
-        """One step: the pressures (P,) `now` [Pa], the filters' `steps` so far. A few readings that are missing are
-        filled by linear interpolation."""
+    def step(self, state: Leaps, now: Numbers, steps: int, came: Numbers = NONE) -> Leaps:
+        """Return the state after one step. A few readings that are missing are filled by linear interpolation.
+
+        No leap is concluded beside a reading that is late or missing: what comes after it is of a later time than it
+        seems, and differs by what the pressure has changed meanwhile.
+
+        now:   (P,) pressures [Pa]
+        steps: of the filters so far
+        came:  (P,) times [us] of the frames that `now` is of; empty: not known"""
         every = self._every
         if steps % every or not now:
             return state
         missing = (steps - state.steps) // every - 1
         if missing or not state.readings:
             state = self._filled(state, now, missing)
+        late = any(a == b for a, b in zip(came, state.came, strict=False))
+        return self._with(state._replace(came=came), now, steps, late=late)
+
+    def _with(self, state: Leaps, now: Numbers, steps: int, *, late: bool) -> Leaps:
+        """The state with one more reading (P,) [Pa]."""
         size, readings, before = len(now), state.readings + now, state.before
         if len(readings) == 2 * WINDOW * size:
             before, readings = (before + readings[: WINDOW * size])[-KEPT * size :], readings[WINDOW * size :]
-        last = len(readings) // size - AFTER
-        if last >= BEFORE and self.kernel.suspicious(size, readings, last, self._gate):
+        last, lately = len(readings) // size - AFTER, (state.late << 1 | late) & RECENT
+        sound = not lately & BESIDE and lately.bit_count() <= 1  # one that is farther away bends no curve
+        looked = last >= BEFORE and sound
+        if looked and self.kernel.suspicious(size, readings, last, self._gate):
             doubt = self.leap(np.frombuffer((before + readings)[-LONGEST * size :]).reshape(-1, size))
             if doubt.level is not Level.FINE:
-                return Leaps(readings, steps, doubt, steps, before=before)
-        return new(Leaps, (readings, steps, state.doubt, state.since, state.votes, before))
+                return Leaps(readings, steps, doubt, steps, before=before, came=state.came, late=lately)
+        kept = (readings, steps, state.doubt, state.since, state.votes, before, state.came, lately)
+        return new(Leaps, (*kept, state.seconds, state.in_air))
 
     def _filled(self, state: Leaps, now: Numbers, missing: int) -> Leaps:
         """The state with readings in place of some that are missing; after too many it begins anew."""
         if not 0 <= missing <= AFTER or not state.readings:
-            return state._replace(readings=NONE, before=NONE)
+            return state._replace(readings=NONE, before=NONE, came=NONE, late=0)
         before, filled = state.readings[-len(now) :], state
         for k in range(1, missing + 1):
             between = array("d", [a + (b - a) * k / (missing + 1) for a, b in zip(before, now, strict=True)])
-            filled = self.step(filled, between, filled.steps + self._every)
+            filled = self._with(filled, between, filled.steps + self._every, late=True)
         return filled
 
     def leap(self, readings: Array) -> SensorDoubt:

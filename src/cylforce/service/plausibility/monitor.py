@@ -21,10 +21,10 @@ from cylforce.service.contact.interaction import Forces
 from cylforce.service.loading.lift import Lift
 from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
-from cylforce.service.plausibility.changing import Changes, Watching
+from cylforce.service.plausibility.changing import NONE, Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
 from cylforce.service.plausibility.leaping import Leaping, Leaps
-from cylforce.service.plausibility.offsets import HARMLESS, NO_OFFSET, Offset, Voting
+from cylforce.service.plausibility.offsets import HARMLESS, NO_OFFSET, VOTES, Offset, Voting
 from cylforce.service.plausibility.placed import impossible
 from cylforce.service.plausibility.returning import Returning
 from cylforce.service.plausibility.reversing import Reversing, Turns
@@ -36,7 +36,7 @@ from cylforce.signals.estimate import Array, Force, Quantity, Status
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import new, once
 
-FINE = Level.FINE  # a member of an enumeration takes longer to look up than a name
+FINE, REJECTED = Level.FINE, Level.REJECTED  # a member of an enumeration takes longer to look up than a name
 NEVER = -1  # in place of a sample
 BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be; machines in order: 2.2
 
@@ -44,7 +44,8 @@ BELOW = 3.0  # standard errors below nothing at which an empty bucket cannot be;
 class Watch(NamedTuple):
     """State: the running block, the blocks that vote and their `offset`; the pressures' changes; how far the tool was
     driven and swept; which signals leapt; what was wrong when the bucket was seen `empty` last, and from which sample
-    of this lift on; what is suspected; when cylinders `turned` round."""
+    of this lift on; what is suspected; when cylinders `turned` round; how many seconds in a row a load explained
+    (`in_air`), since a signal was rejected."""
 
     gathering: Gathering
     blocks: Block
@@ -59,6 +60,7 @@ class Watch(NamedTuple):
     leaps: Leaps = Leaps()
     wrong_since: int = NEVER
     turned: Turns = Turns()
+    in_air: int = 0
 
     @property
     def unsure(self) -> bool:
@@ -70,7 +72,10 @@ class Watch(NamedTuple):
 
 class Samples(NamedTuple):
     """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
-    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there."""
+    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there.
+
+    weighed: whether a load is weighed now, whose force that of the soil does not contain
+    came:    (S,) times [us] of the frames of all signals"""
 
     values: Numbers
     pipe: Pipe
@@ -81,6 +86,8 @@ class Samples(NamedTuple):
     gross: Quantity
     lift: Lift
     leapt: tuple[int, ...] = ()
+    weighed: bool = False
+    came: Numbers = NONE
 
 
 @dataclass(frozen=True)
@@ -159,8 +166,8 @@ class Monitor:
             and (changes.noises is before.noises or changes.lost == before.lost)
             and leaps.doubt is state.leaps.doubt
         )
-        gathering, blocks, offset, _, driven, unnoticed, swept, _, empty, suspicion, _, wrong_since, _ = state
-        own = (driven, unnoticed, swept, seen.leapt, empty, suspicion, leaps, wrong_since, turned)
+        gathering, blocks, offset, _, driven, unnoticed, swept, _, empty, suspicion, _, wrong_since, _, in_air = state
+        own = (driven, unnoticed, swept, seen.leapt, empty, suspicion, leaps, wrong_since, turned, in_air)
         state = new(Watch, (gathering, blocks, offset, changes, *own))
         if seen.pipe.steps % EVERY == 0:
             told = state
@@ -178,7 +185,8 @@ class Monitor:
     def _leapt(self, state: Watch, now: Numbers, seen: Samples) -> tuple[Leaps, Turns]:
         """Leaps of the pressures `now` (P,) but those of friction that turned round."""
         steps, turned = seen.pipe.steps, self._reversing.step(state.turned, seen.instant, seen.pipe.steps)
-        leaps = self._leaping.step(state.leaps, now, steps)
+        came = self._watching.now(seen.came) if seen.came else NONE
+        leaps = self._leaping.step(state.leaps, now, steps, came)
         doubt, known = leaps.doubt, state.leaps
         if doubt is known.doubt or doubt.cause is not SensorFault.STEPPED:
             return leaps, turned
@@ -188,12 +196,14 @@ class Monitor:
 
     def _gathered(self, state: Watch, seen: Samples) -> Watch:
         smooth = seen.pipe.smooth
-        driven = self._driving.step(state.driven, seen.forces.resultant, seen.instant.velocity, seen.left)
+        (resultant, soil), velocity = seen.forces, seen.instant.velocity
+        beside = soil if seen.weighed else None
+        driven = self._driving.step(state.driven, resultant, velocity, seen.left, beside)
         middle = seen.pipe.middle
         gathering, block = self._gatherer.step(state.gathering, seen.instant, middle, seen.drift)
         swept = self._sweeping.step(state.swept, smooth)
         hangs = None if block is None else explained(block, self.model.machine.rated_payload)
-        turned = self._gatherer.swung(middle, _acting(seen.forces.resultant))
+        turned = self._gatherer.swung(middle, _acting(resultant))
         now = (gathering, turned, seen.lift.taken, seen.drift)
         unnoticed = self._noticing.step(state.unnoticed, *now, hangs=bool(hangs))
         empty, wrong_since = self._emptied(state, seen.gross, seen.lift, seen.drift)
@@ -205,9 +215,10 @@ class Monitor:
         state = state._replace(swept=self._sweeping.ended(swept, explained=hangs))
         if block is None:
             return state
+        in_air = state.in_air + 1 if hangs and state.suspicion.level is REJECTED else 0
         blocks = self._voting.added(state.blocks, block)
         leaps = self._returning.judged(state.leaps, block)
-        return state._replace(blocks=blocks, offset=self._voting.result(blocks), leaps=leaps)
+        return state._replace(blocks=blocks, offset=self._voting.result(blocks), leaps=leaps, in_air=in_air)
 
     def _emptied(self, state: Watch, gross: Quantity, lift: Lift, drift: Drift) -> tuple[SensorFault, int]:
         """Whether the empty bucket weighs less than nothing, or has moments of no mass in it, and from which of the
@@ -240,10 +251,14 @@ class Monitor:
         return SensorFault.MISPLACED if away > BELOW else SensorFault.NONE
 
     def _suspicion(self, state: Watch) -> SensorDoubt:
-        """The surest objection, of several the most specific one."""
+        """The surest objection, of several the most specific one. What stays is refuted by as many seconds in the air
+        as must agree on an error."""
         if state.suspicion.latched:
             return state.suspicion
-        return max(self._objections(state), key=lambda doubt: doubt.level, default=NOTHING_SUSPECTED)
+        found = max(self._objections(state), key=lambda doubt: doubt.level, default=NOTHING_SUSPECTED)
+        if state.suspicion.stays and found.level is not REJECTED and state.in_air < VOTES:
+            return state.suspicion
+        return found
 
     def _objections(self, state: Watch) -> Iterator[SensorDoubt]:
         changes = state.changes
@@ -253,7 +268,8 @@ class Monitor:
             yield SensorDoubt(Level.REJECTED, SensorFault.LEAPT, state.leapt)
         yield state.leaps.doubt
         if (driven := state.driven.level) is not FINE:
-            yield SensorDoubt(driven, SensorFault.EXCHANGED, self._pushing(state.driven.strain))
+            own, confirmed = self._pushing(state.driven.strain), state.driven.confirmed
+            yield SensorDoubt(driven, SensorFault.EXCHANGED, own, confirmed=confirmed)
         yield self._marked(changes.constant, SensorFault.STUCK)
         yield self._marked(changes.gone, SensorFault.STUCK, Level.DOUBTED)
         yield self._off(state.offset)
@@ -287,7 +303,7 @@ class Monitor:
             return SensorDoubt(level, SensorFault.OFFSET, own, BAR * offset.size)
         joint = gatherer.turned[offset.signal - len(gatherer.pressed)]
         own = tuple(k for k, s in enumerate(signals) if s.kind is Kind.JOINT_ANGLE and s.index == joint)
-        return SensorDoubt(level, SensorFault.SLIPPED, own, offset.size)
+        return SensorDoubt(level, SensorFault.SLIPPED, own, offset.size, offset.confirmed)
 
 
 def _acting(force: Force) -> complex:

@@ -1,6 +1,9 @@
 """Was a leap that is doubted a fault? The next seconds in the air say: then one load must explain the torques of all
 joints. If a signal stepped, it must explain them better without that step; if signals were exchanged, it hardly ever
-explains them at all, so that some seconds in a row that a load explains take the doubt back."""
+explains them at all, so that some seconds in a row that a load explains take the doubt back.
+
+A step that is not confirmed ends by itself: when as many seconds of motion as `offsets` keeps have been of the time
+after it, some of them in the air, there is no older evidence to wait for."""
 
 from dataclasses import dataclass
 from math import log
@@ -9,7 +12,7 @@ import numpy as np
 
 from cylforce.service.plausibility.blocks import BAR, EVERY, SAMPLES, Block, Gatherer, cost, explained
 from cylforce.service.plausibility.leaping import Leaps
-from cylforce.service.plausibility.offsets import VOTES
+from cylforce.service.plausibility.offsets import KEPT, VOTES
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.signals.kinds import Kind
 from cylforce.signals.quick import once
@@ -34,10 +37,13 @@ class Returning:
         """The state after a block."""
         if state.doubt.level is Level.FINE or state.steps - state.since <= self._settled:
             return state
-        votes = self._stepped(state, block) if state.doubt.cause is SensorFault.STEPPED else self._swapped(state, block)
-        if votes >= ENOUGH:
-            return state._replace(doubt=NOTHING_SUSPECTED, votes=0.0)
-        return state._replace(votes=max(votes, -ENOUGH))
+        stepped = state.doubt.cause is SensorFault.STEPPED
+        votes = self._stepped(state, block) if stepped else self._swapped(state, block)
+        seconds, in_air = state.seconds + 1, state.in_air + explained(block, self.gatherer.model.machine.rated_payload)
+        unconfirmed = stepped and seconds >= KEPT and in_air >= VOTES and votes > -ENOUGH
+        if votes >= ENOUGH or unconfirmed:
+            return state._replace(doubt=NOTHING_SUSPECTED, votes=0.0, seconds=0, in_air=0)
+        return state._replace(votes=max(votes, -ENOUGH), seconds=seconds, in_air=in_air)
 
     def _swapped(self, state: Leaps, block: Block) -> float:
         return state.votes + MOST if explained(block, self.gatherer.model.machine.rated_payload) else 0.0

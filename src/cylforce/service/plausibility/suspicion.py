@@ -43,27 +43,34 @@ class Level(IntEnum):
 # a member of an enumeration takes longer to look up than a name
 FINE, LIGHT, STRAYED = Level.FINE, SensorFault.LIGHT, SensorFault.STRAYED
 STEPPED, SWAPPED = SensorFault.STEPPED, SensorFault.SWAPPED
-LATCHED = (
-    SensorFault.BURST,
-    SensorFault.SLIPPED,
-    SensorFault.EXCHANGED,
-    SensorFault.IMPOSSIBLE,
-)  # once rejected: until the service is started again
+EXCHANGED, REJECTED = SensorFault.EXCHANGED, Level.REJECTED
+# Once rejected, until the service is started again: what a pressure itself shows
+LATCHED = (SensorFault.BURST, SensorFault.IMPOSSIBLE)
+# The same once both directions of motion have confirmed it: what is concluded from many samples
+LATCHED_IF_CONFIRMED = (SensorFault.SLIPPED, SensorFault.EXCHANGED)
 
 
 class SensorDoubt(NamedTuple):
     """A suspicion: `level`, `cause`, numbers of the `signals` of which one is wrong, and by how much (`size` [Pa, rad];
-    0: not known)."""
+    0: not known); whether motion in both directions has `confirmed` it."""
 
     level: Level = Level.FINE
     cause: SensorFault = SensorFault.NONE
     signals: tuple[int, ...] = ()
     size: float = 0.0
+    confirmed: bool = False
 
     @property
     def latched(self) -> bool:
         """Whether it stays until the service is started again."""
-        return self.level is Level.REJECTED and self.cause in LATCHED
+        latches = self.cause in LATCHED or (self.confirmed and self.cause in LATCHED_IF_CONFIRMED)
+        return self.level is REJECTED and latches
+
+    @property
+    def stays(self) -> bool:
+        """Whether it stays although nothing objects any more: until it is refuted by seconds in the air, or, where it
+        is latched, until the service is started again. Exchanged pressures push in one direction of motion only."""
+        return self.latched or (self.level is REJECTED and self.cause is EXCHANGED)
 
     @property
     def waits(self) -> bool:
