@@ -80,10 +80,11 @@ def diagnose(
     clean, unlike = _alike(model, clean, reference.short, faulty)
     if question.reference and not clean and not (question.identified or question.usual):
         return _nothing(f"no reference is left: {'; '.join([*map(apart, [odd] if odd else []), *unlike])}")
-    viewer, known = viewed_by(loaded, question, clean)
-    viewer = _keeping(viewer, loaded, question, kept) if kept is not None else viewer
+    own = viewed_by(loaded, question, clean)
+    viewer, known = _keeping(own.viewer, loaded, question, kept) if kept is not None else own.viewer, own.known
     rng = np.random.default_rng(SEED)
-    everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, _daily(loaded, question))
+    usual = _daily(loaded, question)
+    everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, usual, own.unexplained)
     watch("causes", None)
     verdict = judged(everything := decided(everything), found := searched(everything))
     if late and not _by_clock(verdict):
@@ -206,24 +207,37 @@ def _off_clock(late: Sequence[Slip]) -> Diagnosed:
     return Diagnosed(None, Judged(verdict, (), late[0].closed), None, whole)
 
 
-def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:
+class Viewed(NamedTuple):
+    """The model of a diagnosis.
+
+    viewer:      model and tares
+    known:       (P,) standard errors of the tares; None: as the references determine them
+    unexplained: (R,) residual torque that the identification left [N m, rms]; None: not identified
+    """
+
+    viewer: Viewer
+    known: Array | None
+    unexplained: Array | None = None
+
+
+def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> Viewed:
     """Model and tares: identified ones, else those of the clean recordings, else what is usual for the type, else the
     data sheet, without friction."""
     service = loaded.service
     if question.identified is None and not clean and question.usual is not None:
         typical = Model(service.machine, service.filters, ALWAYS, usual_parameters(question.usual, service.machine))
-        return Viewer(typical, typical.prior.mean), np.sqrt(np.diag(typical.prior.covariance))
+        return Viewed(Viewer(typical, typical.prior.mean), np.sqrt(np.diag(typical.prior.covariance)))
     if question.identified is None and not clean:
         sheet = Model(service.machine, service.filters, ())
-        return Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance))
+        return Viewed(Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance)))
     if question.identified is None:
         model = Model(service.machine, service.filters, ALWAYS)
-        return Viewer(model, fitted_tares(model, clean)), None
+        return Viewed(Viewer(model, fitted_tares(model, clean)), None)
     tares = read_identified(question.identified, loaded)
     laws = tuple(law for law in FRICTION if law in (*ALWAYS, *tares.friction))
     model = Model(service.machine, service.filters, laws)
     values, error = _spread_out(model, tares)
-    return Viewer(model, values), None if clean else error
+    return Viewed(Viewer(model, values), None if clean else error, tares.row_error)
 
 
 def _spread_out(model: Model, tares: Tares) -> tuple[Array, Array]:

@@ -50,6 +50,12 @@ class Problem:
     faulty: tuple[Seen, ...]
     tares: Array | None = None  # (P,) values of the model's parameters, if it was identified
     base: Riding | None = None  # how the base moves, if it is known already
+    unexplained: Array | None = None  # (R,) [N m, rms]: residual torque that the identification left on this machine
+
+    @property
+    def floor_known(self) -> bool:
+        """Whether other recordings than the faulty ones determine the noise floor: references, or the identification."""
+        return bool(self.clean) or self.unexplained is not None
 
     @property
     def from_sheet(self) -> bool:

@@ -24,7 +24,7 @@ from cylforce.diagnosis.columns.statistics import (
     statistics,
     white,
 )
-from cylforce.diagnosis.columns.whitening import Floor
+from cylforce.diagnosis.columns.whitening import Floor, floor_of
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.sizes import Column, Terms
@@ -244,9 +244,9 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' noise once more on five minutes of every recording. Without clean recordings none: the
-    floor is then what all columns leave, and has no noise in common with them."""
-    if not problem.clean:
+    """From the sensors' noise once more on five minutes of every recording. Where only the faulty recordings determine
+    the floor none: the floor is then what all columns leave, and has no noise in common with them."""
+    if not problem.floor_known:
         nothing = Shared.nothing(len(floor.rms), problem.lasting + 2)
         return Noisy((), (nothing,) * len(problem.faulty))
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
@@ -260,13 +260,28 @@ def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generat
     return Noisy(found[0], found[1], tuple(seen.recorded for seen in twin.faulty))
 
 
+def identified_floor(viewer: Viewer, problem: Problem, unexplained: Array, rng: np.random.Generator) -> Floor:
+    """Return the noise floor of a machine that was identified and has no references.
+
+    The level is the residual torque that the identification left. The colour is that of the sensors' noise, added once
+    more to the faulty recordings and filtered as they are: a fit to the faulty residual would whiten the fault away.
+    unexplained: (R,) residual torque of the identification [N m, rms]
+    """
+    steps = round(NOISY_S * viewer.model.filters.rate_hz)
+    plain = replace(problem, proposals=())
+    twins = with_noise(viewer, plain, problem.faulty, rng, steps)
+    pairs = zip(problem.faulty, twins, strict=True)
+    noise = floor_of([twin.rows.left - seen.rows.left[: len(twin.rows.left)] for seen, twin in pairs])
+    return Floor(unexplained, noise.memory, noise.white * unexplained / noise.rms)
+
+
 def with_noise(
     viewer: Viewer, problem: Problem, group: Sequence[Seen], rng: np.random.Generator, steps: int | None = None
 ) -> tuple[Seen, ...]:
     """The first `steps` samples of recordings, by default all, with the sensors' noise once more: as the clean
-    recordings show it; as declared, where a coarse reading shows none."""
+    recordings show it, without them as the faulty ones do; as declared, where a coarse reading shows none."""
     declared = np.array([s.standard_error for s in viewer.model.machine.signals])
-    shown = white_noise([seen.recorded for seen in problem.clean])
+    shown = white_noise([seen.recorded for seen in problem.clean or problem.faulty])
     errors = np.where(np.nan_to_num(shown) > 0.0, shown, declared)
     values = [seen.recorded.values[:steps] for seen in group]
     made = [v + errors * rng.standard_normal(v.shape) for v in values]
