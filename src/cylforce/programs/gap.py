@@ -12,6 +12,7 @@ from cylforce.diagnosis.answer.shrinkage import Gap, gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import where
 from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.problem import Identified
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.idle import idle
@@ -84,7 +85,7 @@ def diagnose(
     viewer, known = _keeping(own.viewer, loaded, question, kept) if kept is not None else own.viewer, own.known
     rng = np.random.default_rng(SEED)
     usual = _daily(loaded, question)
-    everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, usual, own.unexplained)
+    everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, usual, own.identified)
     watch("causes", None)
     verdict = judged(everything := decided(everything), found := searched(everything))
     if late and not _by_clock(verdict):
@@ -210,14 +211,14 @@ def _off_clock(late: Sequence[Slip]) -> Diagnosed:
 class Viewed(NamedTuple):
     """The model of a diagnosis.
 
-    viewer:      model and tares
-    known:       (P,) standard errors of the tares; None: as the references determine them
-    unexplained: (R,) residual torque that the identification left [N m, rms]; None: not identified
+    viewer:     model and tares
+    known:      (P,) standard errors of the tares; None: as the references determine them
+    identified: accuracy of the identification; None: not identified, or the references determine it
     """
 
     viewer: Viewer
     known: Array | None
-    unexplained: Array | None = None
+    identified: Identified | None = None
 
 
 def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> Viewed:
@@ -234,16 +235,16 @@ def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> 
         model = Model(service.machine, service.filters, ALWAYS)
         return Viewed(Viewer(model, fitted_tares(model, clean)), None)
     tares = read_identified(question.identified, loaded)
+    if not clean:  # laws that the identification did not use are no part of what it left unexplained
+        model = Model(service.machine, service.filters, tares.friction)
+        identified = Identified(tares.covariance, tares.row_error)
+        return Viewed(Viewer(model, tares.values), np.sqrt(np.diag(tares.covariance)), identified)
     laws = tuple(law for law in FRICTION if law in (*ALWAYS, *tares.friction))
     model = Model(service.machine, service.filters, laws)
-    values, error = _spread_out(model, tares)
-    return Viewed(Viewer(model, values), None if clean else error, tares.row_error)
+    return Viewed(Viewer(model, _with_all_laws(model, tares)), None)
 
 
-def _spread_out(model: Model, tares: Tares) -> tuple[Array, Array]:
-    """Tares and their standard errors (P,) for a model with all friction laws; absent laws are 0, known as before."""
-    error = np.sqrt(np.diag(tares.covariance))
-    known = {name: (v, e) for name, v, e in zip(tares.names, tares.values, error, strict=True)}
-    before = np.sqrt(np.diag(model.prior.covariance))
-    pairs = [known.get(p.name, (0.0, b)) for p, b in zip(model.parameters, before, strict=True)]
-    return np.array([v for v, _ in pairs]), np.array([e for _, e in pairs])
+def _with_all_laws(model: Model, tares: Tares) -> Array:
+    """Return the tares (P,) for a model with all friction laws; absent laws are 0."""
+    known = dict(zip(tares.names, tares.values.tolist(), strict=True))
+    return np.array([known.get(p.name, 0.0) for p in model.parameters])

@@ -56,7 +56,11 @@ def located(
 def usual(search: Search, size: Gap) -> bool:
     """Whether the field leaves no more than references leave of each other at any joint, and what was found would have
     to show there, not at moments or in the clocks alone."""
-    if search.working or not search.original.floor_known or not all(c.lasts and not c.proposal.clock for c in search.causes):
+    if (
+        search.working
+        or not search.original.floor_known
+        or not all(c.lasts and not c.proposal.clock for c in search.causes)
+    ):
         return False
     return not np.any(size.fixed**2 > (1.0 + SAME) * size.floor**2)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.correction import Applied, left_without
-from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen, looked_at
+from cylforce.diagnosis.columns.problem import GROWTH_S, Identified, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
 from cylforce.diagnosis.columns.statistics import (
@@ -189,7 +189,16 @@ class Asking:
     def machine(self, everyday: dict[str, float]) -> InOrder:
         """The machine as its references show it; a step, and what is set aside, is the field's alone."""
         plain = replace(self, step=None, aside=None)
-        return InOrder(plain.scene, plain.references, self._ages | everyday, len(self.floor.rms))
+        return InOrder(plain.scene, plain.references, self._ages | everyday, len(self.floor.rms), self._identified)
+
+    @property
+    def _identified(self) -> Array | None:
+        """Covariance (P, P) of the parameters by the identification, in units of their prior spread."""
+        if self.problem.identified is None:
+            return None
+        covariance = self.problem.identified.covariance
+        spread = self.problem.spread[: len(covariance)]
+        return np.asarray(covariance / np.outer(spread, spread))
 
     @cached_property
     def _ages(self) -> dict[str, float]:
@@ -260,19 +269,19 @@ def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generat
     return Noisy(found[0], found[1], tuple(seen.recorded for seen in twin.faulty))
 
 
-def identified_floor(viewer: Viewer, problem: Problem, unexplained: Array, rng: np.random.Generator) -> Floor:
+def identified_floor(viewer: Viewer, problem: Problem, identified: Identified, rng: np.random.Generator) -> Floor:
     """Return the noise floor of a machine that was identified and has no references.
 
     The level is the residual torque that the identification left. The colour is that of the sensors' noise, added once
     more to the faulty recordings and filtered as they are: a fit to the faulty residual would whiten the fault away.
-    unexplained: (R,) residual torque of the identification [N m, rms]
     """
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
     plain = replace(problem, proposals=())
     twins = with_noise(viewer, plain, problem.faulty, rng, steps)
     pairs = zip(problem.faulty, twins, strict=True)
     noise = floor_of([twin.rows.left - seen.rows.left[: len(twin.rows.left)] for seen, twin in pairs])
-    return Floor(unexplained, noise.memory, noise.white * unexplained / noise.rms)
+    level = identified.unexplained
+    return Floor(level, noise.memory, noise.white * level / noise.rms)
 
 
 def with_noise(
