@@ -147,7 +147,7 @@ def test_one_wrong_cause_beside_it_does_not_withdraw_the_first(friction):
     both = verdict._replace(named=(*verdict.named, verdict.named[0]._replace(cause=beside)))
     wrong = found._replace(causes=(first, beside), fit=replace(found.fit, which=(*found.fit.which, form)))
     assert shrinkage.gap(wrong, (first, beside), rng).refuted
-    search, after, size, doubt = tried(wrong, both, rng)
+    _, after, size, doubt = tried(wrong, both, rng)
     assert [c.key for c in written(after)] == [first.key]
     assert ([n.cause.key for n in after.named], size.refuted, doubt) == ([first.key], False, "")
 

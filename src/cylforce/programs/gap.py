@@ -28,6 +28,7 @@ from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.gap_question import Question, asked_only, check_recordings, reduced
+from cylforce.programs.common.gap_refit import IDENTIFY, identify_first, parameters_first, unnamed
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, at_own_rate, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
@@ -97,15 +98,24 @@ def diagnose(
     spots = where(found.original, (plain := gap(found, (), rng)), rng)
     found, verdict, size, refuted = insisted(everything, tried(found, verdict, rng), plain, spots, rng)
     found, verdict, size = located(found, verdict, size, plain, spots)
+    refit = None if only else parameters_first(everything, found, verdict, size, (faulty, ALWAYS))
+    if refit and clean:
+        found, verdict, size, refuted = unnamed(found), Judged(Verdict.NOT_OBSERVABLE, (), 0.0), plain, ""
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
+    whole |= identify_first(refit, sheet=not clean) if refit else {}
     watch("what to record next", None)
-    whole["next_experiment"] = [*confirm(whole), *said(planned(everything, found)), *whole["next_experiment"]]
+    whole["next_experiment"] = [*_first_of_all(whole), *said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
     aside = left_aside(loaded.service.machine, everything.aside_s, everything.asked.incident)
     here = slow, aside, "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole | sensors)
+
+
+def _first_of_all(whole: dict[str, Any]) -> list[str]:
+    """What to do before any other experiment."""
+    return [IDENTIFY] if "identify_first" in whole else confirm(whole)
 
 
 def _daily(loaded: Loaded, question: Question) -> Mapping[str, float]:

@@ -65,7 +65,7 @@ def of_simulation(search: Search, causes: Sequence[Cause], before: Sequence[Arra
 
 
 def weight_floor(problem: Problem, floor: Array) -> float:
-    """Return the weight [kg] whose torque along the faulty recordings is the noise floor (mean square of all joints)."""
+    """Return the weight [kg] whose torque along the faulty recordings is the noise floor (mean square of joints)."""
     mass = INCIDENTAL.index("load.mass")
     torque = rms([np.where(np.isfinite(s.rows.left), s.rows.incidental[..., mass], np.nan) for s in problem.faulty])
     return float(1.0 / np.sqrt(np.mean((torque / floor) ** 2)))
