@@ -48,7 +48,7 @@ def located(
         return none(search), Judged(Verdict.NO_GAP, (), 0.0), plain
     moved = (plain.floor > 0.0) & (plain.fixed > 0.0)  # a joint that rests tells nothing
     floors = (plain.fixed[moved] / plain.floor[moved]) ** 2
-    large = bool(search.original.clean) and np.any(moved) and float(np.mean(floors)) >= GAP**2
+    large = search.original.floor_known and np.any(moved) and float(np.mean(floors)) >= GAP**2
     hidden = (found or large) and verdict.verdict is Verdict.NO_GAP
     return search, verdict._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else verdict, size
 
@@ -56,7 +56,11 @@ def located(
 def usual(search: Search, size: Gap) -> bool:
     """Whether the field leaves no more than references leave of each other at any joint, and what was found would have
     to show there, not at moments or in the clocks alone."""
-    if search.working or not search.original.clean or not all(c.lasts and not c.proposal.clock for c in search.causes):
+    if (
+        search.working
+        or not search.original.floor_known
+        or not all(c.lasts and not c.proposal.clock for c in search.causes)
+    ):
         return False
     return not np.any(size.fixed**2 > (1.0 + SAME) * size.floor**2)
 

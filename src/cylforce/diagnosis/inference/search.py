@@ -8,10 +8,10 @@ from functools import cached_property, partial
 import numpy as np
 
 from cylforce.diagnosis.columns.floor import noise_floor
-from cylforce.diagnosis.columns.problem import Problem, Seen, looked_at
+from cylforce.diagnosis.columns.problem import Identified, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
-from cylforce.diagnosis.inference.asking import Asking, noisy
+from cylforce.diagnosis.inference.asking import Asking, identified_floor, noisy
 from cylforce.diagnosis.inference.at_sizes import AtSizes
 from cylforce.diagnosis.inference.beam import screened, searched
 from cylforce.diagnosis.inference.discrepancy import Sums
@@ -58,9 +58,11 @@ def examined(
     known: Array | None = None,
     only: tuple[str, str] | None = None,
     everyday: Mapping[str, float] = EVERYDAY,
+    identified: Identified | None = None,
 ) -> Found:
     """What may explain what the model leaves of the faulty recordings; `known` (P,): standard errors of the viewer's
-    tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause."""
+    tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause;
+    `identified`: accuracy of an identification, of a machine without references."""
     field, references = ([r.recorded if isinstance(r, Seen) else r for r in group] for group in (faulty, clean))
     jumps = jumping(viewer.model.machine, field, references, viewer.model.filters.rate_hz)
     wanted = asked(viewer.model.machine, library, jumps)
@@ -68,8 +70,8 @@ def examined(
     groups = (references, field) if jumps else (clean, faulty)  # what was seen lacks the columns of jumps
     seen = [looked_at(viewer, group, wanted) for group in groups]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
-    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares)
-    floor = noise_floor(problem)
+    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares, identified=identified)
+    floor = identified_floor(viewer, problem, identified, rng) if identified else noise_floor(problem)
     watch("noise of the columns")
     question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
     return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}, rng).found()
