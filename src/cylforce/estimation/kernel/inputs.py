@@ -49,7 +49,8 @@ class KernelInputs:
     """S signals in P PDOs. PDO i has `items`[i], and the slots `first`[i] up to `first`[i + 1]: signal and item; scale,
     offset, range [SI], and what means "no value" (NaN: nothing does); the PDO's node, shortest period and patience
     [us]. Of each signal the fastest change [SI/s], period [s], noise [SI], age from which on it is late [us], whether
-    equal values mean that it is frozen. `hold`, `quiet` [us]; `frozen`, `needed`: numbers of values."""
+    equal values mean that it is frozen; `turn`: after how much its values repeat [SI], 0: never. `hold`, `quiet` [us];
+    `frozen`, `needed`: numbers of values."""
 
     s: Count
     p: Count
@@ -70,6 +71,7 @@ class KernelInputs:
     seconds: Numbers
     noise: Numbers
     late: Numbers
+    turn: Numbers
     hold: Number
     quiet: Number
     frozen: Number
@@ -86,8 +88,8 @@ class KernelInputs:
         self.low, self.high, self.missing = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
         self.period, self.patience = as_numbers(numbers[5]), as_numbers(numbers[6])
         self.fastest, self.seconds, self.noise = as_numbers(numbers[7]), as_numbers(numbers[8]), as_numbers(numbers[9])
-        self.late = as_numbers(numbers[10])
-        self.hold, self.quiet, self.frozen, self.needed = (numbers[11][i] for i in range(4))
+        self.late, self.turn = as_numbers(numbers[10]), as_numbers(numbers[11])
+        self.hold, self.quiet, self.frozen, self.needed = (numbers[12][i] for i in range(4))
 
 
 def receive(
@@ -210,13 +212,23 @@ def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number)
         return 0.0
     o = SIGNAL * k
     if state[o + 6] != 0.0:
-        by = value - state[o + 8]
+        by = step(p, k, value - state[o + 8])
         jump = state[o + 7] + (by if abs(by) > room_since(p, state, t_us, k, state[o + 2]) else 0.0)
         return jump if abs(jump) > room_for(p, k, 0.0) else 0.0
     proving = t_us - state[o + 1] > p.hold and state[o + 4] > 0.0
-    by = value - state[o]
+    by = step(p, k, value - state[o])
     since = state[o + 2] if proving else state[o + 1]
     return by if abs(by) > room_since(p, state, t_us, k, since) else 0.0
+
+
+@inner
+def step(p: KernelInputs, k: Count, by: Number) -> Number:
+    """By how much a signal changed where its reading changed `by` so much: the sensor of an angle that passes the end
+    of its circle goes on at the other end, which is a turn less."""
+    turn = p.turn[k]
+    if turn > 0.0 and 0.5 * turn < abs(by) <= LARGEST:
+        return by - turn * floor(by / turn + 0.5)
+    return by
 
 
 @inner
