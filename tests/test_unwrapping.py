@@ -1,5 +1,6 @@
 """Angle sensors that pass the end of their circle: the angle is the one that the joint's range allows."""
 
+import re
 from dataclasses import replace
 from math import radians
 
@@ -22,10 +23,12 @@ from cylforce.signals.kinds import ANGLES, Kind
 from cylforce.signals.turns import TURN, continuous, in_range, nearest
 from cylforce.simulation.sensing import as_sent, sensors
 from scenarios import EXCAVATOR, pdo_of, played, scene, through
+from test_cli import cylforce_
 
 SEED = 20
 JOINTS = ("boom", "stick", "bucket")
 LOADED = load(EXCAVATOR)
+PDO = pdo_of(LOADED.service, "bucket_angle")
 AT = {s.name: k for k, s in enumerate(LOADED.service.machine.signals)}
 # The bucket's range [deg] of the excavator is -138 to 24; its inclination leaves the circle where the arm hangs.
 HANGING = np.radians([-20.0, -95.0, -40.0])
@@ -130,7 +133,7 @@ def form(request, monkeypatch):
 
 
 def watched(loaded, angles):
-    """Reasons and values of the bucket's inclination while it has these `angles` [rad] at 100 Hz, after some time at the
+    """Reasons and values of the bucket's inclination while it has these `angles` [rad] at 100 Hz, after a while at the
     first, and the links before hang; the signals that leapt."""
     service = loaded.service
     assembler, names = Assembler(service), [s.name for s in service.machine.signals]
@@ -278,3 +281,67 @@ def test_the_sensors_that_pass_their_end_are_found():
     assert names(ENCODED, (-180.0, 180.0)) == []
     assert names(ENCODED, (0.0, 360.0)) == ["boom_angle", "stick_angle", "bucket_angle"]
     assert names(INCLINED, (-90.0, 90.0)) == []  # no circle: a warning of the machine file's checks
+
+
+def written(path, kind, ends, joints="boom|stick|bucket"):
+    """The shipped machine file with sensors of this kind and range [deg] at some joints."""
+    entry = rf'kind = "joint_angle"(\nat = "(?:{joints})".*?)type = "u32"(.*?)offset_deg = .*?range_deg = \[.*?\]'
+    text = rf'kind = "{kind}"\1type = "i32"\2range_deg = [{ends[0]}, {ends[1]}]'
+    path.write_text(re.sub(entry, text, EXCAVATOR.read_text(encoding="utf-8"), flags=re.DOTALL), encoding="utf-8")
+    return path
+
+
+def test_describe_lists_the_sensors_that_pass_the_end_of_their_circle(capsys, tmp_path):
+    """By the joints' ranges the stick hangs at -40 - 150 degrees at most, the bucket at -40 - 150 - 138."""
+    assert cylforce_("describe", written(tmp_path / "machine.toml", "link_inclination", (-180, 180))) == 0
+    said = capsys.readouterr()
+    assert "stick_angle passes the end of its circle: the inclination of the stick goes from -190 to 23 deg" in said.out
+    assert (
+        "bucket_angle passes the end of its circle: the inclination of the bucket goes from -328 to 47 deg" in said.out
+    )
+    assert "boom_angle passes" not in said.out
+    assert "warning" not in said.out + said.err
+
+
+def test_an_inclinometer_that_ends_before_its_link_does_is_a_warning(capsys, tmp_path):
+    """At 90 degrees: the boom goes from -40 to 58 degrees and is seen; stick and bucket are not."""
+    assert cylforce_("describe", written(tmp_path / "machine.toml", "link_inclination", (-90, 90))) == 0
+    said = capsys.readouterr()
+    for name, reach in (("stick", "-190 deg to 23 deg"), ("bucket", "-328 deg to 47 deg")):
+        text = f"sensors.{name}_angle.range_deg is -90 deg to 90 deg, the {name}'s inclination on level ground {reach}"
+        assert text in " ".join(said.err.split())
+    assert "boom_angle" not in said.err
+    assert "passes the end" not in said.out
+
+
+def test_an_encoder_of_a_whole_circle_sees_a_joint_on_its_other_side(capsys, tmp_path):
+    """The stick goes from -150 to -35 degrees, which its encoder calls 210 to 325."""
+    assert cylforce_("describe", written(tmp_path / "machine.toml", "joint_angle", (0, 359.99), "stick")) == 0
+    said = capsys.readouterr()
+    assert "stick_angle passes the end of its circle: the angle of the stick goes from -150 to -35 deg" in said.out
+    assert said.err == ""
+
+
+@pytest.mark.usefixtures("form")
+@pytest.mark.parametrize(
+    ("ends", "sent", "read"),
+    [
+        ((-180.0, 180.0), 200.0, -160.0),  # mounted 30 degrees off it sends 170
+        ((-45.0, 63.0), 350.0, -10.0),  # an encoder from 0 to 360 on a joint that passes its 0
+        ((-200.0, 60.0), 164.0, -196.0),  # the inclinations of a bucket, of a sensor that ends at 180
+        ((-45.0, 63.0), 100.0, None),
+        ((-45.0, 63.0), -100.0, None),
+        ((-45.0, 63.0), 260.0, None),
+    ],
+)
+def test_a_direction_is_in_range_wherever_the_circle_of_the_sensor_ends(ends, sent, read):
+    service = measured(INCLINED, (-350.0, 350.0)).service
+    raw = encode(PDO._replace(fields=pdo_of(service, "boom_angle").fields), {"boom_angle": radians(sent)})
+    service = measured({"boom": Kind.JOINT_ANGLE}, ends).service
+    assembler, pdo = Assembler(service), pdo_of(service, "boom_angle")
+    inputs = assembler.begin()
+    for k in range(20):
+        inputs = assembler.receive(inputs, [Frame(1_000_000 + 10_000 * k, pdo.can_id, raw)], assembler.still)
+    channel = inputs.channels[AT["boom_angle"]]
+    assert channel.reason is (Reason.OUT_OF_RANGE if read is None else Reason.NONE)
+    assert read is None or np.degrees(channel.value) == pytest.approx(read, abs=0.001)

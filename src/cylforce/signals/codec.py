@@ -6,7 +6,7 @@ from math import isfinite, nan
 from struct import Struct
 from typing import NamedTuple
 
-from cylforce.signals.kinds import UNIT, Kind
+from cylforce.signals.kinds import ANGLE_UNIT
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.turns import in_range
 
@@ -77,7 +77,7 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
 
 def _readable(field: Field, value: float) -> float:
     """The value, of an angle with the whole turns that lead into the field's range."""
-    if field.unit != UNIT[Kind.JOINT_ANGLE] or not isfinite(value) or field.low <= value <= field.high:
+    if field.unit != ANGLE_UNIT or not isfinite(value) or field.low <= value <= field.high:
         return value
     return float(in_range(value, field.low, field.high))
 

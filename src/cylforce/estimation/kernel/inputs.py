@@ -166,7 +166,7 @@ def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
 def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Number, moving: Number) -> None:
     """A signal with one value more."""
     k = p.signal[slot]
-    o, value = SIGNAL * k, raw * p.scale[slot] + p.offset[slot]
+    o, value = SIGNAL * k, in_range(p, slot, raw * p.scale[slot] + p.offset[slot])
     seen, by = state[o + 2], leap(p, state, t_us, k, value)
     state[o + 10] = measured_after(p, state, t_us, k)
     if raw == p.missing[slot] or not abs(value) <= LARGEST:
@@ -189,6 +189,17 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
     state[o], state[o + 4], state[o + 6], state[o + 9] = value, good, 0.0, state[o + 9] + by
     if t_us - state[o + 1] <= p.hold or good >= p.needed:
         state[o + 1], state[o + 3], state[o + 7], state[o + 8] = t_us, GOOD, 0.0, 0.0
+
+
+@inner
+def in_range(p: KernelInputs, slot: Count, value: Number) -> Number:
+    """The value, of an angle with whole turns added where they lead into its range: wherever the circle of the sensor
+    ends, the direction is one that is possible."""
+    turn = p.turn[p.signal[slot]]
+    if turn > 0.0 and abs(value) <= LARGEST and not p.low[slot] <= value <= p.high[slot]:
+        other = value - turn * floor((value - p.low[slot]) / turn)
+        return other if other <= p.high[slot] else value
+    return value
 
 
 @inner

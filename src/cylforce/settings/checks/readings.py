@@ -98,8 +98,8 @@ def _doubt_inclination(machine: Machine, signal: Signal, key: Key, found: Inspec
     found.warn(
         (*key, "range"),
         f"is {_shown(signal, signal.low)} to {_shown(signal, signal.high)}, the {name}'s inclination on level ground "
-        f"{_shown(signal, low)} to {_shown(signal, high)} by angle_range_deg of the links: nothing is measured where "
-        "the sensor ends; use one of 360 degrees, or an encoder on the pin",
+        f"{_shown(signal, low)} to {_shown(signal, high)} by angle_range_deg of the links: nothing is measured beyond "
+        "the range; give a 360 degree sensor its whole circle, or use an encoder on the pin",
     )
 
 
