@@ -15,12 +15,13 @@ from cylforce.mechanics.unwrapping import Unwrapping, ends_passed
 from cylforce.programs.common.readings import model_of
 from cylforce.service.assembler import Assembler
 from cylforce.service.core import Core
+from cylforce.service.samples import samples
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Quantity, Reason
-from cylforce.signals.events import Frame
+from cylforce.signals.events import Frame, Tick
 from cylforce.signals.kinds import ANGLES, Kind
-from cylforce.signals.turns import TURN, continuous, in_range, nearest
+from cylforce.signals.turns import TURN, Follower, continuous, in_range, nearest
 from cylforce.simulation.sensing import as_sent, sensors
 from scenarios import EXCAVATOR, pdo_of, played, scene, through
 from test_cli import cylforce_
@@ -202,12 +203,15 @@ def course(machine, seconds=4.0, hz=50.0):
 
 def with_slew_angle(loaded):
     """The machine with an encoder on the house in place of the gyro."""
-    service = loaded.service
+    service, pdo = loaded.service, pdo_of(loaded.service, "slew_rate")
     signals = tuple(
         replace(s, kind=Kind.SLEW_ANGLE, low=-np.pi, high=np.pi) if s.name == "slew_rate" else s
         for s in service.machine.signals
     )
-    return loaded._replace(service=service._replace(machine=replace(service.machine, signals=signals)))
+    fields = tuple(replace(f, unit="rad", low=-np.pi, high=np.pi) for f in pdo.fields)
+    nodes = tuple(n._replace(pdos=(pdo._replace(fields=fields),)) if pdo in n.pdos else n for n in service.nodes)
+    machine = replace(service.machine, signals=signals)
+    return loaded._replace(service=service._replace(machine=machine, nodes=nodes))
 
 
 def tabled(path, loaded, t, values):
@@ -245,6 +249,40 @@ def test_a_table_of_unwrapped_angles_is_played_as_its_sensors_would_send_it():
     said = np.array([decode(pdo, frame.data)["bucket_angle"] for frame in as_frames(table, [pdo])])
     assert np.all(np.abs(said) <= np.pi)
     np.testing.assert_allclose(np.exp(1j * said), np.exp(1j * true[:, AT["bucket_angle"]]), atol=radians(0.001))
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_angles_go_on_over_pieces_of_any_length(size):
+    """With gaps, also at the ends of pieces."""
+    true = np.linspace(0.0, 30.0, 1000)[:, None] * [1.0, -0.5, 0.0]
+    values, follower = in_range(true, -np.pi, np.pi), Follower([0, 1])
+    values[::13, 1] = values[200:215] = np.nan
+    found = np.concatenate([follower.follow(values[k : k + size]) for k in range(0, 1000, size)])
+    np.testing.assert_allclose(found, np.where(np.isnan(values), np.nan, true), atol=1e-9)
+
+
+def test_a_log_is_read_as_its_angles_go_on():
+    """Rows are missing where the house passes the end of its encoder's circle."""
+    loaded = with_slew_angle(measured(INCLINED, (-180.0, 180.0)))
+    t, true = course(loaded.service.machine, hz=100.0)
+    names = tuple(s.name for s in loaded.service.machine.signals)
+    pdos = [pdo for node in loaded.service.nodes for pdo in node.pdos]
+    ends = int(np.argmax(true[:, AT["slew_rate"]] > np.pi))
+    lost = 1e6 * t[ends - 2] - 1, 1e6 * t[ends + 2] + 1
+    events = [Tick(round(1e6 * s) + 5000) for s in t]
+    events += [
+        frame
+        for frame in as_frames(Table(t, true, names), pdos)
+        if not (lost[0] < frame.t_us < lost[1] and frame.can_id == pdo_of(loaded.service, "slew_rate").can_id)
+    ]
+    events.sort(key=lambda event: event.t_us)
+    pieces = list(samples(Assembler(loaded.service), events, 10_000))
+    found, started = np.concatenate(pieces), loaded.service.health.good_frames
+    known = np.isfinite(found[:, 0])
+    assert np.count_nonzero(known) >= len(t) - started - 10
+    assert not np.all(known[started:])
+    for name in ("slew_rate", "bucket_angle"):  # the value before a missing one stands for one step more, 3 mrad
+        np.testing.assert_allclose(found[known, AT[name]], true[known, AT[name]], atol=0.004)
 
 
 def quantities(estimate):

@@ -18,7 +18,7 @@ from cylforce.signals.codec import encode
 from cylforce.signals.events import Event, Frame
 from cylforce.signals.kinds import ANGLES
 from cylforce.signals.layout import Pdo
-from cylforce.signals.turns import continuous
+from cylforce.signals.turns import Follower
 
 SYNC, EMCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x080, 0x580, 0x600, 0x700  # CiA 301
 
@@ -96,14 +96,9 @@ def _unwrapped(path: Path, pieces: Iterator[Table], machine: Machine, rate_hz: f
 
 def _continuous(pieces: Iterator[Table], machine: Machine) -> Iterator[Table]:
     """The pieces of a table with angles that do not leap where a sensor passes the end of its circle."""
-    angles = [k for k, signal in enumerate(machine.signals) if signal.kind in ANGLES]
-    before = np.full(len(angles), np.nan)
+    follower = Follower([k for k, signal in enumerate(machine.signals) if signal.kind in ANGLES])
     for piece in pieces:
-        values = piece.values.copy()
-        values[:, angles] = found = continuous(values[:, angles], before)
-        for k, column in enumerate(found.T):
-            before[k] = (*column[np.isfinite(column)][-1:], before[k])[0]
-        yield piece._replace(values=values)
+        yield piece._replace(values=follower.follow(piece.values))
 
 
 def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:

@@ -49,6 +49,15 @@ class Unwrapping:
         return {(s.kind, s.index): k for k, s in enumerate(self.machine.signals)}
 
     @once
+    def _pitch(self) -> int | None:
+        return self._place.get((Kind.PITCH, 0))
+
+    @once
+    def _house(self) -> tuple[int, ...]:
+        """Return the numbers of the signals of the chassis' tilt."""
+        return tuple(k for kind in (Kind.PITCH, Kind.ROLL) if (k := self._place.get((kind, 0))) is not None)
+
+    @once
     def _joints(self) -> tuple[JointSensors, ...]:
         last = max((s.index for s in self.machine.signals if s.kind is Kind.LINK_INCLINATION), default=-1)
         return tuple(self._sensors(j, needed=j < last) for j in range(self.machine.size))
@@ -73,12 +82,9 @@ class Unwrapping:
 
     def apply(self, columns: MutableSequence[Any]) -> None:
         """Add whole turns to the angles among the signals: S numbers of one sample, or S arrays (...,)."""
-        for kind in (Kind.PITCH, Kind.ROLL):
-            k = self._place.get((kind, 0))
-            if k is not None:
-                columns[k] = nearest(columns[k], 0.0)
-        pitch = self._place.get((Kind.PITCH, 0))
-        inner = 0.0 if pitch is None else columns[pitch]  # inclination of the link before
+        for k in self._house:
+            columns[k] = nearest(columns[k], 0.0)
+        inner = 0.0 if self._pitch is None else columns[self._pitch]  # inclination of the link before
         for middle, encoder, inclined, length, lengths, angles in self._joints:
             theta = middle
             if encoder is not None:

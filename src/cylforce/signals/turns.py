@@ -1,6 +1,7 @@
 """Angles as sensors send them: a sensor of a whole circle goes on at the other end of its range, so that a reading
 stands for every angle that differs from it by whole turns."""
 
+from collections.abc import Sequence
 from math import floor, pi
 from typing import overload
 
@@ -52,3 +53,26 @@ def continuous(angles: Array, before: Array) -> Array:
         start = [first] if np.isfinite(first) else []
         column[known] = np.unwrap(np.concatenate([start, column[known]]))[len(start) :]
     return found
+
+
+class Follower:
+    """Makes columns of angles continuous over the pieces of a recording.
+
+    columns: numbers of the columns, K
+    before: (K,) last known angle of each [rad], NaN: none yet
+    """
+
+    def __init__(self, columns: Sequence[int]) -> None:
+        self.columns = list(columns)
+        self.before = np.full(len(self.columns), np.nan)
+
+    def follow(self, values: Array) -> Array:
+        """Return the next piece (T, S) with whole turns added to these columns."""
+        if not self.columns:
+            return values
+        found = values.copy()
+        found[:, self.columns] = angles = continuous(values[:, self.columns], self.before)
+        for k, column in enumerate(angles.T):
+            known = column[np.isfinite(column)]
+            self.before[k] = known[-1] if known.size else self.before[k]
+        return found
