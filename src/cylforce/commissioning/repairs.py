@@ -18,6 +18,7 @@ from cylforce.estimation.model import Model
 from cylforce.estimation.observation import observed_factors
 from cylforce.mechanics.linkages import FourBar, Linkage, Triangle
 from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.unwrapping import Unwrapping
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
@@ -119,7 +120,7 @@ def _exchanged(case: Case, cylinders: Collection[int]) -> Iterator[tuple[str, Ca
     for pair in (*exchanges(model.machine), *_single_pressures(model.machine)):
         if any(signals[k].kind in PLACES or signals[k].index in cylinders for k in pair[0] + pair[1]):
             first, second = (" and ".join(signals[k].name for k in part) for part in pair)
-            yield f"{first} exchanged with {second}", Case(model, swapped(values, pair))
+            yield f"{first} exchanged with {second}", _read_anew(model, swapped(values, pair))
     for c in cylinders:
         cylinder = model.machine.cylinders[c]
         for words, linkage in _mirrored(cylinder.linkage):
@@ -128,7 +129,7 @@ def _exchanged(case: Case, cylinders: Collection[int]) -> Iterator[tuple[str, Ca
         if signal.kind in ANGLES:
             link = model.machine.links[signal.index]
             for about in (0.0, link.angle_low + link.angle_high):
-                yield f"the other sign of {signal.name}", Case(model, _turned(values, k, about, -1.0))
+                yield f"the other sign of {signal.name}", _read_anew(model, _turned(values, k, about, -1.0))
 
 
 def _single_pressures(machine: Machine) -> Iterator[Exchange]:
@@ -166,8 +167,13 @@ def _searches(case: Case, cylinders: Collection[int]) -> Iterator[SizeSearch]:
         yield SizeSearch(name, LENGTHS, partial(_lengthened, case, j), _percent(name))
 
 
+def _read_anew(model: Model, values: Array) -> Case:
+    """A case with other readings, whose angles have the whole turns that the joints then allow."""
+    return Case(model, Unwrapping(model.machine).of(values))
+
+
 def _moved(case: Case, k: int, by: float) -> Case:
-    return Case(case.model, _turned(case.values, k, by, 1.0))
+    return _read_anew(case.model, _turned(case.values, k, by, 1.0))
 
 
 def _bored(case: Case, c: int, factor: float) -> Case:

@@ -13,6 +13,7 @@ from cylforce.estimation.blocks import Factors, chosen
 from cylforce.estimation.model import Model
 from cylforce.estimation.observation import observed_factors
 from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.unwrapping import Unwrapping
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import INERTIAL, Kind
 from cylforce.signals.units import DEGREE
@@ -175,7 +176,8 @@ def _exchanged(model: Model, kept: Array) -> Suspicion | None:
     there, samples = _misfit_of(model, kept)
     if there < MISFIT:
         return None
-    tried = [(*_misfit_of(model, swapped(kept, pair)), pair) for pair in exchanges(model.machine)]
+    read = Unwrapping(model.machine).of  # exchanged angles have other whole turns
+    tried = [(*_misfit_of(model, read(swapped(kept, pair))), pair) for pair in exchanges(model.machine)]
     fitting = [(left, pair) for left, count, pair in tried if count > AS_MANY * samples and left < BETTER * there]
     if not fitting:
         return None

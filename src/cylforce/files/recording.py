@@ -13,9 +13,13 @@ from cylforce.files.held import check_held
 from cylforce.files.logfile import Header
 from cylforce.files.tables import SlowTableError, Table, TableMap, joined, resampled, table_pieces
 from cylforce.mechanics.installation import LATE_PERIODS, Service
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.unwrapping import Unwrapping
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Event, Frame
+from cylforce.signals.kinds import ANGLES
 from cylforce.signals.layout import Pdo
+from cylforce.signals.turns import Follower
 
 SYNC, EMCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x080, 0x580, 0x600, 0x700  # CiA 301
 
@@ -64,7 +68,8 @@ def open_pieces(
     if path.suffix.lower() in tables.SUFFIXES:
         names = [signal.name for signal in service.machine.signals]
         late_s = [LATE_PERIODS * signal.period_s for signal in service.machine.signals]
-        return _at_rate(path, check_held(path, table_pieces(path, names, mapping, as_recording=True), late_s), rate_hz)
+        pieces = check_held(path, table_pieces(path, names, mapping, as_recording=True), late_s)
+        return _unwrapped(path, pieces, service.machine, rate_hz)
     if path.suffix.lower() == ".toml":
         raise RecordingError(f"{path}: is no recording: a machine file is named once, before the recordings")
     if path.suffix.lower() not in logreader.SUFFIXES:
@@ -82,6 +87,21 @@ def rows_a_second(path: Path, service: Service, mapping: TableMap | None = None)
     names = [signal.name for signal in service.machine.signals]
     steps = np.diff(next(table_pieces(path, names, mapping, as_recording=True)).t_s)
     return 1.0 / float(np.median(steps)) if len(steps) else service.filters.rate_hz
+
+
+def _unwrapped(path: Path, pieces: Iterator[Table], machine: Machine, rate_hz: float) -> Iterator[Table]:
+    """The samples of a table at a fixed rate, with whole turns added to its angles: before a value between two rows is
+    interpolated, which else lies on the other side of the circle, and then those that the joints allow."""
+    unwrapping = Unwrapping(machine)
+    for table in _at_rate(path, _continuous(pieces, machine), rate_hz):
+        yield table._replace(values=unwrapping.of(table.values))
+
+
+def _continuous(pieces: Iterator[Table], machine: Machine) -> Iterator[Table]:
+    """The pieces of a table with angles that do not leap where a sensor passes the end of its circle."""
+    follower = Follower([k for k, signal in enumerate(machine.signals) if signal.kind in ANGLES])
+    for piece in pieces:
+        yield piece._replace(values=follower.follow(piece.values))
 
 
 def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:

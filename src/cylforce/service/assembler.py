@@ -16,13 +16,15 @@ from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.installation import LATE_PERIODS, Service
+from cylforce.mechanics.unwrapping import Unwrapping
 from cylforce.service.senders.inputs import QUIET_US, REASONS, Channel, Inputs, LastHeartbeat, PdoRate
 from cylforce.service.senders.supervision import Supervisor
 from cylforce.signals.codec import Decoder, decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
-from cylforce.signals.kinds import Kind
+from cylforce.signals.kinds import ANGLES, Kind
 from cylforce.signals.quick import new, once
+from cylforce.signals.turns import TURN
 
 # rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
 FASTEST = {
@@ -52,6 +54,11 @@ class Assembler:
     def supervisor(self) -> Supervisor:
         """Watches who sends."""
         return Supervisor(self.service)
+
+    @once
+    def _unwrapping(self) -> Unwrapping:
+        """Adds whole turns to angles."""
+        return Unwrapping(self.service.machine)
 
     @once
     def decoders(self) -> dict[int, Decoder]:
@@ -90,7 +97,8 @@ class Assembler:
         limits = [1e6 * health.hold_s, QUIET_US, health.frozen_samples, health.good_frames]
         senders = [watcher.periods_us, watcher.patience_us]
         late = [1e6 * LATE_PERIODS * s.period_s for s in machine.signals]
-        parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, limits]
+        turns = [TURN if s.kind in ANGLES else 0.0 for s in machine.signals]
+        parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, turns, limits]
         return self._kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
 
     @once
@@ -194,13 +202,15 @@ class Assembler:
 
     def sample(self, inputs: Inputs, t_us: int) -> Sample:
         """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
-        the signal is invalid."""
+        the signal is invalid. Angles have the whole turns that the joints allow."""
         size = inputs.sizes[0]
         found = ZERO * (2 * size + 2)
         bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
         reasons = tuple([REASONS[x] for x in found[size:-2]]) if bad else self._fine
         leapt = self.leapt(inputs) if found[-1] else ()
-        return new(Sample, (t_us, found[:size], reasons, REASONS[found[-2]], leapt))
+        values = found[:size]
+        self._unwrapping.apply(values)
+        return new(Sample, (t_us, values, reasons, REASONS[found[-2]], leapt))
 
     def came(self, inputs: Inputs) -> Numbers:
         """Return the time (S,) [us] at which the frame of each signal's last accepted value came."""

@@ -8,6 +8,8 @@ import numpy as np
 from cylforce.service.assembler import Assembler
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Event, Frame
+from cylforce.signals.kinds import Kind
+from cylforce.signals.turns import Follower
 
 PIECE = 30_000  # rows per piece; chosen: bounds the memory needed
 LONGEST_JUMP = 1000  # missing rows at most between two ticks, for a longer pause or a jump backwards too; chosen
@@ -18,15 +20,18 @@ def samples(
 ) -> Iterator[Array]:
     """One row of SI values per tick, in pieces (T, S) of PIECE rows; a row is NaN when any of its signals is missing,
     late or not usable. `period_us`: the fixed step, by which missing ticks are recognised. In `unusable`, where given,
-    ticks without a sample are counted by their reasons."""
+    ticks without a sample are counted by their reasons. The slew angle goes on where its encoder passes the end of its
+    circle."""
+    signals = assembler.service.machine.signals
+    slew = Follower([k for k, signal in enumerate(signals) if signal.kind is Kind.SLEW_ANGLE])
     rows: list[Array] = []
     for row in _rows(assembler, events, period_us, Counter() if unusable is None else unusable):
         rows.append(row)
         if len(rows) == PIECE:
-            yield np.array(rows)
+            yield slew.follow(np.array(rows))
             rows.clear()
     if rows:
-        yield np.array(rows)
+        yield slew.follow(np.array(rows))
 
 
 def _rows(assembler: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason]) -> Iterator[Array]:

@@ -6,7 +6,9 @@ from math import isfinite, nan
 from struct import Struct
 from typing import NamedTuple
 
+from cylforce.signals.kinds import ANGLE_UNIT
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
+from cylforce.signals.turns import in_range
 
 
 class Slot(NamedTuple):
@@ -69,9 +71,15 @@ def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
 
 def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
     """Data of a PDO from SI values by name; a value that is missing, not finite or outside the field's range is sent as
-    "no value"."""
-    found = [values.get(f.signal, nan) if f.signal else 0.0 for f in pdo.fields]
-    return packed(layout(pdo), found)
+    "no value". An angle outside it is sent with whole turns added that lead into it, as its sensor does."""
+    return packed(layout(pdo), [_readable(f, values.get(f.signal, nan)) if f.signal else 0.0 for f in pdo.fields])
+
+
+def _readable(field: Field, value: float) -> float:
+    """The value, of an angle with the whole turns that lead into the field's range."""
+    if field.unit != ANGLE_UNIT or not isfinite(value) or field.low <= value <= field.high:
+        return value
+    return float(in_range(value, field.low, field.high))
 
 
 class Raw(NamedTuple):

@@ -41,6 +41,9 @@ UNIT: dict[Kind, str] = {
 }
 
 
+# Angles: readings of these sensors repeat after a whole turn.
+ANGLE_UNIT = "rad"
+ANGLES = tuple(kind for kind, unit in UNIT.items() if unit == ANGLE_UNIT)
 # The chambers of a cylinder.
 SIDES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
 # What an inertial sensor on the base measures: its rate in the arm's plane (positive: nose up) and its specific force,

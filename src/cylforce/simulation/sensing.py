@@ -11,7 +11,8 @@ from cylforce.estimation.filters import Filter
 from cylforce.mechanics.installation import SensorNode
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
-from cylforce.signals.kinds import Kind, Signal
+from cylforce.signals.kinds import ANGLES, Kind, Signal
+from cylforce.signals.turns import in_range
 from cylforce.simulation.simulator import Physics, Truth, simulate
 from cylforce.simulation.trajectory import Scene
 
@@ -20,6 +21,9 @@ ANGLE_LAG = 3e-3  # s, time constant of a magnetic encoder or of an inclinometer
 PART_S = 600.0  # longest part of a scene that is computed at once, about 300 MB at 100 Hz; chosen
 LAG = {Kind.HEAD_PRESSURE: PRESSURE_LAG, Kind.ROD_PRESSURE: PRESSURE_LAG, Kind.FORCE_PIN: PRESSURE_LAG}
 OIL = (318.0, 0.01)  # oil temperature: K at the start, and its rise in K/s; chosen
+
+
+NO_END = np.array(-np.inf)
 
 
 class Sensors(NamedTuple):
@@ -31,6 +35,8 @@ class Sensors(NamedTuple):
     noise: Array
     quantum: Array
     origin: Array
+    low: Array = NO_END  # ends of the range of an angle, which is sent as what lies within it; infinite: no angle
+    high: Array = -NO_END
 
 
 class Record(NamedTuple):
@@ -53,7 +59,8 @@ def sensors(machine: Machine, nodes: tuple[SensorNode, ...]) -> Sensors:
     quantum, origin = np.array(steps).reshape(-1, 2).T
     noise = np.array([s.standard_error for s in machine.signals])
     lag = np.array([LAG.get(s.kind, ANGLE_LAG) for s in machine.signals])
-    return Sensors(lag, np.zeros_like(noise), noise, quantum, origin)
+    ends = [(s.low, s.high) if s.kind in ANGLES else (-np.inf, np.inf) for s in machine.signals]
+    return Sensors(lag, np.zeros_like(noise), noise, quantum, origin, *np.array(ends).reshape(-1, 2).T)
 
 
 def perfect(machine: Machine) -> Sensors:
@@ -101,11 +108,12 @@ def lag_filter(lag: float, dt: float) -> Filter:
 
 
 def as_sent(made: Sensors, analog: Array, rng: np.random.Generator) -> Array:
-    """Values (..., S) as sent: `analog` (..., S) with zero error, noise and resolution."""
+    """Values (..., S) as sent: `analog` (..., S) with zero error, noise and resolution; an angle that passes the end of
+    its sensor's circle goes on at the other end."""
     values = analog + made.bias + made.noise * rng.standard_normal(analog.shape)
     quantum = np.where(made.quantum > 0, made.quantum, 1.0)
     rounded = np.round((values - made.origin) / quantum) * quantum + made.origin
-    return np.where(made.quantum > 0, rounded, values)
+    return in_range(np.where(made.quantum > 0, rounded, values), made.low, made.high)
 
 
 def run(

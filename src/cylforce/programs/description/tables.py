@@ -7,8 +7,10 @@ from typing import NamedTuple
 from cylforce.canopen.bus_load import BIT_RATES, traffic
 from cylforce.mechanics.installation import Service
 from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.unwrapping import ends_passed
 from cylforce.programs.description.arm import PRESSURE, CylinderNumbers, cylinder_numbers, extent, pin_heights
 from cylforce.settings.checks.strokes import BEYOND_WARN
+from cylforce.signals.kinds import Kind
 from cylforce.signals.layout import CODES, TYPE_NAMES, Pdo
 from cylforce.signals.units import BAR
 
@@ -75,7 +77,21 @@ def _links(machine: Machine) -> TextTable:
         low, high = pin_heights(machine)
         last = machine.links[-1].name
         notes.append(f"the {last}'s pin comes from {low:.2f} m to {high:.2f} m, counted upwards from the first pin")
+    notes += _ends_passed(machine)
     return TextTable("Links", head, rows, notes)
+
+
+def _ends_passed(machine: Machine) -> Iterator[str]:
+    """Angle sensors that pass the end of their circle."""
+    for passed in ends_passed(machine):
+        signal = machine.signals[passed.signal]
+        link = machine.links[signal.index].name
+        what = f"inclination of the {link}" if signal.kind is Kind.LINK_INCLINATION else f"angle of the {link}"
+        yield (
+            f"{signal.name} passes the end of its circle: the {what} goes from {degrees(passed.low):.0f} to "
+            f"{degrees(passed.high):.0f} deg, the sensor from {degrees(signal.low):.0f} to {degrees(signal.high):.0f}; "
+            "cylforce adds the whole turns"
+        )
 
 
 def _strokes(machine: Machine, cylinders: Sequence[CylinderNumbers]) -> TextTable:

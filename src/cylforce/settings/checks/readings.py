@@ -1,9 +1,11 @@
 """Whether a sensor's range and name fit what it measures, and the joint or cylinder that it is mounted on."""
 
 from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.unwrapping import inclinations
 from cylforce.settings.checks.names import AT_CYLINDER, AT_LINK
 from cylforce.settings.error import Inspection, Key
 from cylforce.signals.kinds import Kind, Signal
+from cylforce.signals.turns import is_circle
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
 
 # Greatest less least value (refused below, warned below, warned above, refused above), in SI.
@@ -62,7 +64,12 @@ def _doubt_noise(signal: Signal, key: Key, found: Inspection) -> None:
 
 
 def _doubt_cover(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
-    """A sensor must see its joint's or cylinder's whole range."""
+    """A sensor must see its joint's or cylinder's whole range; one of a whole circle sees every angle."""
+    if signal.kind in AT_LINK and is_circle(signal.low, signal.high):
+        return
+    if signal.kind is Kind.LINK_INCLINATION:
+        _doubt_inclination(machine, signal, key, found)
+        return
     if signal.kind is Kind.JOINT_ANGLE:
         link = machine.links[signal.index]
         low, high, what = link.angle_low, link.angle_high, f"{link.name}'s angle_range_deg"
@@ -80,6 +87,20 @@ def _doubt_cover(machine: Machine, signal: Signal, key: Key, found: Inspection) 
         found.refuse((*key, "range"), problem)
     elif max(signal.low - low, high - signal.high) > SLACK * (high - low):
         found.warn((*key, "range"), problem)
+
+
+def _doubt_inclination(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
+    """An inclinometer that ends within what the joints allow."""
+    low, high = inclinations(machine, signal.index)
+    if max(signal.low - low, high - signal.high) <= SLACK * (high - low):
+        return
+    name = machine.links[signal.index].name
+    found.warn(
+        (*key, "range"),
+        f"is {_shown(signal, signal.low)} to {_shown(signal, signal.high)}, the {name}'s inclination on level ground "
+        f"{_shown(signal, low)} to {_shown(signal, high)} by angle_range_deg of the links: nothing is measured beyond "
+        "the range; give a 360 degree sensor its whole circle, or use an encoder on the pin",
+    )
 
 
 def _doubt_name(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:

@@ -1,0 +1,78 @@
+"""Angles as sensors send them: a sensor of a whole circle goes on at the other end of its range, so that a reading
+stands for every angle that differs from it by whole turns."""
+
+from collections.abc import Sequence
+from math import floor, pi
+from typing import overload
+
+import numpy as np
+
+from cylforce.signals.estimate import Array
+
+TURN = 2.0 * pi  # rad
+# rad: data sheets round the last value before a whole turn (359.99, 359.9) down to whole degrees at most (convention);
+# a potentiometer, which does not wrap, has a dead angle of 2 degrees or more
+CIRCLE = 359.0 * pi / 180.0
+ROUNDING = 1e-9  # turns by which rounding may move a value; a digit of 32 bits is 2e-10 of a turn
+
+
+def is_circle(low: float, high: float) -> bool:
+    """Return whether a sensor that reads from `low` to `high` [rad] reads every direction."""
+    return high - low >= CIRCLE
+
+
+@overload
+def nearest(angle: float, middle: float) -> float: ...
+@overload
+def nearest(angle: Array, middle: Array | float) -> Array: ...
+def nearest(angle: Array | float, middle: Array | float) -> Array | float:
+    """Return angle + 2 pi k [rad], k whole, within half a turn of `middle` [rad]; as it is where either is NaN."""
+    if isinstance(angle, float) and isinstance(middle, float):  # np.floor of a number takes ten times as long
+        off = angle - middle
+        return angle - TURN * floor(off / TURN + 0.5) if off >= pi or off < -pi else angle
+    turns = np.floor((angle - middle) / TURN + 0.5)
+    return np.asarray(angle - TURN * np.where(np.isnan(turns), 0.0, turns))
+
+
+def in_range(angle: Array | float, low: Array | float, high: Array | float) -> Array:
+    """Return angle + 2 pi k [rad], k whole, from `low` to `high` [rad]; as it is where no k leads there."""
+    other = angle - TURN * np.floor((angle - low) / TURN + ROUNDING)
+    outside = (angle < low) | (angle > high)
+    return np.where(outside & (other <= high), other, angle)
+
+
+def continuous(angles: Array, before: Array) -> Array:
+    """Return angles (T, K) [rad] with whole turns added so that none differs from the one before by more than half a
+    turn. NaN stays NaN.
+
+    before: (K,) last angle of each column before the first row; NaN: none
+    """
+    found = angles.copy()
+    for column, first in zip(found.T, before, strict=True):
+        known = np.isfinite(column)
+        start = [first] if np.isfinite(first) else []
+        column[known] = np.unwrap(np.concatenate([start, column[known]]))[len(start) :]
+    return found
+
+
+class Follower:
+    """Makes columns of angles continuous over the pieces of a recording.
+
+    columns: numbers of the columns, K
+    before: (K,) last known angle of each [rad], NaN: none yet
+    """
+
+    def __init__(self, columns: Sequence[int]) -> None:
+        self.columns = list(columns)
+        self.before = np.full(len(self.columns), np.nan)
+
+    def follow(self, values: Array) -> Array:
+        """Return the next piece (T, S) with whole turns added to these columns."""
+        if not self.columns:
+            return values
+        found = values.copy()
+        found[:, self.columns] = angles = continuous(values[:, self.columns], self.before)
+        for k, column in enumerate(angles.T):
+            known = column[np.isfinite(column)]
+            self.before[k] = known[-1] if known.size else self.before[k]
+        return found
